@@ -1,4 +1,4 @@
-"""What the tests on the simulated board need: its firmware and simulator, built."""
+"""Fixtures for tests on the simulated board: built firmware and simulator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.conftest import skip
 
 @pytest.fixture(scope="session")
 def firmware_built() -> None:
-    """Build the firmware and its simulator; skip where their tools are absent."""
+    """Build the firmware and its simulator; skip if their tools are missing."""
     if shutil.which("avr-g++") is None or not Path("/usr/include/simavr").is_dir():
         skip("gcc-avr, avr-libc, binutils-avr, libsimavr-dev and libelf-dev are needed")
     root = Path(__file__).resolve().parents[2]

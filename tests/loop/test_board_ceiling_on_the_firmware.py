@@ -1,4 +1,4 @@
-"""The board's own ceiling: armed by every rig, effective without the host."""
+"""The force ceiling on the board: armed by every rig, effective without the host."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def calibrations() -> dict[str, Calibration]:
 
 @dataclass(kw_only=True)
 class Desk:
-    """A rig on a simulated board, and the board itself."""
+    """A rig on a simulated board, with access to the board."""
 
     world: World
     board: FirmwareBoard
@@ -52,13 +52,13 @@ class Desk:
         return self.rig.array
 
     def wait(self, duration_s: float) -> None:
-        """Let the host read frames for a while."""
+        """Read frames on the host for a duration."""
         until_s = self.world.clock.now_s() + duration_s
         while self.world.clock.now_s() < until_s:
             self.array.read(timeout_s=1.0)
 
     def hang_host(self, duration_s: float) -> None:
-        """Let time pass while the host does nothing."""
+        """Advance the time while the host does nothing."""
         for _ in range(round(duration_s / 0.01)):
             self.world.clock.sleep_s(0.01)
             self.world.drive_value(self.world.clock.now_s())
@@ -98,20 +98,20 @@ def crush(desk: Desk) -> None:
     desk.rig.gripper.command(GripperCommand(target=5.0, rate=60.0))
 
 
-def test_a_rig_arms_the_board(rigid: Desk) -> None:
-    """The host hangs while the fingers close: nothing but the board sees the force."""
+def test_rig_arms_the_board_ceiling_which_acts_without_the_host(rigid: Desk) -> None:
+    """The host hangs while the fingers close, so only the board measures the force."""
     rigid.wait(0.3)
     crush(rigid)
     assert rigid.board.safe_line
     while rigid.world.force_n(rigid.world.clock.now_s()) < 15.0:
         rigid.hang_host(0.01)
-    assert rigid.board.safe_line, "below the ceiling it stays out of the way"
+    assert rigid.board.safe_line, "the board must not act below the ceiling"
     rigid.hang_host(1.0)
     assert not rigid.board.safe_line
     assert rigid.array.read(timeout_s=1.0).oversampling == rigid.world.oversampling
 
 
-def test_the_built_in_rig_on_the_firmware_is_armed_with_its_calibration() -> None:
+def test_sim_firmware_rig_arms_the_ceiling_from_its_calibration() -> None:
     with open_rig("sim-firmware", object_name="rigid-block", seed=4) as rig:
         assert isinstance(rig.array, SerialArray)
         counts = ceiling_counts(rig.calibration)
@@ -119,23 +119,25 @@ def test_the_built_in_rig_on_the_firmware_is_armed_with_its_calibration() -> Non
         assert SetCeiling(counts=counts) in rig.array._setup
 
 
-def test_a_grasp_below_the_ceiling_does_not_trip_it(rigid: Desk) -> None:
+def test_grasp_below_the_ceiling_does_not_trip_the_board(rigid: Desk) -> None:
     plan = plan_grasp(rigid.rig.calibration, gripper=rigid.rig.gripper, target_force_n=8.0)
     result = run_grasp(plan, array=rigid.array, gripper=rigid.rig.gripper, clock=rigid.world.clock)
     assert result.outcome is Outcome.HELD, result.faults
     assert rigid.board.safe_line
 
 
-def test_a_trip_opens_the_hand_and_ends_the_next_grasp_at_once(rigid: Desk) -> None:
+def test_tripped_ceiling_opens_the_hand_and_ends_the_next_grasp_immediately(rigid: Desk) -> None:
     """The ceiling is set below the held force, so that the board trips."""
     gripper, clock = rigid.rig.gripper, rigid.world.clock
     plan = plan_grasp(rigid.rig.calibration, gripper=gripper, target_force_n=3.0)
 
-    def strike(seen: Observation) -> None:
+    def lower_ceiling(seen: Observation) -> None:
         if rigid.world.force_n(clock.now_s()) > 1.0 and rigid.board.safe_line:
             rigid.array.arm_ceiling(int(seen.frame.counts.max()) // seen.frame.oversampling - 1)
 
-    result = run_grasp(plan, array=rigid.array, gripper=gripper, clock=clock, subscribers=[strike])
+    result = run_grasp(
+        plan, array=rigid.array, gripper=gripper, clock=clock, subscribers=[lower_ceiling]
+    )
     assert result.outcome is Outcome.FORCE_LIMIT
     assert "the board's own ceiling has tripped" in result.faults[0]
     assert len(result.faults) == 1
@@ -146,7 +148,7 @@ def test_a_trip_opens_the_hand_and_ends_the_next_grasp_at_once(rigid: Desk) -> N
     assert not rigid.board.safe_line
 
 
-def test_a_reset_board_is_armed_again(rigid: Desk) -> None:
+def test_reset_board_is_armed_again(rigid: Desk) -> None:
     rigid.wait(0.3)
     rigid.board.reset()
     rigid.wait(3.0)
@@ -155,7 +157,7 @@ def test_a_reset_board_is_armed_again(rigid: Desk) -> None:
     assert not rigid.board.safe_line
 
 
-def test_a_trip_is_not_forgotten_in_a_reset(rigid: Desk) -> None:
+def test_tripped_ceiling_persists_after_a_reset(rigid: Desk) -> None:
     rigid.wait(0.3)
     crush(rigid)
     rigid.wait(1.5)
@@ -173,7 +175,7 @@ def test_a_trip_is_not_forgotten_in_a_reset(rigid: Desk) -> None:
     assert rigid.board.safe_line
 
 
-def test_the_board_vents_soft_fingers_without_the_host(soft: Desk) -> None:
+def test_board_ceiling_vents_soft_fingers_without_the_host(soft: Desk) -> None:
     """The twin's soft fingers stay below the ceiling, so a lower one is set."""
     soft.wait(0.3)
     soft.array.arm_ceiling(ceiling_counts(soft.rig.calibration, force_n=2.0))

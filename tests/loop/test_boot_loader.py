@@ -1,4 +1,4 @@
-"""A board with a boot loader, as sold: connection, resets, watchdog."""
+"""A board with its original boot loader: connection, resets and watchdog."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
 
-#: Of Debian's package arduino-core-avr. Its Optiboot, the Uno's, is longer than the flash has room
-#: for and runs on no board.
+#: Boot loaders of Debian's package arduino-core-avr. Its Optiboot for the Uno exceeds the available
+#: flash and runs on no board.
 FOLDER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 STOCK = {
     "mega2560": FOLDER / "stk500v2/stk500boot_v2_mega2560.hex",
     "nano": FOLDER / "atmega/ATmegaBOOT_168_atmega328.hex",
 }
-#: A board must be connected within this time from its reset, seconds.
+#: Maximum time from a reset to the connection, seconds.
 CONNECTED_S = 2.5
 
 
@@ -58,7 +58,7 @@ def connected(world: World, stream: FirmwareStream, **options: Contents) -> Seri
 
 
 @pytest.mark.parametrize("name", STOCK)
-def test_a_board_that_starts_in_its_boot_loader_is_connected(name: str) -> None:
+def test_board_that_starts_in_its_boot_loader_connects(name: str) -> None:
     for seed in range(3):
         with boards(seed, name=name) as (world, _, stream):
             begin_s = world.clock.now_s()
@@ -68,15 +68,15 @@ def test_a_board_that_starts_in_its_boot_loader_is_connected(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STOCK)
-def test_the_boot_loader_does_not_move_the_safe_line(name: str) -> None:
+def test_boot_loader_does_not_switch_the_safe_line(name: str) -> None:
     with boards(name=name) as (world, board, stream):
         array = connected(world, stream)
         array.read(timeout_s=0.2)
         assert (board.safe_line, board.safe_line_edges) == (True, 1), "raised by the set-up"
 
 
-def test_who_asks_at_once_gets_no_answer() -> None:
-    """What the tests here guard against: bytes in time keep the boot loader."""
+def test_board_queried_during_its_boot_loader_gives_no_answer() -> None:
+    """Bytes sent during the start keep the board in its boot loader."""
     with boards() as (world, _, stream):
         decoder, found = Decoder(), list[BoardMessage]()
         for tag in range(1, 13):
@@ -89,21 +89,21 @@ def test_who_asks_at_once_gets_no_answer() -> None:
 @pytest.mark.parametrize(
     ("name", "shown"), [("mega2560", "Arduino Mega 2560"), ("nano", "Arduino Nano")]
 )
-def test_ports_flash_and_doctor_ask_in_the_same_way(name: str, shown: str) -> None:
+def test_query_identity_waits_for_the_boot_loader(name: str, shown: str) -> None:
     with boards(name=name) as (world, _, stream):
         begin_s = world.clock.now_s()
         assert query_identity(stream, clock=world.clock).board == shown
         assert world.clock.now_s() - begin_s < CONNECTED_S
 
 
-#: After a hang the firmware starts again without the boot loader: 0.25 s of the watchdog, and the
-#: set-up of a stream.
+#: Maximum time to recover from a hang: 0.25 s of the watchdog and the set-up of a stream, without
+#: the boot loader.
 RESTARTED_S = {"reset": (0.5, 7.0), "hang": (0.25, 0.5)}
 
 
 @pytest.mark.parametrize("how", RESTARTED_S)
-def test_a_mega_that_restarts_goes_on(how: str) -> None:
-    """Fingers under pressure are pinged; a reset delays a ping under way."""
+def test_mega_continues_after_a_restart(how: str) -> None:
+    """Pressurized fingers require pings; a reset delays a pending ping."""
     shortest_s, longest_s = RESTARTED_S[how]
     with boards() as (world, board, stream):
         array = connected(world, stream, contents=Contents.PRESSURE)
@@ -125,8 +125,8 @@ def test_a_mega_that_restarts_goes_on(how: str) -> None:
 
 
 @pytest.mark.parametrize("how", RESTARTED_S)
-def test_a_nano_that_restarts_goes_on(how: str) -> None:
-    """Its boot loader leaves the watchdog on: a reset by it would never end."""
+def test_nano_continues_after_a_restart(how: str) -> None:
+    """The boot loader leaves the watchdog on, so a watchdog reset would never end."""
     shortest_s, longest_s = RESTARTED_S[how]
     with boards(name="nano") as (world, board, stream):
         array = connected(world, stream)

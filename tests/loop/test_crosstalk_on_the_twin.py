@@ -1,4 +1,4 @@
-"""Crosstalk solved out of the twin's readings, against the twin's own pixels."""
+"""Crosstalk correction of the twin's readings, compared with the true pixel values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from palpate.twin.world import World
 
 @pytest.mark.parametrize("layout", [RIGID_LAYOUT, SOFT_LAYOUT])
 @pytest.mark.parametrize(("oversampling", "worst"), [(1, 0.05), (64, 0.012)])
-def test_pixels_are_found_again(layout: ArrayLayout, oversampling: int, worst: float) -> None:
+def test_pixel_resistance_recovers_the_twin_pixels_from_crosstalk(
+    layout: ArrayLayout, oversampling: int, worst: float
+) -> None:
     wired = replace(layout, idle_lines="floating")
     raw, unmixed = [], []
     for seed in range(4):
@@ -30,7 +32,7 @@ def test_pixels_are_found_again(layout: ArrayLayout, oversampling: int, worst: f
         read = resistance_ohm(counts, divider=layout.divider, oversampling=oversampling)
         solved = pixel_resistance_ohm(counts, layout=wired, oversampling=oversampling)
         assert not np.isnan(solved).any()
-        # A pixel that carries less than a tenth of its reading's conductance is lost in rounding.
+        # Pixels that contribute less than a tenth of their reading are dominated by rounding.
         good = read / truth > 0.1
         raw += list(np.abs(read / truth - 1)[good])
         unmixed += list(np.abs(solved / truth - 1)[good])

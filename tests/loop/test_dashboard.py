@@ -29,13 +29,13 @@ CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
 SIMULATED = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed", "10")
 SERVE = (sys.executable, "-W", "error", "-c", "from palpate.cli import main; main()", "serve")
-#: A page may wait for the twin this long; on a quiet machine it takes a second or two.
-PATIENCE_MS = 60_000
+#: Timeout of the pages, milliseconds; an idle machine requires one or two seconds.
+TIMEOUT_MS = 60_000
 
 
 @contextmanager
 def served(folder: Path, *options: str, **environment: str) -> Iterator[str]:
-    """Serve a dashboard; yield its address."""
+    """Serve a dashboard; yield its URL."""
     with serving(folder, *options, **environment) as (address, _):
         yield address
 
@@ -44,7 +44,7 @@ def served(folder: Path, *options: str, **environment: str) -> Iterator[str]:
 def serving(
     folder: Path, *options: str, **environment: str
 ) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Serve a dashboard; yield its address and its process."""
+    """Serve a dashboard; yield its URL and process."""
     command = [*SERVE, "--port", "0", "--folder", str(folder / "data"), *options]
     command += ["--store", str(folder / "items.sqlite")]
     with subprocess.Popen(
@@ -62,7 +62,7 @@ def serving(
 def browser() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         skip(f"no {CHROMIUM}: apt-get install chromium")
-    expect.set_options(timeout=PATIENCE_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
     with sync_playwright() as play:
         chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield chromium
@@ -76,20 +76,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
-    """One dashboard for all tests that leave its hand open."""
+    """A dashboard shared by all tests that leave its hand open."""
     with served(folder, *SIMULATED) as address:
         yield address
 
 
 @pytest.fixture(autouse=True)
 def hand_left_open(address: str) -> Iterator[None]:
-    """Open the gripper and end driving after each test, passed or failed."""
+    """Open the hand and give up control after each test."""
     yield
     free(address)
 
 
 def free(address: str) -> None:
-    """Stop what runs, open the hand, and let the next viewer drive."""
+    """Stop the running job, open the hand, and give up control."""
     ask(address, "PUT", "driver")
     state = ask(address, "GET", "state")
     if state["activity"] != "watching":
@@ -102,15 +102,15 @@ def free(address: str) -> None:
 
 
 def ask(address: str, method: str, path: str) -> Any:
-    """Return the server's answer to a machine; None where it has no words."""
+    """Return the JSON of an API response; None for an empty response."""
     request = urllib.request.Request(f"{address}api/{path}", method=method)
-    with urllib.request.urlopen(request, timeout=PATIENCE_MS / 1000) as reply:
+    with urllib.request.urlopen(request, timeout=TIMEOUT_MS / 1000) as reply:
         return json.loads(reply.read() or "null")
 
 
 def wait_until(address: str, is_reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Return the first state that is as wanted."""
-    deadline = monotonic() + PATIENCE_MS / 1000
+    """Return the first state that fulfils a condition."""
+    deadline = monotonic() + TIMEOUT_MS / 1000
     while not is_reached(state := ask(address, "GET", "state")):
         assert monotonic() < deadline, f"it stayed {state}"
     return cast("dict[str, Any]", state)
@@ -118,13 +118,13 @@ def wait_until(address: str, is_reached: Callable[[dict[str, Any]], bool]) -> di
 
 @pytest.fixture
 def come(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
-    """Open the dashboard in a browser of its own: another viewer each time."""
+    """Open the dashboard in a new browser context, as another viewer."""
     contexts = []
 
     def come(url: str = address, **options: object) -> Page:
         contexts.append(browser.new_context(**{"viewport": WIDE, **options}))
         page = contexts[-1].new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.goto(url)
         return page
 
@@ -135,7 +135,7 @@ def come(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
 
 @pytest.fixture
 def driver(come: Callable[..., Page]) -> Page:
-    """A viewer who drives a rig that is watched."""
+    """The page of a driver, with an open rig and no running job."""
     page = come()
     fresh(page)
     drive(page)
@@ -145,7 +145,7 @@ def driver(come: Callable[..., Page]) -> Page:
 
 
 def drive(page: Page) -> None:
-    """Take control unless the page has it, which may happen just before the click."""
+    """Take control, unless the page already has it or gets it just before the click."""
     page.evaluate(
         "() => { const take = document.getElementById('take-over');"
         " if (take.checkVisibility()) take.click(); }"
@@ -180,7 +180,7 @@ def release(page: Page) -> None:
     can_press(page, "#grasp")
 
 
-def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
+def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> None:
     can_press(driver, "#grasp")
     driver.locator("#grasp").click()
     halves = []
@@ -196,13 +196,13 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#simulated")).to_be_visible()
     release(driver)
     verdict(driver, "held and released")
-    # The forecast is of the hold, and ends where the hand opens.
+    # The forecast band ends when the hand opens.
     driver.wait_for_function(
         "+document.querySelector('#curve').dataset.bandEnd"
         " <= +document.querySelector('#moments [data-name=held]')?.dataset.at + 0.2"
     )
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
-    # The clock of the page is real, so the same squeeze ends in a bound or in a number.
+    # The page runs in real time, so the same squeeze may end with a bound or a number.
     answer = json.loads(driver.evaluate("fetch('/api/result').then(reply => reply.text())"))
     stiffness = answer["stiffness_n_per_mm"]
     value = driver.locator("#measure-stiffness_n_per_mm .value")
@@ -218,22 +218,22 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     )
 
 
-#: Ends of the stretch of time that the chart shows, seconds from the contact.
+#: Limits of the chart's time range, seconds from the contact.
 STRETCH = "() => ['start', 'end'].map((end) => +document.querySelector('#chart').dataset[end])"
 
 
-def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
+def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     come: Callable[..., Page], driver: Page
 ) -> None:
     grasp(driver)
-    # Force over closing is drawn from what this page saw of the hold, however often it looked.
+    # Force over closing is drawn from the readings received by this page.
     press = driver.locator("#press")
     expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
     release(driver)
     chart, force = driver.locator("#chart"), driver.locator("#force .u-over")
     expect(chart).to_have_attribute("data-frozen", "true")
     expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
-    # The force is kept for the envelope of the next grasps, up to the release.
+    # The force up to the release is stored for the envelope of the next grasps.
     driver.wait_for_function("Object.keys(localStorage).some((key) => key.includes('ghosts'))")
     (kept,) = driver.evaluate(
         "JSON.parse(Object.entries(localStorage).find(([key]) => key.includes('ghosts'))[1])"
@@ -247,7 +247,7 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     assert driver.evaluate(STRETCH) == frozen
     box = force.bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    # The cursor is on both plots, and the hand is shown as it was then.
+    # The cursor is shown on both plots, and the hand is drawn for the time of the cursor.
     driver.mouse.move(*middle)
     reading = re.compile(r"^\d+\.\d s: \d\.\d\d N \[")
     expect(driver.locator("#force-at")).to_have_text(reading)
@@ -269,7 +269,7 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     for view in ("30 s", "All"):
         driver.get_by_role("button", name=view, exact=True).click()
         expect(chart).to_have_attribute("data-frozen", "false")
-    # By keyboard: the cursor is a slider that reports time and value.
+    # Keyboard: the cursor is a slider that reports time and value.
     driver.locator("[data-view=grasp]").click()
     slider = driver.get_by_role("slider", name="Grip force over time")
     slider.focus()
@@ -280,16 +280,16 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     assert driver.evaluate(STRETCH) != frozen
     slider.press("Home")
     assert driver.evaluate(STRETCH) == frozen
-    # A pixel is chosen from its small plot too.
+    # A click on the small plot of a pixel selects the pixel.
     driver.locator("#pixels").click(position={"x": 10, "y": 10})
     expect(driver.locator("#pixel-name")).to_have_text("R0 C0")
     driver.locator("#pixel-close").click()
-    # By two fingers.
+    # Pinch with two fingers.
     touched = come(has_touch=True)
     expect(touched.locator("#chart")).to_have_attribute("data-frozen", "true")
     before = touched.evaluate(STRETCH)
     assert before == frozen
-    # This page came after the grasp; its pixels and its hand are of the whole grasp nevertheless.
+    # This page was opened after the grasp, but receives pixels and hand of the whole grasp.
     assert int(touched.locator("#pixels").get_attribute("data-moments") or 0) > 20
     touched.evaluate(PINCH)
     after = touched.evaluate(STRETCH)
@@ -297,11 +297,11 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
 
 
 def released_s(page: Page) -> float:
-    """Return when the hand opened, seconds from the contact."""
+    """Return the opening time of the hand, seconds from the contact."""
     return float(page.locator("#moments [data-name=held]").get_attribute("data-at") or "nan")
 
 
-#: Two fingers on the plot move to twice their distance.
+#: Moves two fingers on the plot to twice their distance.
 PINCH = """() => {
     const plot = document.querySelector('#curve .u-over'), box = plot.getBoundingClientRect();
     const touch = (identifier, share) => new Touch({ identifier, target: plot,
@@ -313,7 +313,7 @@ PINCH = """() => {
 }"""
 
 
-def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
+def test_force_plot_shows_the_current_force_and_the_controller_events(driver: Page) -> None:
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("3")
     grasp(driver)
     card = driver.locator("#measure-force_n")
@@ -337,7 +337,7 @@ def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
 
 
-#: The fingers move: of this grasp, unlike the marks, which may be of the one before.
+#: Whether the fingers of this grasp move; the marks may belong to the previous grasp.
 CLOSES = (
     "parseFloat(document.querySelector('#fingers').textContent.match(/([0-9.]+) mm apart/)[1]) < 72"
 )
@@ -354,7 +354,7 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
     else:
         driver.keyboard.press("Escape")
     verdict(driver, "stopped on request")
-    # The verdict comes with the last state; how long the stop took, when the order has ended.
+    # The verdict is shown with the last state, the duration of the stop after the end of the order.
     state = driver.wait_for_function(
         """async () => {
             const state = await fetch('/api/state').then((reply) => reply.json());
@@ -362,7 +362,7 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
         }"""
     ).json_value()
     assert state["stopped_after_s"] <= 0.1
-    # One latency is on the page: that of the press, on the button.
+    # The page shows only the latency of the press, on the button.
     expect(driver.locator("#stop-state")).to_have_text(re.compile(r"^confirmed after \d+ ms$"))
     expect(driver.locator("#verdict .why")).not_to_contain_text(" ms")
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
@@ -381,7 +381,7 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
     expect(driver.locator("#measure-force_n .value")).to_contain_text("hand open")
 
 
-def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
+def test_second_viewer_can_watch_stop_and_take_over(
     driver: Page, come: Callable[..., Page]
 ) -> None:
     second = come(viewport=TABLET)
@@ -390,7 +390,7 @@ def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
     expect(second.locator("#grasp")).to_be_disabled()
     expect(second.locator("#release")).to_be_disabled()
     expect(driver.locator("#who")).to_contain_text("1 watches")
-    # What the driver's next grasp is to be is for the driver alone to say.
+    # Only the driver can change the settings of the next grasp.
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("2")
     for label in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not stored)"):
         expect(second.get_by_label(label)).to_be_disabled()
@@ -413,7 +413,7 @@ def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
     release(second)
 
 
-#: A network on which every answer takes 0.6 s more.
+#: Delays every response by 0.6 s.
 SLOW_NETWORK = """() => {
     const fetched = window.fetch;
     window.fetch = async (...asked) => {
@@ -424,7 +424,7 @@ SLOW_NETWORK = """() => {
 }"""
 
 
-def test_age_of_the_last_frame_counts_the_network(driver: Page) -> None:
+def test_age_of_the_last_frame_includes_the_network_delay(driver: Page) -> None:
     age = re.compile(r"last frame ([6-9]\d\d ms|\d+\.\d s) ago")
     driver.evaluate(SLOW_NETWORK)
     expect(driver.locator("#link-age")).to_have_text(age)
@@ -433,7 +433,7 @@ def test_age_of_the_last_frame_counts_the_network(driver: Page) -> None:
     assert age.fullmatch(driver.locator("#link-age").inner_text().strip("· "))
 
 
-def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
+def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: Path) -> None:
     tab(driver, "Calibrate")
     can_press(driver, "#calibrate-rest")
     driver.locator("#calibrate-rest").click()
@@ -450,7 +450,7 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("preferred", ["light", "dark"])
-def test_light_and_dark(come: Callable[..., Page], preferred: str) -> None:
+def test_page_switches_between_light_and_dark(come: Callable[..., Page], preferred: str) -> None:
     page = come(color_scheme=preferred)
     fresh(page)
     turned = {"light": "dark", "dark": "light"}[preferred]
@@ -459,7 +459,7 @@ def test_light_and_dark(come: Callable[..., Page], preferred: str) -> None:
         expect(page.locator("body")).to_have_class(re.compile(f"body--{expected}"))
 
 
-def test_the_doctor_examines(driver: Page) -> None:
+def test_doctor_tab_shows_the_health_of_the_sensor(driver: Page) -> None:
     tab(driver, "Doctor")
     can_press(driver, "#examine")
     driver.locator("#examine").click()
@@ -469,7 +469,7 @@ def test_the_doctor_examines(driver: Page) -> None:
     expect(maps.first.locator("td[title]")).to_have_count(8)
 
 
-def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> None:
+def test_recording_can_be_replayed_and_closed(driver: Page, folder: Path) -> None:
     grasp(driver)
     release(driver)
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
@@ -486,7 +486,9 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
     fresh(driver)
 
 
-def test_a_list_that_grows_keeps_the_buttons_under_the_finger(driver: Page, folder: Path) -> None:
+def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
+    driver: Page, folder: Path
+) -> None:
     old, new = (folder / "data" / name for name in ("old.mcap", "new.mcap"))
     old.parent.mkdir(exist_ok=True)
     old.write_bytes(b"begun")
@@ -503,16 +505,16 @@ def test_a_list_that_grows_keeps_the_buttons_under_the_finger(driver: Page, fold
     expect(rows.filter(has_text="new")).to_have_count(0)
 
 
-def test_a_named_item_has_its_history(driver: Page) -> None:
+def test_grasp_of_a_named_item_appears_in_its_history(driver: Page) -> None:
     driver.get_by_label("Item (empty: not stored)").fill("berry-7")
     for again in (False, True):
         if again:
-            # A grasp uses the name up.
+            # A grasp clears the name.
             driver.locator("#same-item").click()
         grasp(driver)
         release(driver)
     tab(driver, "Items")
-    # Its input takes no pointer: people press the field around it.
+    # The input receives no pointer events; users press the surrounding field.
     driver.locator("label").filter(has=driver.get_by_label("Item", exact=True)).click()
     driver.get_by_role("option", name="berry-7").click()
     page = driver.locator("#item-page")
@@ -521,7 +523,7 @@ def test_a_named_item_has_its_history(driver: Page) -> None:
     expect(page.get_by_role("img", name="Settled change over time")).to_be_visible()
 
 
-def test_back_turns_to_the_tab_before_and_a_reload_leaves_one_viewer(driver: Page) -> None:
+def test_browser_back_shows_the_previous_tab_and_reload_keeps_the_driver(driver: Page) -> None:
     for name in ("Calibrate", "Doctor"):
         tab(driver, name)
         expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
@@ -538,7 +540,7 @@ def test_back_turns_to_the_tab_before_and_a_reload_leaves_one_viewer(driver: Pag
     expect(driver.locator("#who")).to_have_text("you drive")
 
 
-#: Places of the words on the object that lie under a pad, in pixels.
+#: Overlap of the object's text with the pads, pixels.
 COVERED = """() => {
     const boxes = (what) => [...document.querySelectorAll(`#fingers ${what}`)]
         .map((one) => one.getBoundingClientRect());
@@ -548,14 +550,14 @@ COVERED = """() => {
 
 
 @pytest.mark.parametrize("width", [320, 390, 1024])
-def test_soft_hand_that_holds_shows_it_and_every_page_fits(
+def test_soft_gripper_page_shows_the_held_object_and_fits_the_screen(
     come: Callable[..., Page], tmp_path: Path, width: int
 ) -> None:
     rig = ("--rig", "sim-soft", "--object", "strawberry", "--seed", "3", "--speed", "10")
     with served(tmp_path, *rig) as address:
         page = come(address, viewport={"width": width, "height": 768})
         fresh(page)
-        # Nothing is left of a last grasp, and nothing can be calibrated that has no load cell.
+        # No previous grasp is shown, and without a load cell the force can't be calibrated.
         tab(page, "Calibrate")
         expect(page.locator("#calibrate-rest")).to_be_visible()
         expect(page.locator("#calibrate-force")).to_be_hidden()
@@ -568,7 +570,7 @@ def test_soft_hand_that_holds_shows_it_and_every_page_fits(
             tab(page, name)
             assert page.evaluate("document.documentElement.scrollWidth") <= width
         release(page)
-        # After the rig was opened again the page is idle: it shows the last grasp.
+        # After reopening the rig, the idle page shows the last grasp.
         tab(page, "Set up")
         can_press(page, "#use-rig")
         page.locator("#use-rig").click()
@@ -577,7 +579,7 @@ def test_soft_hand_that_holds_shows_it_and_every_page_fits(
         expect(page.locator("#verdict-why")).to_have_text(words)
 
 
-def test_everything_comes_from_here_and_is_reached_by_keyboard(
+def test_page_loads_no_external_files_and_is_usable_by_keyboard(
     come: Callable[..., Page], address: str
 ) -> None:
     page = come("about:blank", color_scheme="dark")
@@ -586,7 +588,7 @@ def test_everything_comes_from_here_and_is_reached_by_keyboard(
     page.goto(address)
     fresh(page)
     assert {url for url in asked if not url.startswith((address, "data:"))} == set()
-    # Files are compressed; what is polled is not.
+    # Static files are compressed, but polled documents are not.
     for path, encoding in (("static/chart.js", "gzip"), ("live", None)):
         asks = urllib.request.Request(f"{address}{path}", headers={"Accept-Encoding": "gzip"})
         with urllib.request.urlopen(asks, timeout=30) as reply:
@@ -601,7 +603,7 @@ def test_everything_comes_from_here_and_is_reached_by_keyboard(
     assert page.evaluate("document.body.classList.contains('body--dark')")
 
 
-#: Every answer of the server arrives 1.5 s after it was given, by the page's own timers.
+#: Delays every response by 1.5 s with the page's own timers.
 _SLOW = """() => {
     const asked = window.fetch;
     window.fetch = (...what) => new Promise((answer, refuse) => {
@@ -611,7 +613,9 @@ _SLOW = """() => {
 }"""
 
 
-def test_a_slow_connection_is_told_and_still_shows_what_comes(come: Callable[..., Page]) -> None:
+def test_slow_connection_is_reported_and_the_page_is_still_updated(
+    come: Callable[..., Page],
+) -> None:
     page = come()
     fresh(page)
     page.evaluate(_SLOW)
@@ -621,8 +625,8 @@ def test_a_slow_connection_is_told_and_still_shows_what_comes(come: Callable[...
     expect(page.locator("#lost")).to_be_visible()
 
 
-#: The next answer never comes, as when a network goes away unnoticed; those asked for later do.
-#: Resolves to whether the page came back while it still waited for that one.
+#: Suppresses the next response, as after an undetected network failure. Resolves to whether a later
+#: response updated the page in the meantime.
 _ONE_NEVER_COMES = """() => new Promise((told) => {
     const asked = window.fetch;
     window.fetch = (...what) => {
@@ -639,13 +643,13 @@ _ONE_NEVER_COMES = """() => new Promise((told) => {
 })"""
 
 
-def test_an_answer_that_never_comes_holds_up_no_later_one(come: Callable[..., Page]) -> None:
+def test_missing_response_does_not_delay_later_requests(come: Callable[..., Page]) -> None:
     page = come()
     fresh(page)
     assert page.evaluate(_ONE_NEVER_COMES)
 
 
-def test_a_damage_file_has_the_page_ask_for_the_kind(
+def test_page_with_a_damage_file_has_a_choice_of_the_kind(
     come: Callable[..., Page], tmp_path: Path
 ) -> None:
     damage = write_damage_file(tmp_path)
@@ -656,18 +660,18 @@ def test_a_damage_file_has_the_page_ask_for_the_kind(
         page.get_by_role("option", name="kiwi").click()
         page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("8")
         grasp(page)
-        expect(page.locator("#verdict")).to_contain_text("the damage limit keeps it below")
+        expect(page.locator("#verdict")).to_contain_text("limited by the damage limit")
         release(page)
     (recording,) = (tmp_path / "data").glob("grasp-*.mcap")
     info = load_recording(recording).info
     assert (info.kind, info.damage) == ("kiwi", damage.read_text())
 
 
-def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
+def test_page_beyond_the_loopback_requires_a_token_and_reports_a_lost_server(
     come: Callable[..., Page], tmp_path: Path
 ) -> None:
     with served(tmp_path, "--host", "0.0.0.0", PALPATE_TOKEN="correct-horse") as address:
-        # As others see it: "0.0.0.0" is nobody's address.
+        # The external URL, because "0.0.0.0" is not reachable.
         assert "0.0.0.0" not in address
         page = come("about:blank")
         answer = page.goto(address)
@@ -683,7 +687,7 @@ def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
     expect(page.locator("#lost-why")).to_contain_text("palpate serve does not answer")
 
 
-def test_an_unplugged_board_turns_the_link_red(come: Callable[..., Page], tmp_path: Path) -> None:
+def test_unplugged_board_sets_the_link_to_stale(come: Callable[..., Page], tmp_path: Path) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     plugged = threading.Thread(target=lambda: run_until_unplugged(master), daemon=True)
@@ -715,7 +719,7 @@ def run_until_unplugged(master: int) -> None:
         return
 
 
-def test_a_stop_is_confirmed_from_the_start_and_a_killed_server_leaves_no_devices(
+def test_stop_is_confirmed_after_startup_and_a_killed_server_leaves_no_process(
     tmp_path: Path,
 ) -> None:
     with serving(tmp_path, *SIMULATED) as (address, process):
@@ -732,6 +736,6 @@ def test_a_stop_is_confirmed_from_the_start_and_a_killed_server_leaves_no_device
 
 
 def alive(pids: list[int]) -> list[int]:
-    """Return those that run; one that ended and waits for its parent's word is dead."""
+    """Return the running processes, without zombies."""
     states = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
     return [pid for pid, stat in states.items() if stat.exists() and " Z " not in stat.read_text()]

@@ -20,18 +20,18 @@ from urllib.parse import urlsplit
 import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, served, serving
+from tests.loop.test_dashboard import TIMEOUT_MS, SIMULATED, browser, served, serving
 from tests.unit.test_json_schemas import faults
 
 __all__ = ["browser"]
 
 TOKEN = "correct-horse"
-#: A machine asks for the state this often; a test gives up after so many times.
-EVERY_S, MOST_LOOKS = 0.02, 5000
+#: Polling period of the state, and maximum number of polls.
+POLL_PERIOD_S, MAX_POLLS = 0.02, 5000
 
 
 class Machine:
-    """A client as small as a gateway's."""
+    """A minimal client, such as a gateway."""
 
     def __init__(self, address: str, token: str | None = None) -> None:
         self._address, self._token = address, token
@@ -53,11 +53,11 @@ class Machine:
             return refused.code, json.loads(refused.read())
 
     def until(self, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        for _ in range(MOST_LOOKS):
+        for _ in range(MAX_POLLS):
             state: dict[str, Any] = self.ask("GET", "/state")[1]
             if reached(state):
                 return state
-            Event().wait(EVERY_S)
+            Event().wait(POLL_PERIOD_S)
         raise AssertionError(f"it stayed {state}")
 
     def ready(self) -> None:
@@ -72,14 +72,14 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def machine(address: str) -> Machine:
-    """Return a machine that drives a rig that is watched, with the hand open."""
+    """A client that is the driver of an idle rig with an open hand."""
     machine = Machine(address)
     machine.ask("PUT", "/driver")
     machine.ready()
     return machine
 
 
-def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> None:
+def test_api_grasp_is_held_released_and_stored_with_its_item(machine: Machine) -> None:
     assert machine.ask("GET", "/result")[0] == 404
     assert machine.ask("GET", "/items") == (200, {"items": []})
     begun, grasp = machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
@@ -104,7 +104,7 @@ def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> 
     assert item["grasps"][0]["recording"].endswith(grasp["recording"])
 
 
-def test_an_order_that_a_stop_overtook_does_not_begin_after_it(machine: Machine) -> None:
+def test_api_grasp_with_an_outdated_stop_count_is_refused(machine: Machine) -> None:
     known = machine.ask("GET", "/state")[1]["stops"]
     assert machine.ask("POST", "/stop") == (200, {"stopped": True})
     status, refused = machine.ask("POST", "/grasp", {"stops": known})
@@ -118,7 +118,7 @@ def test_an_order_that_a_stop_overtook_does_not_begin_after_it(machine: Machine)
     assert machine.ask("POST", "/release")[0] == 202
 
 
-def test_a_stop_ends_a_grasp_whoever_drives(machine: Machine) -> None:
+def test_api_stop_ends_a_grasp_of_another_driver(machine: Machine) -> None:
     assert machine.ask("POST", "/grasp", {})[0] == 202
     machine.until(lambda at: at["phase"] not in (None, "wait"))
     assert machine.ask("DELETE", "/driver")[0] == 204
@@ -129,7 +129,7 @@ def test_a_stop_ends_a_grasp_whoever_drives(machine: Machine) -> None:
     assert machine.ask("POST", "/release")[0] == 202
 
 
-def test_the_gateway_example_fills_its_registers(
+def test_gateway_example_fills_its_registers(
     machine: Machine,
     address: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -144,11 +144,11 @@ def test_the_gateway_example_fills_its_registers(
     assert stiffness == -1 or stiffness > 0
 
 
-def test_a_person_who_drives_is_not_pushed_aside(
+def test_api_client_must_take_over_from_a_driver_on_the_page(
     machine: Machine, browser: Browser, address: str
 ) -> None:
     page = browser.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     page.goto(address)
     page.locator("#take-over").click()
     expect(page.locator("#who")).to_contain_text("you drive")
@@ -171,7 +171,9 @@ def test_a_person_who_drives_is_not_pushed_aside(
         (b"{", "body.1: JSON decode error"),
     ],
 )
-def test_bad_input_gets_one_line(machine: Machine, body: object, why: str) -> None:
+def test_api_grasp_with_invalid_input_returns_a_one_line_error(
+    machine: Machine, body: object, why: str
+) -> None:
     status, refused = machine.ask("POST", "/grasp", body)
     assert status == 422
     assert refused["detail"].startswith(why)
@@ -180,19 +182,21 @@ def test_bad_input_gets_one_line(machine: Machine, body: object, why: str) -> No
 
 
 @pytest.mark.parametrize("path", ["/items?limit=0", "/items?limit=many"])
-def test_a_bad_question_gets_one_line(machine: Machine, path: str) -> None:
+def test_api_query_with_an_invalid_parameter_returns_a_one_line_error(
+    machine: Machine, path: str
+) -> None:
     status, refused = machine.ask("GET", path)
     assert status == 422
     assert refused["detail"].startswith("query.limit: ")
 
 
-def test_what_is_not_there_is_404(machine: Machine) -> None:
+def test_api_unknown_resource_returns_404(machine: Machine) -> None:
     status, refused = machine.ask("GET", "/items/no-such-item")
     assert (status, list(refused)) == (404, ["detail"])
     assert machine.ask("GET", "/nowhere")[0] == 404
 
 
-def test_page_of_an_item_without_a_name_is_404(address: str) -> None:
+def test_item_page_without_a_name_returns_404(address: str) -> None:
     for path in ("items/", "items/%20"):
         with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(address + path, timeout=30)
@@ -201,7 +205,7 @@ def test_page_of_an_item_without_a_name_is_404(address: str) -> None:
         assert refused.value.headers["X-Frame-Options"] == "DENY"
 
 
-def test_half_open_connections_do_not_keep_stop_out(tmp_path: Path) -> None:
+def test_half_open_connections_do_not_block_stop(tmp_path: Path) -> None:
     with serving(tmp_path, *SIMULATED) as (address, process), ExitStack() as held:
         resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (256, 256))
         host = urlsplit(address)
@@ -211,7 +215,7 @@ def test_half_open_connections_do_not_keep_stop_out(tmp_path: Path) -> None:
         assert Machine(address).ask("POST", "/stop") == (200, {"stopped": True})
 
 
-def test_it_describes_itself_with_the_published_schemas(machine: Machine) -> None:
+def test_api_openapi_document_contains_the_published_schemas(machine: Machine) -> None:
     status, described = machine.ask("GET", "/openapi.json")
     assert status == 200
     assert set(described["paths"]) == {
@@ -225,7 +229,7 @@ def test_it_describes_itself_with_the_published_schemas(machine: Machine) -> Non
     assert "ValidationError" not in json.dumps(described)
 
 
-def test_with_a_token_each_request_carries_it(tmp_path: Path) -> None:
+def test_api_with_a_token_requires_it_in_every_request(tmp_path: Path) -> None:
     with served(tmp_path, *SIMULATED, PALPATE_TOKEN=TOKEN) as address:
         status, refused = Machine(address).ask("POST", "/stop")
         assert status == 401

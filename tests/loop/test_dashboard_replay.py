@@ -1,4 +1,4 @@
-"""A recording on the page: its timeline, and the folder kept in order."""
+"""Recordings on the page: list, replay timeline, comparison, rename and delete."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 from tests.loop.test_dashboard import (
-    PATIENCE_MS,
+    TIMEOUT_MS,
     SIMULATED,
     WIDE,
     browser,
@@ -31,16 +31,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, folder: Path) -> Iterator[Page]:
-    """One viewer for all, with the recording of one grasp."""
+    """A page shared by all tests, with the recording of one grasp."""
     with served(folder, *SIMULATED) as address:
         context = browser.new_context(viewport=WIDE)
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)
         fresh(page)
         page.get_by_label("Item (empty: not stored)").fill("berry-7")
         grasp(page)
-        # It holds for long enough to be found on the timeline.
+        # The hold is long enough to be selected on the timeline.
         page.wait_for_function("+document.querySelector('#curve')?.dataset.bands > 15")
         release(page)
         tab(page, "Recordings")
@@ -60,12 +60,12 @@ def seek(page: Page, share: float) -> None:
     )
 
 
-def test_the_list_says_how_it_ended_of_what_and_that_it_is_simulated(page: Page) -> None:
+def test_recording_list_shows_outcome_item_and_the_label_simulated(page: Page) -> None:
     expect(row(page)).to_contain_text(re.compile(r"grasp-\d+-\d+.*held.*berry-7", re.DOTALL))
     expect(row(page).locator(".badge-sim")).to_have_text("SIMULATED")
 
 
-def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> None:
+def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.locator("#play").click()
@@ -76,7 +76,7 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     expect(page.locator("#played")).to_have_text(re.compile(r"^0\.0 / "))
     expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
     expect(page.locator("#fingers .pad.touching")).to_have_count(0)
-    # All of its curve is known from the start.
+    # The whole curve is available from the start.
     for plot in ("force", "curve"):
         expect(page.locator(f"#{plot}-settles")).to_contain_text("settles at")
     seek(page, 0.8)
@@ -85,7 +85,7 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     at = page.locator("#played").inner_text()
     page.wait_for_function("+document.body.dataset.drawn > 0")
     expect(page.locator("#played")).to_have_text(at)
-    # By keyboard too: one step is a hundredth of a second, and a page is a tenth of the whole.
+    # Keyboard: an arrow key moves by 0.01 s, Page Up by a tenth of the recording.
     page.locator("#seek").focus()
     page.keyboard.press("PageUp")
     expect(page.locator("#played")).not_to_have_text(at)
@@ -93,14 +93,14 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     page.locator("#play").click()
     verdict(page, "held and released")
     expect(page.locator("#play")).to_have_text("Again")
-    # The sheet still reads as if pressed; what an open hand presses is nothing.
+    # The sheet still has a reading, but an open hand has no force.
     expect(page.locator("#force-at")).to_have_text("hand open")
     page.get_by_role("button", name="Back to the rig").click()
     expect(page.locator("#timeline")).to_be_hidden()
     fresh(page)
 
 
-#: Notes each place of a control from when it is first seen.
+#: Records the positions of a control from its first appearance.
 WATCH_PLACE = """(control) => {
   window.places = [];
   window.watching = setInterval(() => {
@@ -110,8 +110,8 @@ WATCH_PLACE = """(control) => {
 }"""
 
 
-def test_pause_of_a_replay_stays_where_it_appears(page: Page) -> None:
-    # A button that moves between press and release of the pointer is not clicked.
+def test_replay_pause_button_does_not_move_after_it_appears(page: Page) -> None:
+    # A button that moves between press and release would not be clicked.
     page.evaluate(WATCH_PLACE, "#play")
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
@@ -123,7 +123,7 @@ def test_pause_of_a_replay_stays_where_it_appears(page: Page) -> None:
     fresh(page)
 
 
-def test_a_replay_fits_a_laptop(page: Page) -> None:
+def test_replay_page_fits_a_laptop_screen(page: Page) -> None:
     page.set_viewport_size({"width": 1440, "height": 900})
     row(page).get_by_role("button", name="Replay", exact=True).click()
     expect(page.locator("#timeline")).to_be_visible()
@@ -136,13 +136,13 @@ def test_a_replay_fits_a_laptop(page: Page) -> None:
     page.set_viewport_size(WIDE)
 
 
-def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folder: Path) -> None:
+def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, folder: Path) -> None:
     page.get_by_label("Replay speed").get_by_role("button", name="10×").click()
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#verdict-text")).to_have_text("held and released")
     keep = page.get_by_role("button", name="Keep to compare")
     keep.click()
-    # Against itself it is the same curve.
+    # Compared with itself, the curve is identical.
     expect(page.locator("#chart")).not_to_have_attribute("data-kept", "0")
     page.locator("#force .u-over").hover()
     same = re.compile(r"^\S+ s: (\d.* N \[.*\]) · kept \1$")
@@ -151,7 +151,7 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     expect(page.locator("#chart .kept-key")).to_contain_text(first.stem)
     page.get_by_role("button", name="Back to the rig").click()
     fresh(page)
-    # No contact, nothing to compare with.
+    # Before the contact, no comparison is drawn.
     expect(page.locator("#chart")).to_have_attribute("data-kept", "0")
     expect(page.locator("#chart .kept-key")).to_be_hidden()
     grasp(page)
@@ -160,7 +160,7 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     expect(page.locator("#chart")).not_to_have_attribute("data-kept", "0")
-    # What comes above the curves has come: they move away from under the pointer no more.
+    # All elements above the curves have appeared, so the curves no longer move under the pointer.
     expect(page.locator("#guide")).to_be_hidden()
     page.locator("#force .u-over").hover(position={"x": 80, "y": 60})
     expect(page.locator("#force-at")).to_contain_text("kept")
@@ -174,7 +174,7 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     expect(page.locator("#recordings .file")).to_have_count(1)
 
 
-def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
+def test_recording_has_a_url(page: Page, folder: Path) -> None:
     (file,) = (folder / "data").glob("*.mcap")
     tab(page, "Run")
     page.locator("#run a[data-recording]").last.click()
@@ -199,11 +199,11 @@ def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
     expect(page.locator(".q-notification")).to_have_count(0)
 
 
-def test_replay_moved_by_a_watcher_stays_where_it_is(page: Page, browser: Browser) -> None:
+def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browser) -> None:
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.locator("#play").click()
-    # What still plays moves by itself.
+    # The position of a running replay moves by itself.
     expect(page.locator("#play")).to_have_text("Play")
     before = page.locator("#played").inner_text()
     seek(page, 0.8)
@@ -222,7 +222,7 @@ def test_replay_moved_by_a_watcher_stays_where_it_is(page: Page, browser: Browse
     fresh(page)
 
 
-def test_a_recording_is_taken_along_renamed_and_deleted(page: Page, folder: Path) -> None:
+def test_recording_can_be_downloaded_renamed_and_deleted(page: Page, folder: Path) -> None:
     (file,) = (folder / "data").glob("*.mcap")
     row(page).get_by_role("button", name="More").click()
     with page.expect_download() as taken:

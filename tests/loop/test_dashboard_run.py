@@ -1,4 +1,4 @@
-"""Repeated grasps on the page, with verdict, bin and table."""
+"""Several grasps on the page, with verdict, bin and table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 from tests.loop.test_dashboard import (
-    PATIENCE_MS,
+    TIMEOUT_MS,
     SIMULATED,
     WIDE,
     browser,
@@ -43,14 +43,16 @@ SORTED = (
 )
 
 
-def test_bin_is_the_headline_and_the_same_everywhere(browser: Browser, tmp_path: Path) -> None:
+def test_bin_is_the_headline_and_equal_on_page_api_and_table(
+    browser: Browser, tmp_path: Path
+) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text(RULES)
     options = {"viewport": WIDE}
     with served(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
         page, operator = (browser.new_context(**options).new_page() for _ in range(2))
         for one, url in ((page, address), (operator, f"{address}operate")):
-            one.set_default_timeout(PATIENCE_MS)
+            one.set_default_timeout(TIMEOUT_MS)
             one.goto(url)
             fresh(one)
         drive(page)
@@ -64,13 +66,13 @@ def test_bin_is_the_headline_and_the_same_everywhere(browser: Browser, tmp_path:
             page.get_by_label("Item (empty: not stored)").fill(name)
             can_press(page, "#grasp")
             page.locator("#grasp").click()
-            # While it is held: a person stands there with it.
+            # The bin is shown during the hold.
             expect(operator.locator("#next-text")).to_have_text("Take the item, then press Release")
             for one in (page, operator):
                 expect(one.locator("#verdict-text")).to_have_text(found, ignore_case=True)
                 expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
             page.locator("#release").click()
-            # Whoever sees the end asks for the result, and for the item.
+            # At the end of the activity, result and item are available.
             state = machine.until(lambda at: at["activity"] == "watching")
             result = machine.ask("GET", "/result")[1]
             documents.append(result)
@@ -107,7 +109,7 @@ def test_bin_is_the_headline_and_the_same_everywhere(browser: Browser, tmp_path:
             assert (row["bin"], row["why"]) == (result["bin"]["name"], result["bin"]["why"])
             assert row["recording"] == result["recording"]
             assert float(row["size_mm"]) == result["size_mm"]["value"]
-        # The link turns to the tab of items; who drives goes on driving.
+        # The link shows the tab Items, and the driver stays the same.
         named.get_by_role("link", name="berry-7").click()
         expect(page.locator("#item-page")).to_contain_text("1 grasp")
         expect(page.locator("#item-page")).to_contain_text("small")

@@ -1,4 +1,4 @@
-"""A sensor without gripper on the page: pads in true shape, one pixel enlarged."""
+"""A sensor without a gripper on the page: pads, pixel details, rest and STOP."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, Page, expect
 from tests.loop.test_dashboard import (
-    PATIENCE_MS,
+    TIMEOUT_MS,
     WIDE,
     browser,
     fresh,
@@ -29,7 +29,7 @@ __all__ = ["browser"]
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """A board on a line, as `palpate init --gripper none` describes it."""
+    """A board on a serial line, described by `palpate init --gripper none`."""
     folder = tmp_path_factory.mktemp("sensor")
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -44,7 +44,7 @@ def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     with served(folder, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
         context = browser.new_context(viewport=WIDE)
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)
         fresh(page)
         yield page
@@ -54,7 +54,7 @@ def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     plugged.join(10)
 
 
-def test_it_is_watched_and_nothing_can_be_grasped(page: Page) -> None:
+def test_sensor_page_shows_readings_and_offers_no_grasp(page: Page) -> None:
     verdict(page, "watching")
     expect(page.locator("#simulated")).to_be_hidden()
     expect(page.locator("#grasp")).to_be_hidden()
@@ -64,7 +64,7 @@ def test_it_is_watched_and_nothing_can_be_grasped(page: Page) -> None:
     expect(page.locator("#force-card")).to_be_hidden()
 
 
-def test_pixels_are_square_and_in_their_rows(page: Page) -> None:
+def test_sensor_page_draws_square_pixels_in_their_rows(page: Page) -> None:
     pixels = page.locator(".pixel")
     expect(pixels).to_have_count(8)
     boxes = [pixels.nth(i).bounding_box() for i in range(8)]
@@ -72,12 +72,12 @@ def test_pixels_are_square_and_in_their_rows(page: Page) -> None:
     sides = {round(box[side]) for box in boxes if box for side in ("width", "height")}
     assert len(sides) == 1, "the pitch is the same both ways"
     places = [(box["x"], box["y"]) for box in boxes if box]
-    # R0 C0, R0 C1, R1 C0, R1 C1 of finger 0; then those of finger 1, to its right.
+    # R0 C0, R0 C1, R1 C0, R1 C1 of finger 0, then of finger 1 to its right.
     assert places[0][0] < places[1][0] < places[4][0]
     assert places[0][1] == places[1][1] < places[2][1]
 
 
-def test_a_pixel_is_shown_near_by_a_tap_and_by_keys(page: Page) -> None:
+def test_sensor_page_shows_pixel_details_after_tap_and_arrow_keys(page: Page) -> None:
     near = page.locator("#pixel")
     expect(near).to_be_hidden()
     page.locator(".cell[data-row='2'][data-col='1']").click()
@@ -94,10 +94,10 @@ def test_a_pixel_is_shown_near_by_a_tap_and_by_keys(page: Page) -> None:
     expect(near).to_be_hidden()
 
 
-def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
+def test_sensor_page_rest_calibration_requires_still_readings(page: Page) -> None:
     tab(page, "Calibrate")
     page.locator("#calibrate-rest").click()
-    # The simulated board's readings wander: that is no rest.
+    # The simulated board's readings drift, so they are not at rest.
     expect(page.locator("#trouble-text")).to_contain_text("% at rest (at most")
     verdict(page, "calibration failed")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
@@ -105,6 +105,6 @@ def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
     expect(page.locator("#calibrated")).to_contain_text("Last step: Leave the sensor alone")
 
 
-def test_a_stop_is_confirmed_where_nothing_can_move(page: Page) -> None:
+def test_sensor_page_stop_is_confirmed_without_a_hand(page: Page) -> None:
     page.locator("#stop").click()
     expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")

@@ -17,7 +17,7 @@ from time import monotonic
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.loop.test_dashboard import PATIENCE_MS, WIDE, browser, fresh, served, tab, verdict
+from tests.loop.test_dashboard import TIMEOUT_MS, WIDE, browser, fresh, served, tab, verdict
 
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
@@ -33,13 +33,13 @@ __all__ = ["browser"]
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
 
-#: The sensor's sheet, and so its calibration; the ball that presses was not calibrated with.
+#: Seed of the sheet and its calibration; the ball was not used for the calibration.
 SHEET, BALL = 3, "ball-44lbs"
 STEP_S = 0.004
 
 
 class PressedBoard:
-    """A board on a line, with a ball pressed on its pads on request."""
+    """A board on a serial line, and a ball that can press on its pads."""
 
     def __init__(self) -> None:
         self._ball = draw_object(np.random.default_rng(SHEET), BALL)
@@ -65,7 +65,7 @@ class PressedBoard:
     def _run(self) -> None:
         hand, began_s, pressed = TwinGripper(self._world), monotonic(), False
         while not self._ended.wait(STEP_S):
-            # A slow machine slows the board down: no step is longer than the line's buffer bears.
+            # On a slow machine the board runs slower, so that no step exceeds the line's buffer.
             now_s = min(monotonic() - began_s, self._clock.now_s() + 0.1)
             began_s = monotonic() - now_s
             if self.press.is_set() and not pressed:
@@ -111,7 +111,7 @@ def wiring() -> tuple[str, ...]:
 def page(browser: Browser, address: str) -> Iterator[Page]:
     context = browser.new_context(viewport=WIDE, locale="en-US")
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     page.goto(address)
     fresh(page)
     yield page
@@ -125,19 +125,19 @@ READS = """(force) => {
 }"""
 
 
-def test_it_has_pixels_and_newtons_but_nothing_that_grasps(page: Page) -> None:
+def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: Page) -> None:
     verdict(page, "watching")
     expect(page.locator(".pixel")).to_have_count(8)
     expect(page.locator("#force-card")).to_be_visible()
     for grasping in ("#grasp", "#release", "#measure-size_mm"):
         expect(page.locator(grasping)).to_be_hidden()
-    # Nothing grips, nothing is forecast, no finger moves.
+    # The page shows no grip, no forecast and no finger movements.
     expect(page.locator("#force-title")).to_have_text("Force, N")
     expect(page.locator("#measure-force_n .name")).to_have_text("Force now")
     expect(page.locator("#pad-1 .name")).to_have_text(re.compile("^pad 1 "))
     for key in page.locator(".key.of-hand").all():
         expect(key).to_be_hidden()
-    # The one number has the whole row.
+    # The force card uses the whole row.
     boxes = [page.locator(one).bounding_box() for one in ("#measure-force_n", "#verdict")]
     assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
     expect(page.get_by_label("Target force")).to_be_hidden()
@@ -145,7 +145,9 @@ def test_it_has_pixels_and_newtons_but_nothing_that_grasps(page: Page) -> None:
     expect(page.locator("#stop")).to_be_visible()
 
 
-def test_a_press_is_read_in_newtons(page: Page, board: PressedBoard) -> None:
+def test_sensor_page_on_the_firmware_shows_the_force_of_a_press(
+    page: Page, board: PressedBoard
+) -> None:
     page.wait_for_function("parseFloat(document.getElementById('force-at').textContent) < 1")
     board.press.set()
     expect(page.locator("#pad-0")).to_have_class(re.compile("touching"))
@@ -154,7 +156,7 @@ def test_a_press_is_read_in_newtons(page: Page, board: PressedBoard) -> None:
     page.wait_for_function(READS, arg=board.force_n)
 
 
-def test_the_operator_view_shows_the_force_and_no_button_that_moves(
+def test_operator_page_without_a_gripper_shows_the_force_and_no_grasp_buttons(
     browser: Browser, address: str
 ) -> None:
     context = browser.new_context(viewport=WIDE, locale="en-US")
@@ -170,14 +172,16 @@ def test_the_operator_view_shows_the_force_and_no_button_that_moves(
     context.close()
 
 
-def test_the_doctor_examines_the_firmware_at_its_own_rate(page: Page, board: PressedBoard) -> None:
+def test_doctor_tab_examines_the_firmware_at_its_configured_rate(
+    page: Page, board: PressedBoard
+) -> None:
     tab(page, "Doctor")
     page.locator("#examine").click()
     expect(page.locator("#health")).to_contain_text("frames in 10")
     expect(page.locator("#health")).to_contain_text("0 corrupt")
 
 
-def test_a_stopped_force_calibration_keeps_the_one_before(page: Page) -> None:
+def test_stopped_force_calibration_keeps_the_previous_calibration(page: Page) -> None:
     tab(page, "Calibrate")
     page.get_by_label("Loads in newtons").fill("1 2 4 8")
     page.locator("#calibrate-force").click()

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 
 
 @pytest.mark.parametrize("broken", [False, True])
-def test_doctor_reads_the_board(
+def test_doctor_examines_the_firmware_board(
     broken: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

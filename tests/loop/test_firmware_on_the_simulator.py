@@ -1,4 +1,4 @@
-"""The image that goes on the board, run on the AVR simulator."""
+"""The firmware image of the boards, run on the AVR simulator."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 
 
 class Desk:
-    """A board and a decoder on one line."""
+    """A board and a decoder on a serial line."""
 
     def __init__(self, kind: str = "mega2560") -> None:
         self.board = FirmwareBoard(kind)
@@ -56,7 +56,7 @@ def desk() -> Iterator[Desk]:
     desk.board.close()
 
 
-#: A Nano is an Uno by another name.
+#: A Nano has the same controller as an Uno.
 @pytest.fixture(params=["mega2560", "uno"])
 def any_desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
     desk = Desk(request.param)
@@ -90,7 +90,7 @@ def run_link() -> Callable[..., dict[str, object]]:
         ("nano", 15.0, 1, 4, 64, 1_000_000, 1.0),
     ],
 )
-def test_no_frame_is_lost_and_every_count_is_right(
+def test_firmware_sends_every_frame_with_correct_counts(
     run_link: Callable[..., dict[str, object]],
     board: str,
     rate_hz: float,
@@ -119,7 +119,7 @@ def test_no_frame_is_lost_and_every_count_is_right(
 
 
 @pytest.mark.parametrize(("rows", "cols", "oversampling"), [(4, 2, 1), (4, 2, 16), (1, 1, 1)])
-def test_the_highest_rate_it_names_is_kept(
+def test_firmware_sustains_the_highest_rate_that_it_reports(
     any_desk: Desk, rows: int, cols: int, oversampling: int
 ) -> None:
     *_, refusal = any_desk.ask(
@@ -143,7 +143,7 @@ def test_the_highest_rate_it_names_is_kept(
         ("nano", "Arduino Nano", 5, 4),
     ],
 )
-def test_each_board_states_its_name_size_and_features(
+def test_firmware_identity_contains_name_size_and_features_of_the_board(
     kind: str, name: str, features: int, side: int
 ) -> None:
     desk = Desk(kind)
@@ -161,7 +161,7 @@ def test_each_board_states_its_name_size_and_features(
     desk.board.close()
 
 
-def test_reset_begins_another_stream(any_desk: Desk) -> None:
+def test_firmware_reset_starts_a_new_stream(any_desk: Desk) -> None:
     any_desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
     before = any_desk.frames(0.1)[-1]
     any_desk.board.reset()
@@ -175,7 +175,7 @@ def test_reset_begins_another_stream(any_desk: Desk) -> None:
     assert any_desk.decoder.counters.lost == 0
 
 
-def test_the_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
+def test_firmware_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
     desk.ask(wm.SetPressure(target_kpa=30.0, slew_kpa_per_s=500.0), wm.Start())
     desk.run(0.1)
     assert desk.board.output_kpa == pytest.approx(30.0, abs=0.1)
@@ -188,7 +188,7 @@ def test_the_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
     assert desk.frames(0.1)[-1].status & wm.BoardStatus.WATCHDOG_RESET
 
 
-def test_pressure_follows_slew_and_heartbeat(desk: Desk) -> None:
+def test_firmware_pressure_follows_the_slew_rate_and_vents_without_a_heartbeat(desk: Desk) -> None:
     desk.ask(
         wm.SetPressure(target_kpa=40.0, slew_kpa_per_s=200.0),
         wm.Start(contents=wm.Contents.PRESSURE),
@@ -203,7 +203,7 @@ def test_pressure_follows_slew_and_heartbeat(desk: Desk) -> None:
     assert desk.board.output_kpa == 0
 
 
-def test_load_cells_are_read_beside_the_pixels(any_desk: Desk) -> None:
+def test_firmware_reads_load_cells_together_with_the_pixels(any_desk: Desk) -> None:
     any_desk.board.set_load(0, -8_388_608)
     any_desk.board.set_load(1, 1_234_567)
     any_desk.ask(wm.SetRate(rate_hz=250.0), wm.Start(contents=wm.Contents.LOAD_CELLS))
@@ -214,7 +214,7 @@ def test_load_cells_are_read_beside_the_pixels(any_desk: Desk) -> None:
     assert any_desk.decoder.counters.lost == 0
 
 
-def test_an_absent_load_cell_is_said_to_be_silent(any_desk: Desk) -> None:
+def test_firmware_reports_an_absent_load_cell_as_silent(any_desk: Desk) -> None:
     any_desk.board.set_load(0, 5)
     any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
     last = any_desk.frames(0.7)[-1]
@@ -222,7 +222,7 @@ def test_an_absent_load_cell_is_said_to_be_silent(any_desk: Desk) -> None:
     assert last.load_cells[1].raw == wm.NO_READING
 
 
-def test_an_absent_load_cell_stays_silent_when_the_clock_wraps(
+def test_firmware_reports_an_absent_load_cell_as_silent_after_a_clock_overflow(
     any_desk: Desk, request: pytest.FixtureRequest
 ) -> None:
     elf = ROOT / f"firmware/build/palpate-{request.node.callspec.params['any_desk']}.elf"
@@ -239,7 +239,7 @@ def test_an_absent_load_cell_stays_silent_when_the_clock_wraps(
     assert all(frame.status & wm.BoardStatus.LOAD_CELL_SILENT for frame in frames)
 
 
-def test_the_ceiling_acts_without_the_host(any_desk: Desk) -> None:
+def test_firmware_ceiling_opens_the_safe_line_without_the_host(any_desk: Desk) -> None:
     desk = any_desk
     desk.ask(wm.SetCeiling(counts=900), wm.SetPressure(target_kpa=30.0, slew_kpa_per_s=500.0))
     desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
@@ -268,12 +268,12 @@ def move_servo(desk: Desk, *, target_us: int, rate: int = 2000) -> list[wm.Board
     )
 
 
-def test_servo_pulses_come_every_20_ms_and_follow_the_ramp(any_desk: Desk) -> None:
+def test_firmware_servo_pulses_have_a_period_of_20_ms_and_follow_the_ramp(any_desk: Desk) -> None:
     move_servo(any_desk, target_us=1500)
     frames = any_desk.frames(0.3)
     begin_s, width_us = any_desk.board.read_pulses()
     assert np.diff(begin_s) == pytest.approx(0.020, abs=1e-6)
-    assert width_us[0] == pytest.approx(2300, abs=45), "the first pulses are the open fingers'"
+    assert width_us[0] == pytest.approx(2300, abs=45), "the first pulses hold the fingers open"
     # 2000 us/s over 20 ms; the ramp has steps of 2 us, at the main loop's 1.024 ms.
     assert np.diff(width_us) == pytest.approx(-40.0, abs=4.2)
     assert np.diff(width_us).mean() == pytest.approx(-40.0, abs=0.3)
@@ -284,8 +284,8 @@ def test_servo_pulses_come_every_20_ms_and_follow_the_ramp(any_desk: Desk) -> No
     assert any_desk.decoder.counters.lost == 0
 
 
-def test_servo_pulses_keep_their_width_while_all_else_works(any_desk: Desk) -> None:
-    """Frames at the highest rate, load cells and commands: no edge is moved."""
+def test_firmware_servo_pulses_keep_their_width_under_full_load(any_desk: Desk) -> None:
+    """The load consists of frames at the highest rate, load cells and commands."""
     any_desk.board.set_load(0, 5)
     any_desk.board.set_load(1, 7)
     any_desk.ask(wm.SetRate(rate_hz=700.0), wm.SetCeiling(counts=0))
@@ -296,12 +296,12 @@ def test_servo_pulses_keep_their_width_while_all_else_works(any_desk: Desk) -> N
         any_desk.run(0.05)
     begin_s, width_us = any_desk.board.read_pulses()
     assert len(width_us) > 50
-    # simavr times a compare to some cycles of 62.5 ns.
+    # simavr simulates a compare match with an error of a few cycles of 62.5 ns.
     assert width_us == pytest.approx(1500, abs=0.5)
     assert np.diff(begin_s) == pytest.approx(0.020, abs=1e-6)
 
 
-def test_servo_is_held_when_the_host_is_silent(any_desk: Desk) -> None:
+def test_firmware_holds_the_servo_position_when_the_host_is_silent(any_desk: Desk) -> None:
     move_servo(any_desk, target_us=700, rate=1000)
     any_desk.run(0.4)
     any_desk.board.read_pulses()
@@ -314,7 +314,7 @@ def test_servo_is_held_when_the_host_is_silent(any_desk: Desk) -> None:
     assert any_desk.board.safe_line
 
 
-def test_servo_backs_off_at_the_ceiling_and_then_loses_its_supply(any_desk: Desk) -> None:
+def test_firmware_servo_backs_off_at_the_ceiling_and_is_then_switched_off(any_desk: Desk) -> None:
     desk = any_desk
     move_servo(desk, target_us=1900)
     desk.run(0.4)
@@ -325,7 +325,7 @@ def test_servo_backs_off_at_the_ceiling_and_then_loses_its_supply(any_desk: Desk
     begin_s, width_us = desk.board.read_pulses()
     opened = width_us[begin_s > pressed_s + 0.025]
     assert opened == pytest.approx(2300, abs=0.5)
-    assert desk.board.safe_line, "the supply is there while it opens"
+    assert desk.board.safe_line, "the supply must stay on while the hand opens"
     desk.run(0.12)
     assert not desk.board.safe_line
     desk.board.read_pulses()
@@ -337,7 +337,7 @@ def test_servo_backs_off_at_the_ceiling_and_then_loses_its_supply(any_desk: Desk
 
 
 @pytest.mark.parametrize("how", ["reset", "hang"])
-def test_servo_has_neither_supply_nor_pulses_after_a_reset(any_desk: Desk, how: str) -> None:
+def test_firmware_servo_has_no_supply_and_no_pulses_after_a_reset(any_desk: Desk, how: str) -> None:
     move_servo(any_desk, target_us=1500)
     any_desk.run(0.3)
     getattr(any_desk.board, how)()
@@ -351,7 +351,7 @@ def test_servo_has_neither_supply_nor_pulses_after_a_reset(any_desk: Desk, how: 
     assert refusal.result == wm.Result.TRIPPED
 
 
-def test_servo_pulse_that_has_begun_is_finished(any_desk: Desk) -> None:
+def test_firmware_completes_a_started_servo_pulse(any_desk: Desk) -> None:
     move_servo(any_desk, target_us=1500)
     any_desk.run(0.5)
     any_desk.board.read_pulses()
@@ -361,7 +361,7 @@ def test_servo_pulse_that_has_begun_is_finished(any_desk: Desk) -> None:
     assert ((width_us > 1499) & (width_us < 2301)).all()
 
 
-def test_the_serial_array_reads_the_twin_through_it() -> None:
+def test_serial_array_reads_the_twin_through_the_firmware() -> None:
     world = World(None, seed=2, clock=ManualClock(5.0), frame_rate_hz=100.0)
     array = open_firmware_array(world, noise_mv=0.0, rate_hz=100.0)
     frames = [array.read(timeout_s=1.0) for _ in range(40)]
@@ -374,7 +374,7 @@ def test_the_serial_array_reads_the_twin_through_it() -> None:
     assert array.counters.lost == 0
 
 
-def test_without_the_simulator_one_line_says_what_to_install(
+def test_firmware_board_without_the_simulator_raises_an_error_with_the_package_name(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(firmware, "BUILD", tmp_path)

@@ -1,4 +1,4 @@
-"""`palpate live --foxglove` on the twin, seen by a client of the websocket protocol."""
+"""`palpate live --foxglove` on the twin, with a client of the WebSocket protocol."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COMMAND = (sys.executable, "-c", "from palpate.cli import main; main()", "live")
 
 @contextmanager
 def live(rig: str, *options: str) -> Iterator[str]:
-    """Run `palpate live --foxglove` on a free port; yield the address that it prints."""
+    """Run `palpate live --foxglove` on a free port; yield the printed URL."""
     command = [*COMMAND, "--rig", rig, "--foxglove", "127.0.0.1:0", *options]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -49,7 +49,7 @@ def _address(stream: IO[str] | None) -> str:
 
 
 def until_contact(client: FoxgloveClient) -> list[Received]:
-    """Return all messages up to the first contact, and those of the second after it."""
+    """Return all messages until one second after the first contact."""
     received: list[Received] = []
     frames_left = None
     for message in client.messages():
@@ -66,7 +66,7 @@ def until_contact(client: FoxgloveClient) -> list[Received]:
 @pytest.fixture(scope="module")
 def seen() -> tuple[FoxgloveClient, list[Received]]:
     with live("sim-rigid", "--force") as address:
-        # One that leaves at once disturbs nobody.
+        # A client that disconnects immediately does not affect others.
         with foxglove_client(address) as first:
             first.subscribe()
         with foxglove_client(address) as client:
@@ -82,7 +82,7 @@ def of(seen: Seen, topic: str) -> list[Received]:
     return [message for message in seen[1] if message.topic == topic]
 
 
-def test_the_recording_channels_have_the_schemas_of_a_recording(seen: Seen) -> None:
+def test_foxglove_recording_channels_have_the_schemas_of_a_recording(seen: Seen) -> None:
     channels = seen[0].channels
     for topic, schema in SCHEMAS.items():
         assert channels[topic]["schemaName"] == schema["title"]
@@ -91,7 +91,7 @@ def test_the_recording_channels_have_the_schemas_of_a_recording(seen: Seen) -> N
     assert channels["/heat_map"]["schemaName"] == "foxglove.RawImage"
 
 
-def test_every_message_fits_the_schema_of_its_channel(seen: Seen) -> None:
+def test_foxglove_messages_conform_to_the_schema_of_their_channel(seen: Seen) -> None:
     validators = {
         topic: Draft202012Validator(json.loads(channel["schema"]))
         for topic, channel in seen[0].channels.items()
@@ -104,7 +104,7 @@ def test_every_message_fits_the_schema_of_its_channel(seen: Seen) -> None:
     assert checked == {"/frames", "/gripper", "/events", "/change", "/force", "/link"}
 
 
-def test_no_frame_is_missing_and_each_has_all_that_is_known_of_it(seen: Seen) -> None:
+def test_foxglove_stream_contains_every_frame_with_all_its_messages(seen: Seen) -> None:
     frames = [
         decode("/frames", json.dumps(message.content).encode(), layout=RIGID_LAYOUT)
         for message in of(seen, "/frames")
@@ -114,11 +114,11 @@ def test_no_frame_is_missing_and_each_has_all_that_is_known_of_it(seen: Seen) ->
     assert all(after == before + 1 for before, after in pairwise(numbers))
     times = [message.log_time_ns for message in of(seen, "/frames")][1:]
     for topic in ("/gripper", "/change", "/heat_map", "/force"):
-        # The client may have come in the middle of the first frame.
+        # The client may have connected during the first frame.
         assert [message.log_time_ns for message in of(seen, topic)][-len(times) :] == times, topic
 
 
-def test_log_time_is_the_time_of_the_frame_in_unix_time(seen: Seen) -> None:
+def test_foxglove_log_time_is_the_unix_time_of_the_frame(seen: Seen) -> None:
     frames = of(seen, "/frames")
     zero_ns = {
         round((message.log_time_ns - 1e9 * message.content["time_s"]) / 1e6) for message in frames
@@ -128,7 +128,7 @@ def test_log_time_is_the_time_of_the_frame_in_unix_time(seen: Seen) -> None:
     assert 0 < frames[0].log_time_ns / 1e6 - start < 60e3
 
 
-def test_the_heat_map_shows_the_numbers_of_change(seen: Seen) -> None:
+def test_foxglove_heat_map_contains_the_values_of_the_change_channel(seen: Seen) -> None:
     for image, change in zip(of(seen, "/heat_map"), of(seen, "/change"), strict=False):
         assert (image.content.height, image.content.width) == (4, 2)
         assert (image.content.encoding, image.content.step) == ("32FC1", 8)
@@ -140,13 +140,13 @@ def test_the_heat_map_shows_the_numbers_of_change(seen: Seen) -> None:
         assert change.content["mean_percent"] == pytest.approx(np.mean(numbers))
 
 
-def test_force_has_an_interval_and_rises_with_the_contact(seen: Seen) -> None:
+def test_foxglove_force_has_an_interval_and_increases_at_contact(seen: Seen) -> None:
     forces = [message.content for message in of(seen, "/force")]
     assert all(0 <= one["low_n"] <= one["force_n"] <= one["high_n"] for one in forces)
     assert forces[-1]["force_n"] > 2 * forces[0]["force_n"]
 
 
-def test_a_contact_is_an_event_at_the_frame_that_shows_it(seen: Seen) -> None:
+def test_foxglove_contact_event_has_the_time_of_its_frame(seen: Seen) -> None:
     changes = {message.log_time_ns: message.content for message in of(seen, "/change")}
     contacts = [m for m in of(seen, "/events") if m.content["name"] == "contact"]
     for contact in contacts:
@@ -158,7 +158,7 @@ def test_a_contact_is_an_event_at_the_frame_that_shows_it(seen: Seen) -> None:
     assert min(earlier) > CONTACT_PERCENT
 
 
-def test_simulated_is_shown_in_the_name_and_on_the_link(seen: Seen) -> None:
+def test_foxglove_labels_simulated_data_in_server_name_and_link(seen: Seen) -> None:
     assert seen[0].server["name"] == "palpate sim-rigid (SIMULATED)"
     links = [message.content for message in of(seen, "/link")]
     assert len(links) > 2
@@ -167,7 +167,7 @@ def test_simulated_is_shown_in_the_name_and_on_the_link(seen: Seen) -> None:
     assert (links[-1]["lost"], links[-1]["corrupt"]) == (0, 0)
 
 
-def test_a_board_that_falls_silent_and_returns_makes_events(tmp_path: Path) -> None:
+def test_foxglove_silent_and_returning_board_create_events(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     with run_board_process(100.0) as (port, board):
         rig.write_text(
@@ -177,7 +177,7 @@ def test_a_board_that_falls_silent_and_returns_makes_events(tmp_path: Path) -> N
         with live(str(rig)) as address, foxglove_client(address) as client:
             client.subscribe()
             messages = client.messages()
-            # The rest is known after a second: from then on there are changes.
+            # Changes are available after one second, when the rest values are known.
             first = next(message for message in messages if message.topic == "/change")
             assert abs(time.time_ns() - first.log_time_ns) < 1e9
             os.kill(board, signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""`palpate calibrate force`, from the first prompt to the saved file, through the real firmware."""
+"""`palpate calibrate force` from the first prompt to the saved file, on the firmware."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
 
-#: What each of two cells says of a newton, and of nothing.
+#: Newtons per count and zero counts of the two load cells.
 NEWTONS_PER_COUNT, ZEROS = (5e-6, -4e-6), (30_000, -70_000)
 RIG = f"""
 calibration = "pad.json"
@@ -44,7 +44,7 @@ newtons_per_count = {list(NEWTONS_PER_COUNT)}
 
 
 class Bench:
-    """A board, a gripper, two load cells with a face, and an obedient user."""
+    """A board, a gripper, two load cells and a user who follows the prompts."""
 
     def __init__(self) -> None:
         self.clock = ManualClock(50.0)
@@ -62,7 +62,7 @@ class Bench:
         self.world.watchers.append(self._weigh)
 
     def plug_in_again(self) -> None:
-        """Connect anew: the command before has closed the port, and with it the simulated board."""
+        """Reconnect: the previous command has closed the port and thus the simulated board."""
         self.world.watchers.clear()
         self._plug_in()
 
@@ -90,7 +90,7 @@ class Bench:
         return ""
 
     def _press(self, load_n: float) -> None:
-        """Close until the pad carries a load like a weight; its relaxation is invented."""
+        """Close until the pad carries the load of a weight, with a simulated relaxation."""
         gripper, clock = self.gripper(), self.clock
         if self._pressed is None:
             self._pressed = draw_object(np.random.default_rng(1), "ecoflex-10")
@@ -105,7 +105,7 @@ class Bench:
             clock.sleep_s(0.05)
 
     def _weigh(self, time_s: float) -> None:
-        # Asking the world for its force calls its watchers, and so this again.
+        # Reading the world's force calls its watchers and would recurse.
         if self._weighing:
             return
         self._weighing = True
@@ -135,13 +135,13 @@ def calibrate(folder: Path, *more: str, step: Callable[..., None] = calibrate_fo
     return run(app, arguments, name="palpate calibrate")
 
 
-def test_from_the_first_prompt_to_the_file(
+def test_guided_force_calibration_writes_the_file(
     bench: Bench,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    # All steps, but fewer placements: half an hour of the board takes minutes to simulate.
+    # All steps with fewer placements, because half an hour of the board requires minutes.
     monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0), (0.8, 5.0)))
     assert calibrate(tmp_path) == 0
     assert [what.split(":")[0] for what in bench.asked] == [
@@ -158,12 +158,12 @@ def test_from_the_first_prompt_to_the_file(
     firm = true_n > 1.0
     assert np.count_nonzero(firm) >= 8
     assert np.median(np.abs(np.log(said_n[firm] / true_n[firm]))) < 0.2
-    # The board is off by now: nobody may weigh for it.
+    # The board is closed, so its watcher must be removed.
     bench.world.watchers.remove(bench._weigh)
     assert bench.gripper().state().width_mm > 70.0
 
 
-def test_fingers_driven_by_pressure_are_refused_before_anything_moves(
+def test_guided_force_calibration_refuses_a_pressure_gripper_before_any_movement(
     bench: Bench,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -179,7 +179,7 @@ def test_fingers_driven_by_pressure_are_refused_before_anything_moves(
     assert bench.asked == []
 
 
-def test_three_weights_narrow_the_interval_and_a_load_cell_renews_the_file(
+def test_three_weights_narrow_the_interval_and_a_load_cell_replaces_the_calibration(
     bench: Bench,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

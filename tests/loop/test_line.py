@@ -1,4 +1,4 @@
-"""A line's controllers: clients of OPC UA and Modbus against `palpate serve`, on the twin."""
+"""OPC UA and Modbus clients of `palpate serve` on the twin."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from tests.loop.test_dashboard_api import Machine
 from palpate.line import modbus
 from palpate.line.machine import LineState
 
-#: Looks until a state is given up, and the pause between two, seconds.
-MOST_LOOKS, EVERY_S = 3000, 0.02
-#: How long a server on a busy machine may leave a request of OPC UA unanswered, seconds.
-PATIENCE_S = 60.0
+#: Maximum number of polls for a state, and the pause between polls, seconds.
+MAX_POLLS, POLL_PERIOD_S = 3000, 0.02
+#: Timeout of OPC UA requests on a busy machine, seconds.
+TIMEOUT_S = 60.0
 _Answer = TypeVar("_Answer")
 
 
 @dataclass(frozen=True)
 class Served:
-    """Addresses of one server."""
+    """URLs and ports of a server."""
 
     http: str
     opcua: str
@@ -61,16 +61,16 @@ def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 async def until(
     ask: Callable[[], Awaitable[_Answer]], wanted: Callable[[_Answer], bool]
 ) -> _Answer:
-    for _ in range(MOST_LOOKS):
+    for _ in range(MAX_POLLS):
         found = await ask()
         if wanted(found):
             return found
-        await asyncio.sleep(EVERY_S)
+        await asyncio.sleep(POLL_PERIOD_S)
     raise AssertionError(f"it stayed {found}")
 
 
 class OpcUa:
-    """A client of the station's object."""
+    """An OPC UA client of the station object."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -111,9 +111,9 @@ async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
     await until(lambda: registers(client, modbus.STATE, 1), lambda now: now[0] == state)
 
 
-def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
+def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
-        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -136,7 +136,7 @@ def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     assert machine.ask("GET", "/result") == (200, document)
     assert size_mm == document["size_mm"]["value"]
     assert item == document["item_id"] == "(01)04012345000016(21)B7"
-    # The store is written after the result is shown.
+    # The result is shown before it is stored.
     machine.until(lambda _: machine.ask("GET", f"/epcis/{item}")[0] == 200)
     (event,) = read_epcis(machine.ask("GET", f"/epcis/{item}")[1])
     assert event["epcList"] == ["https://id.gs1.org/01/04012345000016/21/B7"]
@@ -144,7 +144,7 @@ def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
 
 
-def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
+def test_modbus_grasp_result_equals_the_http_result(station: Served) -> None:
     async def work() -> tuple[list[int], list[int]]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
@@ -169,7 +169,9 @@ def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     assert modbus.decode_text(item) == document["item_id"] == "berry-8"
 
 
-def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: Served) -> None:
+def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
+    station: Served,
+) -> None:
     async def work() -> tuple[int, int, str]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             wrong = await client.write_register(modbus.COMMAND, 9)
@@ -180,9 +182,9 @@ def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: 
     assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
 
 
-def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
+def test_opcua_invalid_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
     async def work() -> str:
-        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -201,10 +203,10 @@ def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served
     assert "at most 15 N" in asyncio.run(work())
 
 
-def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) -> None:
+def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served) -> None:
     async def work() -> None:
         async with (
-            Client(station.opcua, watchdog_intervall=PATIENCE_S) as client,
+            Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client,
             AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as other,
         ):
             hand = OpcUa(client)
@@ -228,9 +230,9 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
     asyncio.run(work())
 
 
-def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> None:
+def test_opcua_state_is_updated_before_a_command_returns(station: Served) -> None:
     async def work() -> list[str]:
-        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -247,7 +249,7 @@ def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> 
 
 
 async def begin_over_opcua(station: Served) -> None:
-    async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
+    async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
         hand = OpcUa(client)
         await hand.call("TakeOver")
         await hand.reach("idle")
@@ -265,11 +267,11 @@ async def begin_over_modbus(station: Served) -> None:
 
 
 @pytest.mark.parametrize("begin", [begin_over_opcua, begin_over_modbus])
-def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(
+def test_line_client_lost_during_a_grasp_leaves_the_grasp_to_the_next_client(
     station: Served, begin: Callable[[Served], Coroutine[Any, Any, None]]
 ) -> None:
     async def end() -> str:
-        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
             hand = OpcUa(client)
             await hand.reach("holding")
             await hand.call("TakeOver")
@@ -282,7 +284,7 @@ def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(
     assert asyncio.run(end()) == "held"
 
 
-def test_server_killed_while_the_hand_closes_comes_back_for_both_clients(tmp_path: Path) -> None:
+def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(tmp_path: Path) -> None:
     opcua_port, modbus_port = free_port(), free_port()
     options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
 
@@ -311,7 +313,7 @@ def test_server_killed_while_the_hand_closes_comes_back_for_both_clients(tmp_pat
         assert asyncio.run(find()) == [0, 0]
 
 
-def test_opcua_beyond_the_loopback_needs_token_and_encryption(tmp_path: Path) -> None:
+def test_opcua_beyond_the_loopback_requires_token_and_encryption(tmp_path: Path) -> None:
     port = free_port()
     options = (*SIMULATED, "--opcua", f"0.0.0.0:{port}", "--token", "correct-horse-battery")
 

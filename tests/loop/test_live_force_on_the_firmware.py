@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 RATE_HZ, HELD_S = 250.0, 4.0
 
 
-def test_newtons_with_an_interval_at_every_frame() -> None:
+def test_live_force_has_an_interval_at_every_frame() -> None:
     calibration = calibrate_twin(seed=3, level="lab", apart_from="ball-44lbs")
     clock = ManualClock(50.0)
     ball = draw_object(np.random.default_rng(3), "ball-44lbs")

@@ -40,7 +40,7 @@ def rig() -> Iterator[Rig]:
     rig.array.close()
 
 
-def test_two_cells_weigh_above_their_zeros(rig: Rig) -> None:
+def test_two_load_cells_measure_forces_above_their_zeros(rig: Rig) -> None:
     cell = BoardLoadCell(rig.array, clock=rig.clock, newtons_per_count=(1e-5, -2e-5))
     rig.board.set_load(0, 40_000)
     rig.board.set_load(1, -9_000)
@@ -53,7 +53,7 @@ def test_two_cells_weigh_above_their_zeros(rig: Rig) -> None:
     assert cell.read_n() == pytest.approx(5.0)
 
 
-def test_an_amplifier_that_is_absent_is_named_and_may_be_left_out(rig: Rig) -> None:
+def test_absent_load_cell_amplifier_is_named_and_can_be_omitted(rig: Rig) -> None:
     rig.board.set_load(0, 40_000)
     rig.clock.sleep_s(0.1)
     both = BoardLoadCell(rig.array, clock=rig.clock, newtons_per_count=(1e-5, 1e-5))

@@ -1,4 +1,4 @@
-"""Results over MQTT, through a real broker that dies, hangs and asks for a password."""
+"""Results over MQTT with a real broker that ends, hangs or requires a password."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from tests.conftest import skip
 from tests.loop.test_dashboard import SIMULATED, served, serving
 from tests.loop.test_dashboard_api import Machine
-from tests.mosquitto import PATIENCE_S, PROGRAM, BrokerProcess, Subscriber
+from tests.mosquitto import TIMEOUT_S, PROGRAM, BrokerProcess, Subscriber
 from tests.unit.test_json_schemas import faults
 
 from palpate.cli import build_app, run
@@ -62,11 +62,11 @@ def publisher_to(broker: BrokerProcess, store: Path, complaints: Queue[str]) -> 
 
 
 def numbers(documents: list[dict[str, int]]) -> list[int]:
-    """Return the numbers in order; one whose receipt was lost may come twice."""
+    """Return the numbers in order; unacknowledged results may arrive twice."""
     return list(dict.fromkeys(document["number"] for document in documents))
 
 
-def test_a_grasp_arrives_as_the_json_of_grasp(
+def test_mqtt_result_has_the_format_of_grasp_json(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
     with serving(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
@@ -83,20 +83,20 @@ def test_a_grasp_arrives_as_the_json_of_grasp(
         result = subscriber.until("result")
         assert faults("grasp", result) == []
         assert result == machine.ask("GET", "/result")[1]
-        # What is retained reaches who comes later: the state, not a result.
+        # A later subscriber receives the retained state, but no result.
         late = Subscriber(broker.port, TOPIC)
         assert late.until("online") == {"online": True, "dropped": 0}
         assert set(late.until("state")) == set(state)
         late.close()
         process.send_signal(signal.SIGKILL)
-        assert subscriber.until("online") == {"online": False}, "the broker's own words"
+        assert subscriber.until("online") == {"online": False}, "sent by the broker as last will"
 
 
-#: What every document of a grasp gives of it.
+#: Measurements of every grasp document.
 MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 
 
-def test_one_grasp_is_the_same_everywhere(
+def test_grasp_result_is_equal_in_mqtt_api_store_and_history(
     broker: BrokerProcess,
     subscriber: Subscriber,
     tmp_path: Path,
@@ -147,7 +147,7 @@ def test_one_grasp_is_the_same_everywhere(
     assert f"{over_http['size_mm']['value']:.1f}" in text
 
 
-def test_a_broker_that_hangs_or_is_away_delays_neither_grasp_nor_stop(
+def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
     with served(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as address:
@@ -172,7 +172,7 @@ def test_a_broker_that_hangs_or_is_away_delays_neither_grasp_nor_stop(
 
 
 @pytest.mark.parametrize("first", [300, 1], ids=["stopped while it takes", "killed before"])
-def test_results_arrive_in_order_when_the_broker_is_away_in_the_middle(
+def test_mqtt_results_arrive_in_order_after_a_broker_outage(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path, first: int
 ) -> None:
     publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
@@ -190,7 +190,7 @@ def test_results_arrive_in_order_when_the_broker_is_away_in_the_middle(
     publisher.close()
 
 
-def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
+def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
     first = publisher_to(broker, tmp_path / "items.sqlite", Queue())
@@ -209,7 +209,7 @@ def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
     assert subscriber.until("online", lambda told: not told["online"]) == {"online": False}
 
 
-def test_store_that_cannot_be_opened_is_reported_and_results_are_sent(
+def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     broker: BrokerProcess, tmp_path: Path
 ) -> None:
     complaints: Queue[str] = Queue()
@@ -218,12 +218,12 @@ def test_store_that_cannot_be_opened_is_reported_and_results_are_sent(
     publisher = publisher_to(broker, tmp_path / "items.sqlite", complaints)
     publisher.publish_result({"number": 1})
     assert listening.until("result") == {"number": 1}
-    assert "unsent results are kept in memory only" in complaints.get(timeout=PATIENCE_S)
+    assert "unsent results are kept in memory only" in complaints.get(timeout=TIMEOUT_S)
     publisher.close()
     listening.close()
 
 
-def test_a_broker_with_tls_and_a_password(tmp_path: Path) -> None:
+def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
     def run(*command: str) -> None:
         subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
 
@@ -252,9 +252,9 @@ def test_a_broker_with_tls_and_a_password(tmp_path: Path) -> None:
         publisher = Publisher(asked, store=tmp_path / "items.sqlite", on_error=complaints.put)
         publisher.publish_result({"password": password})
         if password == "guess":
-            assert "check username and password" in complaints.get(timeout=PATIENCE_S)
+            assert "check username and password" in complaints.get(timeout=TIMEOUT_S)
         else:
-            # What the wrong password could not bring waited.
+            # The result that could not be sent with the wrong password was queued.
             assert listening.until("result") == {"password": "guess"}
             assert listening.until("result") == {"password": "sesame"}
         publisher.close()

@@ -1,4 +1,4 @@
-"""Tones of the operator's view."""
+"""Sound of the operator's page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.loop.test_operator_view import SIZES, at
 
 __all__ = ["browser"]
 
-#: Notes the pitch of every tone that the browser plays; it plays them all the same.
+#: Records the pitch of every tone that the browser plays.
 LISTEN = """window.heard = [];
 const start = OscillatorNode.prototype.start;
 OscillatorNode.prototype.start = function (when) {
@@ -32,7 +32,7 @@ def heard(page: Page, tones: list[int]) -> None:
     assert page.evaluate("window.heard") == tones
 
 
-def test_sound_is_off_until_it_is_asked_for_and_tells_done_from_fault(
+def test_sound_is_off_by_default_and_differs_for_done_and_fault(
     browser: Browser, address: str
 ) -> None:
     with at(browser, f"{address}operate", SIZES["wide"]) as page:
@@ -48,9 +48,9 @@ def test_sound_is_off_until_it_is_asked_for_and_tells_done_from_fault(
         expect(button).to_have_attribute("aria-pressed", "false")
         button.click()
         expect(button).to_have_attribute("aria-pressed", "true")
-        # So that people know how loud it is.
+        # Enabling the sound plays a tone to demonstrate its volume.
         heard(page, [DONE_HZ])
-        # The browser remembers it, and may sound again once something is pressed.
+        # The browser stores the setting and may play sound after a user interaction.
         page.reload()
         fresh(page)
         expect(button).to_have_attribute("aria-pressed", "true")
@@ -65,7 +65,7 @@ def test_sound_is_off_until_it_is_asked_for_and_tells_done_from_fault(
         expect(button).to_have_attribute("aria-pressed", "false")
 
 
-def test_the_loss_of_the_server_is_heard(browser: Browser, address: str) -> None:
+def test_loss_of_the_server_plays_the_fault_tone(browser: Browser, address: str) -> None:
     with at(browser, f"{address}operate", SIZES["wide"]) as page:
         page.add_init_script(LISTEN)
         page.reload()

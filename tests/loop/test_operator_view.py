@@ -1,4 +1,4 @@
-"""The operator's view, and accessibility of all views."""
+"""The operator's page, and the accessibility of all pages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 from tests.loop.test_dashboard import (
-    PATIENCE_MS,
+    TIMEOUT_MS,
     SIMULATED,
     WIDE,
     browser,
@@ -33,9 +33,9 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
 __all__ = ["browser", "hand_left_open"]
 
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wide": (1920, 1080)}
-#: Sizes that only the layout is checked in.
+#: Screen sizes for layout tests only.
 LARGE = {"large": (2560, 1440)}
-#: Panel PCs and laptops, a phone on its side, and 1280 x 720 at 200 % zoom.
+#: Panel PCs and laptops, a landscape phone, and 1280 x 720 at 200 % zoom.
 LOW = {
     "800x480": (800, 480),
     "1024x600": (1024, 600),
@@ -44,7 +44,7 @@ LOW = {
     "phone on its side": (844, 390),
     "200 % zoom": (640, 360),
 }
-#: Least sizes of what is read from two metres, px: the next step and the force.
+#: Minimum font sizes for reading from two metres, px: next step and force.
 NEXT_PX, FORCE_PX = 20, 40
 FITS = """() => [...document.querySelectorAll('#verdict-why, #verdict-text, %s')].filter((part) => {
     const box = part.getBoundingClientRect();
@@ -56,7 +56,7 @@ OVERLAP = """() => {
         && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1));
 }"""
 PARTS = "#verdict, #next-step, .force, .item, #grasp, #release, #stop"
-#: What is written into live regions from now on is noted, and what of it changed no words.
+#: Counts writes to live regions, and records writes without a change of the text.
 WATCH = """() => {
     window.written = 0;
     window.rewritten = [];
@@ -83,7 +83,7 @@ def at(browser: Browser, url: str, size: tuple[int, int], **options: str) -> Ite
     viewport = {"width": size[0], "height": size[1]}
     with closing(browser.new_context(viewport=viewport, **options)) as context:
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.goto(url)
         fresh(page)
         drive(page)
@@ -91,7 +91,7 @@ def at(browser: Browser, url: str, size: tuple[int, int], **options: str) -> Ite
 
 
 def fits(page: Page) -> None:
-    """Check that all of it is visible without overlap and without scrolling."""
+    """Check that everything is visible without overlap and scrolling."""
     assert page.evaluate(FITS % PARTS) == []
     assert not page.evaluate(OVERLAP % PARTS)
     root = "document.documentElement"
@@ -103,7 +103,7 @@ def letters_px(page: Page, part: str) -> float:
     return page.evaluate(f"parseFloat(getComputedStyle(document.querySelector('{part}')).fontSize)")
 
 
-#: Contrast of a part's letters on their ground (WCAG 2), with all that fades them.
+#: Contrast of an element's text with its background (WCAG 2), including opacity.
 CONTRAST = """(name) => {
     const part = document.querySelector(name);
     const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
@@ -124,14 +124,16 @@ CONTRAST = """(name) => {
 
 
 @pytest.mark.parametrize("shade", ["light", "dark"])
-def test_what_is_greyed_can_be_read(browser: Browser, address: str, shade: str) -> None:
-    """Checkers of contrast leave out what is reported as unavailable; eyes do not."""
+def test_greyed_elements_have_sufficient_contrast(
+    browser: Browser, address: str, shade: str
+) -> None:
+    """Automatic checks skip disabled elements, whose contrast is therefore tested here."""
     size = (WIDE["width"], WIDE["height"])
     with (
         at(browser, address, size, **SHADES[shade], **CALM) as page,
         at(browser, f"{address}operate", size, **SHADES[shade], **CALM),
     ):
-        # Who came last drives.
+        # The page opened last is the driver.
         expect(page.locator("#grasp")).to_be_disabled()
         assert page.evaluate(CONTRAST, "#grasp") >= 4.5
         page.context.set_offline(True)
@@ -140,7 +142,7 @@ def test_what_is_greyed_can_be_read(browser: Browser, address: str, shade: str) 
 
 
 def firmness_words() -> Iterator[str]:
-    """Yield every wording of a firmness, from every pair of bounds."""
+    """Yield every firmness text, from every pair of bounds."""
     stiffnesses = (0.5, 2.0, 5.0, 12.0, 50.0)
     yield UNKNOWN_FIRMNESS
     for low, high in product(stiffnesses, repeat=2):
@@ -152,7 +154,7 @@ def firmness_words() -> Iterator[str]:
             yield firmness(wide.or_bound("wide", least=0.02, most=500.0))
 
 
-#: Lays out one text after the other, in the page's own letters; returns those that do not fit.
+#: Lays out each text in the page's font; returns the texts that do not fit.
 LAID_OUT = """async ([words, nexts, whys, firm]) => {
     await document.fonts.ready;
     const [word, why, next, size] = ['verdict-text', 'verdict-why', 'next-text', 'verdict-firm']
@@ -191,7 +193,7 @@ LAID_OUT = """async ([words, nexts, whys, firm]) => {
 
 
 @pytest.mark.parametrize("size", [*SIZES, *LARGE, *LOW])
-def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> None:
+def test_operator_page_fits_every_possible_text(browser: Browser, address: str, size: str) -> None:
     words = [word for _, word in PHASES.values()]
     words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
     words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
@@ -214,7 +216,7 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
         assert page.evaluate(LAID_OUT, [bins, [again, *nexts], [reason], firm]) == []
 
 
-#: Shows the headline of a loss; returns which of its words are not all in its card.
+#: Shows the headline of a lost connection; returns the texts that exceed the card.
 LOSS_LAID_OUT = """async (words) => {
     const [card, title] = ['lost', 'lost-title'].map((id) => document.getElementById(id));
     document.body.classList.add('lost');
@@ -233,14 +235,18 @@ LOSS_LAID_OUT = """async (words) => {
 
 
 @pytest.mark.parametrize("size", [*SIZES, *LOW])
-def test_the_words_of_a_loss_fit(browser: Browser, address: str, size: str) -> None:
+def test_operator_page_fits_the_texts_of_a_lost_connection(
+    browser: Browser, address: str, size: str
+) -> None:
     with at(browser, f"{address}operate", {**SIZES, **LOW}[size]) as page:
         words = ["No connection", "The devices do not respond"]
         assert page.evaluate(LOSS_LAID_OUT, words) == []
 
 
 @pytest.mark.parametrize("size", [*SIZES, *LARGE])
-def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, size: str) -> None:
+def test_operator_page_shows_each_step_of_a_grasp(
+    browser: Browser, address: str, size: str
+) -> None:
     with at(browser, f"{address}operate", {**SIZES, **LARGE}[size]) as page:
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         fits(page)
@@ -261,7 +267,7 @@ def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, siz
         expect(page.locator("#force-now")).to_have_text("hand open")
 
 
-def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
+def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, address: str) -> None:
     with at(browser, f"{address}operate", SIZES["phone"]) as page:
         can_press(page, "#grasp")
         page.locator("#grasp").click()
@@ -270,9 +276,9 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         verdict(page, "Stopped")
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-bad")
         expect(page.locator("#next-text")).to_have_text("Press Release: the hand opens")
-        # It still grips, and the headline is not repeated below it.
+        # The hand still grips, and the headline is not repeated below.
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
-        # The answer may have come before the press, by the clock of the page.
+        # The answer may precede the press, because the page runs in real time.
         why = re.compile(r"^(answer .* after contact)?\s*$")
         expect(page.locator("#verdict-why")).to_have_text(why)
         fits(page)
@@ -283,7 +289,7 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         fits(page)
 
 
-#: Names of levels on the plot of force that lie over each other.
+#: Overlapping labels of force levels.
 OVERLAPPING = """() => {
     const names = [...document.querySelectorAll('#force .level')];
     const boxes = names.map((one) => one.getBoundingClientRect());
@@ -292,21 +298,21 @@ OVERLAPPING = """() => {
 }"""
 
 
-def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
+def test_operator_page_reports_a_damaged_item_once(browser: Browser, address: str) -> None:
     with at(browser, address, SIZES["wide"]) as page:
         target = page.get_by_label("Target force").first
         target.fill("14")
         can_press(page, "#grasp")
         page.locator("#grasp").click()
         verdict(page, "holding")
-        # Nothing of it is left for the next grasp, here or after a failure.
+        # The damage is not shown for the next grasp, nor after a failure.
         target.fill("")
-        # Target and ceiling lie close together.
+        # Target and ceiling are close together.
         expect(page.locator("#force .level")).to_have_count(2)
         assert not page.evaluate(OVERLAPPING)
         release(page)
         verdict(page, "the object was damaged")
-        # Marked at its moment: while the hand closed, not when the answer came.
+        # The mark is at the time of the damage during the closing, not at the answer.
         at_s = {
             name: float(
                 page.locator(f"#moments [data-name={name}]").get_attribute("data-at") or "nan"
@@ -322,7 +328,7 @@ def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address
         fits(page)
 
 
-def test_a_reload_and_a_drop_of_the_network_leave_a_hold_and_a_form(
+def test_reload_and_network_failure_preserve_the_hold_and_the_form(
     browser: Browser, address: str
 ) -> None:
     with at(browser, f"{address}operate", SIZES["phone"]) as page:
@@ -342,7 +348,7 @@ def test_a_reload_and_a_drop_of_the_network_leave_a_hold_and_a_form(
         page.get_by_label("Next item").fill("")
 
 
-def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
+def test_grasp_form_survives_a_reload_and_is_shared_by_all_viewers(
     browser: Browser, address: str
 ) -> None:
     with at(browser, address, SIZES["wide"]) as page:
@@ -354,7 +360,7 @@ def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
             other.get_by_label("Next item").fill("berry-10")
         page.reload()
         expect(page.get_by_label("Item (empty: not stored)")).to_have_value("berry-10")
-        # Only who drives can change them, and the other took over.
+        # Only the driver can change the settings, and the other viewer took over.
         drive(page)
         field = page.get_by_label("Target force, N (empty: a gentle squeeze)")
         expect(field).to_have_value("3")
@@ -370,9 +376,7 @@ def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
     ("path", "tab"),
     [("", "Set up"), ("calibrate", "Calibrate"), ("doctor", "Doctor"), ("items/A%2F1", "Items")],
 )
-def test_every_tab_and_item_has_an_address(
-    browser: Browser, address: str, path: str, tab: str
-) -> None:
+def test_every_tab_and_item_has_a_url(browser: Browser, address: str, path: str, tab: str) -> None:
     with at(browser, f"{address}{path}", SIZES["wide"]) as page:
         expect(page.get_by_role("tab", name=tab)).to_have_attribute("aria-selected", "true")
         if tab == "Items":
@@ -380,14 +384,14 @@ def test_every_tab_and_item_has_an_address(
             expect(page.locator(".q-tab-panel")).to_contain_text("A/1")
         page.get_by_role("tab", name="Recordings").click()
         expect(page).to_have_url(f"{address}recordings")
-        # Nor is it replaced when the store is read again, every three seconds.
+        # The URL is not replaced when the store is read again, every three seconds.
         begun = page.evaluate("+document.body.dataset.drawn")
         page.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 60", arg=begun)
         expect(page).to_have_url(f"{address}recordings")
 
 
 @pytest.mark.parametrize("path", ["", "operate"])
-def test_live_regions_are_written_when_their_words_change(
+def test_live_regions_are_written_only_when_their_text_changes(
     browser: Browser, address: str, path: str
 ) -> None:
     with at(browser, f"{address}{path}", SIZES["wide"]) as page:
@@ -395,7 +399,7 @@ def test_live_regions_are_written_when_their_words_change(
         page.evaluate(WATCH)
         page.wait_for_function("+document.body.dataset.drawn > window.begun + 30")
         assert page.evaluate("window.rewritten") == []
-        # A busy machine may lose the link for a moment; nothing else has something to say.
+        # On a busy machine the link may be stale for a moment; other texts do not change.
         assert page.evaluate("window.written") < 10
 
 
@@ -404,12 +408,12 @@ SHADES = {
     "dark": {"color_scheme": "dark"},
     "forced": {"forced_colors": "active"},
 }
-#: Motion ends at once: a colour on its way to another is nobody's colour.
+#: Disables animations, because transitional colours would fail the contrast checks.
 CALM = {"reduced_motion": "reduce"}
 
 
-def breaks_no_rule(page: Page) -> None:
-    # A hint under the pointer lies outside of all landmarks, as the framework lays it.
+def check_accessibility(page: Page) -> None:
+    # The framework places tooltips outside of all landmarks, so none may be shown.
     page.mouse.move(5, 5)
     expect(page.locator(".q-tooltip")).to_have_count(0)
     found = Axe().run(page)
@@ -420,7 +424,7 @@ def breaks_no_rule(page: Page) -> None:
     "path", ["", "calibrate", "doctor", "recordings", "items", "run", "operate"]
 )
 @pytest.mark.parametrize("shade", SHADES)
-def test_no_rule_of_accessibility_is_broken(
+def test_page_has_no_accessibility_violations(
     browser: Browser, address: str, path: str, shade: str
 ) -> None:
     size = (WIDE["width"], WIDE["height"])
@@ -428,11 +432,13 @@ def test_no_rule_of_accessibility_is_broken(
         assert page.locator("html").get_attribute("lang") == "en-US"
         assert (page.locator("h1").count(), page.locator("main").count()) == (1, 1)
         can_press(page, "#grasp")
-        breaks_no_rule(page)
+        check_accessibility(page)
 
 
 @pytest.mark.parametrize("shade", SHADES)
-def test_nor_while_it_holds_replays_or_asks(browser: Browser, address: str, shade: str) -> None:
+def test_page_has_no_accessibility_violations_during_hold_replay_and_dialog(
+    browser: Browser, address: str, shade: str
+) -> None:
     size = (WIDE["width"], WIDE["height"])
     with at(browser, f"{address}recordings", size, **SHADES[shade], **CALM) as page:
         can_press(page, "#grasp")
@@ -440,35 +446,35 @@ def test_nor_while_it_holds_replays_or_asks(browser: Browser, address: str, shad
         verdict(page, "holding")
         page.locator(".cell").first.click()
         expect(page.locator("#pixel")).to_be_visible()
-        breaks_no_rule(page)
+        check_accessibility(page)
         release(page)
         page.get_by_role("button", name="Replay", exact=True).first.click()
         expect(page.locator("#timeline")).to_be_visible()
-        breaks_no_rule(page)
+        check_accessibility(page)
         page.get_by_role("button", name="Back to the rig").click()
         fresh(page)
         page.get_by_role("button", name="More about").first.click()
         expect(page.locator(".care")).to_be_visible()
-        breaks_no_rule(page)
+        check_accessibility(page)
         page.locator(".care").get_by_role("button", name="Close").click()
 
 
 @pytest.mark.parametrize("shade", SHADES)
-def test_nor_at_the_machine_while_it_holds_is_lost_or_stops(
+def test_operator_page_has_no_accessibility_violations_during_hold_loss_and_stop(
     browser: Browser, address: str, shade: str
 ) -> None:
     with at(browser, f"{address}operate", SIZES["phone"], **SHADES[shade], **CALM) as page:
         can_press(page, "#grasp")
         page.locator("#grasp").click()
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
-        breaks_no_rule(page)
+        check_accessibility(page)
         page.context.set_offline(True)
         expect(page.locator("#lost")).to_be_visible()
-        breaks_no_rule(page)
+        check_accessibility(page)
         page.context.set_offline(False)
         fresh(page)
         page.locator("#stop").click()
         expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "bad")
-        breaks_no_rule(page)
+        check_accessibility(page)
         release(page)

@@ -1,4 +1,4 @@
-"""A recorded grasp, run through the controller again, gives what the live one gave."""
+"""A replay of a recorded grasp reproduces the live result."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from palpate.rig.recorded import record_grasp
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraspResult]:
-    """Grasp on the twin, recorded."""
+    """Return the recording and result of a grasp on the twin."""
     path = tmp_path_factory.mktemp("grasp") / "live.mcap"
     rig = open_rig("sim-rigid", object_name=None, seed=1)
     info = RecordingInfo(
@@ -64,7 +64,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraspResult]:
     return path, result
 
 
-def test_the_replay_decides_as_the_live_run_did(
+def test_replay_reproduces_the_live_result(
     live: tuple[Path, GraspResult], palpate: Command
 ) -> None:
     path, result = live
@@ -75,7 +75,7 @@ def test_the_replay_decides_as_the_live_run_did(
     assert replayed == json.loads(json.dumps(result.to_dict()))
 
 
-def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
+def test_replay_of_a_served_grasp_reproduces_the_stored_result(
     tmp_path: Path, palpate: Command
 ) -> None:
     rules = tmp_path / "rules.toml"
@@ -86,7 +86,7 @@ def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
         machine.ready()
         machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
         machine.until(lambda at: at["phase"] == "hold" and at["answered"])
-        # At ten times the speed, it is held for longer than `palpate grasp` would.
+        # At ten times the speed, the hold is longer than with `palpate grasp`.
         looks = itertools.count()
         machine.until(lambda _: EVERY_S * next(looks) > HOLD_S)
         machine.ask("POST", "/release")
@@ -101,7 +101,7 @@ def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
     store = tmp_path / "items.sqlite"
     (grasp,) = palpate("items", "berry-1", "--store", store, "--json").document["grasps"]
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness"):
-        # The store keeps numbers; a bound is none.
+        # The store contains numbers only, no bounds.
         is_number = replayed[name] is not None and replayed[name]["value"] is not None
         assert grasp["measurements"].get(name) == (replayed[name] if is_number else None)
     sort = ("sort", "--store", store, "--rules", rules, "--json")
@@ -119,7 +119,7 @@ def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
         (Phase.SQUEEZE, "stop", "stopped"),
     ],
 )
-def test_replay_of_a_grasp_that_a_user_ended_ends_at_the_same_frame(
+def test_replay_of_a_grasp_ended_by_the_user_ends_at_the_same_frame(
     tmp_path: Path, request_in: Phase, name: str, outcome: str
 ) -> None:
     file, requests = tmp_path / "run.mcap", Requests()
@@ -151,7 +151,7 @@ def test_replay_of_a_grasp_that_a_user_ended_ends_at_the_same_frame(
     source.close()
 
 
-def test_replay_prints_the_card_of_a_grasp_marked_simulated(
+def test_replay_prints_the_result_card_with_the_label_simulated(
     live: tuple[Path, GraspResult], palpate: Command
 ) -> None:
     shown = palpate("replay", live[0]).out
@@ -159,7 +159,9 @@ def test_replay_prints_the_card_of_a_grasp_marked_simulated(
     assert "Grip force, N" in shown
 
 
-def test_its_holds_are_cut_where_the_gripper_stood_still(live: tuple[Path, GraspResult]) -> None:
+def test_recorded_grasp_is_cut_into_holds_without_gripper_movement(
+    live: tuple[Path, GraspResult],
+) -> None:
     recording = load_recording(live[0])
     holds = [hold for hold in cut_recorded_holds(recording) if hold.channel == "mean"]
     assert holds
@@ -167,7 +169,7 @@ def test_its_holds_are_cut_where_the_gripper_stood_still(live: tuple[Path, Grasp
     assert min(hold.values.min() for hold in holds) < -10.0
 
 
-def test_without_a_gripper_nothing_can_be_decided(
+def test_replay_of_a_recording_without_a_gripper_is_refused(
     live: tuple[Path, GraspResult], tmp_path: Path
 ) -> None:
     path = tmp_path / "bare.mcap"

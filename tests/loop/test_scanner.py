@@ -1,11 +1,11 @@
-"""A shift with a scanner at `/operate`: item names arrive as keys, without mouse."""
+"""Barcode scanner on the operator's page: item names arrive as key presses."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import PATIENCE_MS, browser, can_press, drive, fresh, served
+from tests.loop.test_dashboard import TIMEOUT_MS, browser, can_press, drive, fresh, served
 from tests.loop.test_dashboard_api import Machine
 
 __all__ = ["browser"]
@@ -14,19 +14,19 @@ FAST = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed"
 SCANS = 20
 
 
-def test_twenty_scans_are_each_stored_under_their_own_name(
+def test_twenty_scanned_items_are_each_stored_with_their_own_name(
     browser: Browser, tmp_path: Path
 ) -> None:
     with served(tmp_path, *FAST) as address:
         machine = Machine(address)
         page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.goto(f"{address}operate")
         fresh(page)
         drive(page)
         field = page.get_by_label("Next item")
         for number in range(SCANS):
-            # The first one was the wrong fruit: the next scan takes its place.
+            # The next scan replaces the wrong first scan.
             for name in ("wrong", f"A-{number}"):
                 page.keyboard.type(name)
                 page.keyboard.press("Enter")
@@ -35,7 +35,7 @@ def test_twenty_scans_are_each_stored_under_their_own_name(
             can_press(page, "#grasp")
             page.keyboard.press("F8")
             machine.until(lambda at: at["phase"] is not None)
-            # Used up: what comes next is another one.
+            # The grasp clears the name.
             expect(field).to_have_value("")
             expect(page.locator(".taken")).to_have_count(0)
             page.keyboard.press("Escape")

@@ -1,4 +1,4 @@
-"""The host's array against the real firmware over a pseudo-terminal: set-up, refusals, resets."""
+"""The serial array with the firmware: set-up, refusals and resets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 
 
 class Rig:
-    """The twin's pixels on a simulated board, and the host on its line."""
+    """The twin's pixels on a simulated board, and the host on its serial line."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ def opened(closing: ExitStack, **options: object) -> Rig:
 @pytest.mark.parametrize(
     ("layout", "rate_hz", "oversampling"), [(RIGID_LAYOUT, 500.0, 1), (SOFT_LAYOUT, 50.0, 8)]
 )
-def test_it_is_set_up_as_asked(
+def test_serial_array_configures_the_board_as_requested(
     layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
 ) -> None:
     rig = opened(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
@@ -80,7 +80,7 @@ def test_it_is_set_up_as_asked(
     assert len(frames) == pytest.approx(0.5 * rate_hz, abs=2)
     assert {frame.oversampling for frame in frames} == {oversampling}
     assert frames[-1].counts.max() > 100 * oversampling
-    # Host time of a scan: never after its arrival, and no older than two polls and its way here.
+    # The host time of a scan is before its arrival by at most two polls and the transmission time.
     age_s = rig.clock.now_s() - frames[-1].time_s
     assert 0 < age_s < 0.004 + oversampling * layout.pixels * 115e-6
     assert np.diff([frame.time_s for frame in frames]) == pytest.approx(1 / rate_hz, abs=1.1e-3)
@@ -92,7 +92,7 @@ def test_it_is_set_up_as_asked(
     ("layout", "rate_hz", "oversampling"),
     [(RIGID_LAYOUT, 5000.0, 1), (RIGID_LAYOUT, 250.0, 64), (SOFT_LAYOUT, 700.0, 1)],
 )
-def test_settings_it_cannot_meet_are_refused_with_the_highest_rate_that_can(
+def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
 ) -> None:
     with pytest.raises(WireError, match=rf"can't do {rate_hz:g} frames/s .*; at most") as refused:
@@ -107,7 +107,9 @@ def test_settings_it_cannot_meet_are_refused_with_the_highest_rate_that_can(
     assert rig.array.counters.lost == 0
 
 
-def test_a_board_that_is_reset_goes_on_with_rising_numbers_and_times(closing: ExitStack) -> None:
+def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
+    closing: ExitStack,
+) -> None:
     rig = opened(closing)
     before = rig.frames(0.3)
     rig.board.reset()
@@ -118,7 +120,7 @@ def test_a_board_that_is_reset_goes_on_with_rising_numbers_and_times(closing: Ex
     assert rig.clock.now_s() - after[-1].time_s < 0.01
 
 
-def test_a_board_that_hangs_comes_back_by_its_watchdog(closing: ExitStack) -> None:
+def test_serial_array_recovers_after_a_watchdog_reset(closing: ExitStack) -> None:
     rig = opened(closing, contents=Contents.PRESSURE)
     before = rig.frames(0.2)
     rig.array.send(SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
@@ -149,14 +151,14 @@ def _settled_counts(seed: int, *, firmware: bool) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def test_counts_are_those_of_the_twin_s_own_readout_within_the_noise() -> None:
+def test_serial_array_counts_match_the_twin_readout_within_the_noise() -> None:
     offsets = []
     for seed in range(4):
         twin, board = (_settled_counts(seed, firmware=through) for through in (False, True))
-        # The sheet's slow noise and what is left of the settling differ from draw to draw.
+        # Slow noise and residual settling of the sheet differ between seeds.
         assert np.abs(board - twin).max() < 1.0 + 0.004 * twin.max()
         offsets.append(board - twin)
-    # A converter that cuts instead of rounding is off by half a count.
+    # A converter that truncates instead of rounding has an error of half a count.
     assert abs(float(np.median(offsets))) < 0.2
 
 

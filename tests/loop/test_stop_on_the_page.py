@@ -1,4 +1,4 @@
-"""STOP in a browser: never covered, never lost, and confirmed."""
+"""The STOP button in a browser: always reachable, delivered and confirmed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from benchmarks.dashboard import children_of
 from playwright.sync_api import Browser, CDPSession, Page, Request, Route, expect
 from tests.loop.test_dashboard import (
-    PATIENCE_MS,
+    TIMEOUT_MS,
     SIMULATED,
     browser,
     drive,
@@ -27,15 +27,15 @@ from tests.loop.test_dashboard import (
 __all__ = ["browser"]
 
 SIZES = {"phone": (390, 844), "tablet": (834, 1194), "laptop": (1440, 900), "wide": (1920, 1080)}
-#: For what does not depend on the size.
+#: Screen size of tests that do not depend on the size.
 ONE_SIZE = pytest.mark.parametrize("one", ["laptop"], indirect=True, scope="module")
-#: Everywhere on the button, as far as its round corners allow.
+#: Positions on the button, without its round corners.
 INSIDE = [(x, y) for x in (0.03, 0.5, 0.97) for y in (0.12, 0.5, 0.88)]
 
 
 @dataclass(frozen=True)
 class Viewer:
-    """A page whose stops are counted."""
+    """A page with a count of its stops."""
 
     page: Page
     chromium: CDPSession
@@ -53,7 +53,7 @@ class Viewer:
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def on_top(self) -> None:
-        """Check that the button is in sight, and whatever is pressed there is the button."""
+        """Check that the button is visible and not covered."""
         box, size = self.box, self.page.viewport_size
         assert min(box["width"], box["height"]) >= 80
         assert box["x"] >= 0 <= box["y"]
@@ -65,7 +65,7 @@ class Viewer:
             assert self.page.evaluate(hit, at), f"something covers STOP at {x}, {y}"
 
     def confirmed(self, *, after: int) -> None:
-        """Check that it was asked for since, and is confirmed."""
+        """Check that a new stop was requested and confirmed."""
         expect(self.page.locator("#stop")).to_have_attribute("data-state", "confirmed")
         expect(self.page.locator("#stop-failed")).to_be_hidden()
         assert len(self.asked) > after
@@ -84,7 +84,7 @@ def viewer(browser: Browser, url: str, size: str) -> Iterator[Viewer]:
     viewport = {"width": width, "height": height}
     context = browser.new_context(viewport=viewport, has_touch=True, is_mobile=width < 1000)
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     asked: list[Request] = []
     page.on("request", lambda one: asked.append(one) if one.url.endswith("/stop") else None)
     page.goto(url)
@@ -108,7 +108,7 @@ def one(request: pytest.FixtureRequest, browser: Browser, address: str) -> Itera
 
 @pytest.fixture(autouse=True)
 def at_rest(request: pytest.FixtureRequest) -> None:
-    """Take away the dialogs, toasts and confirmations of the test before."""
+    """Remove the dialogs, notifications and confirmations of the previous test."""
     if "one" in request.fixturenames:
         page = request.getfixturevalue("one").page
         while page.locator(".q-dialog__backdrop").count():
@@ -117,7 +117,7 @@ def at_rest(request: pytest.FixtureRequest) -> None:
         page.evaluate("document.querySelector('#stop').dataset.state = 'idle'")
 
 
-def test_it_acts_on_press_and_says_sent_then_confirmed(one: Viewer) -> None:
+def test_stop_button_acts_on_press_and_shows_sent_then_confirmed(one: Viewer) -> None:
     one.on_top()
     seen = "window.seen = []; new MutationObserver(() => window.seen.push(document.querySelector"
     seen += "('#stop').dataset.state)).observe(document.querySelector('#stop'), {attributes: true})"
@@ -132,7 +132,7 @@ def test_it_acts_on_press_and_says_sent_then_confirmed(one: Viewer) -> None:
     assert states.index("sent") < states.index("confirmed")
 
 
-def test_an_open_menu_leaves_it_and_nothing_is_chosen(one: Viewer) -> None:
+def test_stop_button_works_over_an_open_menu_and_selects_nothing(one: Viewer) -> None:
     asked, field = len(one.asked), one.page.get_by_label("Object between the fingers").first
     chosen = field.input_value()
     field.click()
@@ -146,7 +146,7 @@ def test_an_open_menu_leaves_it_and_nothing_is_chosen(one: Viewer) -> None:
     assert field.input_value() == chosen
 
 
-def test_a_toast_leaves_it(one: Viewer) -> None:
+def test_stop_button_is_not_covered_by_a_notification(one: Viewer) -> None:
     asked, page = len(one.asked), one.page
     wish = page.get_by_label("Target force, N (empty: a gentle squeeze)")
     wish.fill("99")
@@ -155,7 +155,7 @@ def test_a_toast_leaves_it(one: Viewer) -> None:
     expect(toast).to_contain_text("the target force must be above 0")
     wish.fill("")
     one.on_top()
-    # A toast slides to its place: where it ends counts.
+    # The final position of the moving notification is checked.
     page.wait_for_function(
         "([end]) => { const toast = document.querySelector('.q-notification');"
         "return !toast || toast.getBoundingClientRect().bottom <= end; }",
@@ -166,7 +166,7 @@ def test_a_toast_leaves_it(one: Viewer) -> None:
 
 
 @ONE_SIZE
-def test_whatever_is_laid_over_it_does_not_get_the_press(one: Viewer) -> None:
+def test_stop_button_receives_presses_on_an_element_that_covers_it(one: Viewer) -> None:
     asked = len(one.asked)
     one.page.evaluate(
         "() => { const over = document.createElement('dialog'); over.id = 'over';"
@@ -180,7 +180,7 @@ def test_whatever_is_laid_over_it_does_not_get_the_press(one: Viewer) -> None:
     one.page.evaluate("document.querySelector('#over').remove()")
 
 
-def test_a_finger_that_slides_off_stops(one: Viewer) -> None:
+def test_stop_button_stops_for_a_finger_that_slides_off(one: Viewer) -> None:
     asked = len(one.asked)
     x, y = one.middle
     one.touch("touchStart", (x, y))
@@ -189,14 +189,14 @@ def test_a_finger_that_slides_off_stops(one: Viewer) -> None:
     one.confirmed(after=asked)
 
 
-def test_a_palm_that_the_screen_takes_back_stops(one: Viewer) -> None:
+def test_stop_button_stops_for_a_cancelled_palm_touch(one: Viewer) -> None:
     asked = len(one.asked)
     one.touch("touchStart", one.middle, radius=80.0)
     one.touch("touchCancel")
     one.confirmed(after=asked)
 
 
-def test_a_second_finger_stops(one: Viewer) -> None:
+def test_stop_button_stops_for_a_second_finger(one: Viewer) -> None:
     asked = len(one.asked)
     one.touch("touchStart", (100.0, 300.0))
     one.touch("touchStart", (100.0, 300.0), one.middle)
@@ -206,7 +206,7 @@ def test_a_second_finger_stops(one: Viewer) -> None:
 
 @ONE_SIZE
 @pytest.mark.parametrize("key", ["Escape", "Enter", " "])
-def test_keys_stop(one: Viewer, key: str) -> None:
+def test_stop_button_stops_with_keyboard_keys(one: Viewer, key: str) -> None:
     asked = len(one.asked)
     if key == "Escape":
         one.page.get_by_label("Item (empty: not stored)").focus()
@@ -218,7 +218,7 @@ def test_keys_stop(one: Viewer, key: str) -> None:
 
 
 @pytest.mark.parametrize("one", ["phone", "tablet"], indirect=True, scope="module")
-def test_it_stays_in_sight_when_two_fingers_zoom_in(one: Viewer) -> None:
+def test_stop_button_stays_visible_during_pinch_zoom(one: Viewer) -> None:
     asked, before = len(one.asked), one.box
     one.chromium.send("Emulation.setPageScaleFactor", {"pageScaleFactor": 2.0})
     one.page.wait_for_function("visualViewport.scale > 1.9")
@@ -235,7 +235,7 @@ def test_it_stays_in_sight_when_two_fingers_zoom_in(one: Viewer) -> None:
 
 
 def alarmed(one: Viewer) -> None:
-    """Check that the page says across its whole width that the stop did not arrive."""
+    """Check that the full-width alarm reports an undelivered stop."""
     alarm = one.page.locator("#stop-failed")
     expect(alarm).to_be_visible()
     expect(alarm).to_contain_text("STOP NOT DELIVERED")
@@ -246,7 +246,7 @@ def alarmed(one: Viewer) -> None:
 
 
 def greyed(one: Viewer, title: str) -> None:
-    """Check that nothing on the stage looks like the present."""
+    """Check that all values on the stage are greyed."""
     expect(one.page.locator("#lost-title")).to_have_text(title)
     expect(one.page.locator("#lost-why")).to_contain_text(re.compile(r"last seen \d+ s ago"))
     expect(one.page.locator("#link-text")).to_have_text(re.compile(r"last seen \d+ s ago"))
@@ -255,7 +255,7 @@ def greyed(one: Viewer, title: str) -> None:
         expect(one.page.locator(part).first).to_have_css("filter", "grayscale(1)")
 
 
-def test_offline_it_says_so_and_what_is_shown_is_grey(one: Viewer) -> None:
+def test_stop_offline_shows_the_alarm_and_greys_the_page(one: Viewer) -> None:
     asked = len(one.asked)
     one.page.context.set_offline(True)
     greyed(one, "No connection")
@@ -269,14 +269,16 @@ def test_offline_it_says_so_and_what_is_shown_is_grey(one: Viewer) -> None:
 
 
 def works_again(one: Viewer) -> None:
-    """Check that a press arrives, also on a page reloaded after a long absence."""
+    """Check that a press is delivered, even after a reload of the page."""
     fresh(one.page)
     with one.page.expect_response(lambda reply: reply.url.endswith("/stop") and reply.ok):
         one.page.touchscreen.tap(*one.middle)
     expect(one.page.locator("#stop-failed")).to_be_hidden()
 
 
-def test_a_frozen_server_raises_the_alarm_at_its_deadline(browser: Browser, tmp_path: Path) -> None:
+def test_stop_with_a_frozen_server_raises_the_alarm_at_the_deadline(
+    browser: Browser, tmp_path: Path
+) -> None:
     with ExitStack() as stack:
         url, process = stack.enter_context(serving(tmp_path, *SIMULATED))
         viewers = [stack.enter_context(viewer(browser, url, size)) for size in SIZES]
@@ -295,7 +297,7 @@ def test_a_frozen_server_raises_the_alarm_at_its_deadline(browser: Browser, tmp_
             works_again(one)
 
 
-#: Looks for the alarm by the page's own timers, which come in order however busy the machine is.
+#: Checks the alarm with the page's own timers, whose order does not depend on the load.
 _LOOKS = """() => addEventListener('touchstart', () => {
     const shown = () => document.querySelector('#stop-failed').hidden ? 0 : 1;
     setTimeout(() => { window.after_250_ms = shown() }, 250);
@@ -303,10 +305,10 @@ _LOOKS = """() => addEventListener('touchstart', () => {
 }, { capture: true, once: true })"""
 
 
-def test_a_page_that_is_loaded_again_does_not_forget_a_stop(browser: Browser, address: str) -> None:
+def test_reloaded_page_repeats_an_undelivered_stop(browser: Browser, address: str) -> None:
     with viewer(browser, address, "laptop") as one:
         page = one.page
-        # Loading takes as long as it takes; for the page no time passes.
+        # The page's clock is stopped, so the loading time does not matter.
         page.add_init_script("Date.now = () => 1e12")
         page.evaluate("Date.now = () => 1e12")
         page.route("**/stop", lambda route: route.abort())
@@ -322,19 +324,21 @@ def test_a_page_that_is_loaded_again_does_not_forget_a_stop(browser: Browser, ad
         assert len(one.asked) == asked
 
 
-#: The stop arrives first, though Grasp was pressed by someone who did not know of it yet.
+#: Sends a stop, then a press of Grasp from a page that does not know the stop yet.
 OVERTAKEN = """async () => {
     await fetch('/stop', { method: 'POST' });
     document.getElementById('grasp').click();
 }"""
 
 
-def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address: str) -> None:
+def test_grasp_pressed_before_a_stop_does_not_start_after_the_stop(
+    browser: Browser, address: str
+) -> None:
     with viewer(browser, address, "laptop") as one:
         page = one.page
         drive(page)
         expect(page.locator("#grasp")).to_be_enabled()
-        # Until a look fails, the one before may still bring the page the news of the stop.
+        # Until a request fails, an earlier response may still inform the page about the stop.
         with page.expect_event("requestfailed", lambda request: "/live?" in request.url):
             page.route("**/live?*", lambda route: route.abort())
         page.evaluate(OVERTAKEN)
@@ -344,10 +348,10 @@ def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address
         expect(page.locator("#verdict-text")).to_have_text("ready")
 
 
-def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
+def test_page_without_a_socket_reports_it_and_buffers_no_press(
     browser: Browser, address: str
 ) -> None:
-    """With the socket away, a stored press would move the gripper later."""
+    """Without the socket, a buffered press would move the hand later."""
     with viewer(browser, address, "laptop") as one:
         page = one.page
         drive(page)
@@ -371,7 +375,9 @@ def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
         release(page)
 
 
-def test_a_press_that_comes_late_moves_nothing(browser: Browser, address: str) -> None:
+def test_page_press_that_arrives_late_does_not_move_the_hand(
+    browser: Browser, address: str
+) -> None:
     def late(route: Route) -> None:
         reply = route.fetch()
         told = reply.json()
@@ -391,7 +397,7 @@ def test_a_press_that_comes_late_moves_nothing(browser: Browser, address: str) -
         page.unroute_all(behavior="wait")
 
 
-def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
+def test_page_reports_a_frozen_device_process(browser: Browser, tmp_path: Path) -> None:
     with serving(tmp_path, *SIMULATED) as (url, process), viewer(browser, url, "laptop") as one:
         children = children_of(process.pid)
         signalled(children, signal.SIGSTOP)
