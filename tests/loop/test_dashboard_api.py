@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import TIMEOUT_MS, SIMULATED, browser, served, serving
+from tests.loop.test_dashboard import SIMULATED, TIMEOUT_MS, browser, served, serving
 from tests.unit.test_json_schemas import faults
 
 __all__ = ["browser"]

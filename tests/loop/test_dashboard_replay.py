@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 from tests.loop.test_dashboard import (
-    TIMEOUT_MS,
     SIMULATED,
+    TIMEOUT_MS,
     WIDE,
     browser,
     fresh,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 from tests.loop.test_dashboard import (
-    TIMEOUT_MS,
     SIMULATED,
+    TIMEOUT_MS,
     WIDE,
     browser,
     can_press,

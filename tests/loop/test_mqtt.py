@@ -17,7 +17,7 @@ import pytest
 from tests.conftest import skip
 from tests.loop.test_dashboard import SIMULATED, served, serving
 from tests.loop.test_dashboard_api import Machine
-from tests.mosquitto import TIMEOUT_S, PROGRAM, BrokerProcess, Subscriber
+from tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
 from tests.unit.test_json_schemas import faults
 
 from palpate.cli import build_app, run

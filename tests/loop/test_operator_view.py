@@ -11,8 +11,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 from tests.loop.test_dashboard import (
-    TIMEOUT_MS,
     SIMULATED,
+    TIMEOUT_MS,
     WIDE,
     browser,
     can_press,

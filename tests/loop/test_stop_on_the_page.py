@@ -14,8 +14,8 @@ import pytest
 from benchmarks.dashboard import children_of
 from playwright.sync_api import Browser, CDPSession, Page, Request, Route, expect
 from tests.loop.test_dashboard import (
-    TIMEOUT_MS,
     SIMULATED,
+    TIMEOUT_MS,
     browser,
     drive,
     fresh,
