@@ -1,7 +1,7 @@
-"""Static force laws: newtons from a settled reading, with an interval and their valid range.
+"""Static force laws: force from a settled reading, with interval and valid range.
 
-`PowerForceLaw` reads the excess conductance G/G0 - 1 summed over pixels, which hardly depends on
-how the load spreads over them.
+The input of `PowerForceLaw` is the excess conductance G/G0 - 1 summed over pixels, which hardly
+depends on the distribution of the load.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.files import structure
 
-#: Fewer calibration pairs than this can't show their own scatter.
+#: Fewest calibration pairs for an estimate of the scatter.
 MIN_PAIRS = 4
-#: A calibration whose largest load is less than this times its smallest gives no slope.
+#: Smallest ratio of largest to smallest load for an estimate of the slope.
 MIN_LOAD_RATIO = 1.2
 
-#: Forces below which readings scatter by newtons rather than by percent, as multiples of the
-#: weakest force of the calibration; 0 for a scatter by percent all the way down.
+#: Candidates for the force below which the scatter is constant in newtons instead of percent, as
+#: multiples of the calibration's weakest force; 0 for a scatter in percent at all forces.
 _FAINT = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
@@ -34,7 +34,7 @@ class StaticLaw(Protocol):
 
     #: Name in calibration files.
     name: ClassVar[str]
-    #: What `force_n` reads: ``"excess"`` or ``"pixels"``.
+    #: Input of `force_n`: ``"excess"`` or ``"pixels"``.
     reads: ClassVar[str]
 
     @property
@@ -52,12 +52,12 @@ class StaticLaw(Protocol):
         ...
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; `law_from_dict` reads them back."""
+        """Return plain values for a calibration file; the inverse of `law_from_dict`."""
         ...
 
 
 def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw:
-    """Return the law that `as_dict` wrote.
+    """Return the law from the output of `as_dict`.
 
     Raises `CalibrationError` if the name is unknown or a value is missing.
 
@@ -85,10 +85,10 @@ class ForceEstimate:
     value, low, high : ndarray
         Force and the ends of its prediction interval, never below 0.
     in_range : ndarray of bool
-        Whether the reading lies within those of the calibration. Outside, the value follows the law
-        and carries no promise.
+        Whether the reading is within the range of the calibration. Outside it, the value is an
+        extrapolation.
     level : float
-        Probability that the interval is meant to cover.
+        Nominal coverage of the interval.
     """
 
     value: FloatArray
@@ -99,7 +99,7 @@ class ForceEstimate:
 
 
 def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return both as finite float arrays of one length."""
+    """Return readings and forces as finite float arrays of equal length."""
     x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"readings and forces must be of one length, not {x.shape} and {y.shape}")
@@ -109,7 +109,7 @@ def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def require_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the pairs unchanged; refuse too few of them, or a single load."""
+    """Return the pairs unchanged; raise `CalibrationError` for too few, or a single load."""
     if len(x) < MIN_PAIRS:
         raise CalibrationError(
             f"force calibration: {len(x)} usable pairs, at least {MIN_PAIRS} needed; add loads"
@@ -123,10 +123,10 @@ def require_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -> FloatArray:
-    """Return the standard deviation of a law's prediction: of its coefficients, and its scatter.
+    """Return the standard deviation of a prediction, from coefficients and scatter.
 
-    `gradient`, shape (..., coefficients): of the prediction by the coefficients.
-    `covariance`, shape (coefficients, coefficients): of the coefficients.
+    `gradient`, shape (..., coefficients): gradient with respect to the coefficients.
+    `covariance`, shape (coefficients, coefficients): covariance of the coefficients.
     `residual_sd`: scatter of the calibration about the law.
 
     >>> law_sd(np.array([[1.0, 2.0]]), covariance=np.eye(2), residual_sd=2.0).tolist()
@@ -149,16 +149,16 @@ def _as_list(value: Any) -> Any:
 class PowerForceLaw:
     """force = offset + scale * excess ** exponent.
 
-    Scatter is proportional to the force, plus some newtons: near its threshold the sheet shows
-    little, and that must not widen the intervals of firm grips.
+    The scatter is proportional to the force, plus a constant part for faint forces near the sheet's
+    threshold, so that faint forces do not widen the intervals of firm grips.
 
     Attributes
     ----------
     coefficients : tuple of float
-        ln scale (ln N), exponent, offset (N). The offset is the force that the sheet doesn't show
-        (its detection threshold); 0 where the calibration doesn't ask for one.
+        ln scale (ln N), exponent, offset (N). The offset is the detection threshold of the sheet;
+        0 if the calibration does not require an offset.
     covariance : tuple of tuple of float, shape (3, 3)
-        Of the coefficients.
+        Covariance of the coefficients.
     range : tuple of float
         Smallest and largest excess conductance of the calibration.
     residual_sd : float
@@ -186,15 +186,16 @@ class PowerForceLaw:
         Parameters
         ----------
         excess : array_like, shape (n_pairs,)
-            Excess conductance G/G0 - 1 summed over pixels. Pairs without load, or without a
-            response, are left out: they have no logarithm.
+            Excess conductance G/G0 - 1 summed over pixels. Pairs without load or response are
+            ignored, because they have no logarithm.
         force_n : array_like, shape (n_pairs,)
             Reference forces, newtons.
 
         Raises
         ------
         CalibrationError
-            If the pairs can't carry the law: too few, one load only, falling with the load.
+            If the pairs are insufficient: too few, a single load, or a reading that falls with the
+            load.
 
         Examples
         --------
@@ -214,7 +215,7 @@ class PowerForceLaw:
                 "check the wiring, the divider's leg and that the rest was taken unloaded"
             )
         weight, residual_sd, floor_n = np.ones_like(log_y), 0.0, 0.0
-        # Two rounds: the scatter is judged by the law, the law weighted by the scatter.
+        # Two iterations, because the scatter depends on the law, and the law's weights on scatter.
         for _ in range(2):
             plain = _fit_log(log_x, log_y, weight, with_offset=False)
             offset = (
@@ -236,8 +237,8 @@ class PowerForceLaw:
     def force_n(self, excess: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
         """Return the force of each excess conductance, of any shape; see `ForceEstimate`.
 
-        No response (excess of 0 or less) reads as no force, with an interval that reaches up to the
-        weakest force of the calibration.
+        Without a response (excess of 0 or less) the force is 0, with the weakest force of the
+        calibration as upper limit.
         """
         x = np.asarray(excess, dtype=float)
         responds = x > 0
@@ -260,7 +261,7 @@ class PowerForceLaw:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; `law_from_dict` reads them back."""
+        """Return plain values for a calibration file; the inverse of `law_from_dict`."""
         return law_as_dict(self)
 
 
@@ -269,8 +270,8 @@ def _scatter(
 ) -> tuple[FloatArray, float, float]:
     """Return weights of ln force, its scatter for firm forces, and the scatter in newtons.
 
-    The variance of ln force is taken as sd**2 (1 + (faint / force)**2); of the candidates for
-    `faint` the likeliest is kept, one above 0 only where it earns its place (BIC).
+    The variance of ln force is modelled as sd**2 (1 + (faint / force)**2). The likeliest candidate
+    for `faint` is selected; BIC penalises values above 0.
     """
     freedom, best = len(left) - used, (np.inf, np.ones_like(left), 0.0, 0.0)
     for faint_n in np.array(_FAINT) * float(force_n.min()):
@@ -284,9 +285,9 @@ def _scatter(
 
 
 def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Return slope and intercept by Theil and Sen: medians over pairs, that few strays move.
+    """Return slope and intercept of the Theil-Sen estimator, which is robust to outliers.
 
-    As `scipy.stats.theilslopes`, which takes longer to load than a grasp takes to plan.
+    Equivalent to `scipy.stats.theilslopes`, which is avoided because of its import time.
 
     >>> from scipy.stats import theilslopes
     >>> x, y = np.array([0.0, 1.0, 2.0, 3.0, 3.0]), np.array([1.0, 2.9, 5.2, 70.0, 7.1])
@@ -302,7 +303,7 @@ def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 def _fit_log(
     log_x: FloatArray, log_y: FloatArray, weight: FloatArray, *, with_offset: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return coefficients, covariance, residuals of ln force without weights, and BIC."""
+    """Fit the law; return coefficients, covariance, unweighted residuals of ln force, and BIC."""
     count = 3 if with_offset else 2
 
     def residuals(p: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Force at every frame by the dead-weight law, and which weight would narrow it most."""
+"""Force at every frame from the dead-weight law, and the most useful next weight."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from palpate.estimate.force_states import ForceStates, log_reading
 from palpate.estimate.measurement import Measurement
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: A pixel is touched from this excess conductance on (paper, section 4.1, as conductance), and let
-#: go below half of it.
+#: Excess conductance above which a pixel has contact (paper, section 4.1, as conductance); contact
+#: ends below half of it.
 _TOUCHED = 1.0 / (1.0 + CONTACT_PERCENT / 100.0) - 1.0
-#: A pixel that reads short counts as this excess; beyond every calibration.
+#: Excess of a short pixel, above that of any calibration.
 _MOST_EXCESS = 1e5
-#: Forces at which a calibration by weights reports its interval, and begins, newtons: spread over
-#: the range of a gripper (three such weights: error of real ladders .20 in ln force, first weights
-#: of 0.6 to 1.2 N 1.0).
+#: First forces of a calibration with weights, newtons, at which it also reports its intervals. They
+#: are spread over the range of a gripper. With these three weights, the error of real staircases
+#: was 0.20 in ln force; with first weights of 0.6 to 1.2 N it was 1.0.
 SPREAD_N = (1.5, 4.0, 9.0)
-#: Range of the search for a force's reading: 0.2 to 20 000 times the rest conductance.
+#: Search range of the reading of a force: 0.2 to 20 000 times the rest conductance.
 _READINGS = np.geomspace(0.2, 2e4, 400)
 
 
 class ForceSource(Protocol):
-    """Anything that turns frames into the force now."""
+    """Converts frames to the present force."""
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame, shape (rows, cols), and return the force now."""
+        """Process a frame of shape (rows, cols), and return the present force."""
         ...
 
 
 class TouchDetector:
-    """Whether any pixel is touched, with hysteresis.
+    """Detects contact of any pixel, with hysteresis.
 
-    >>> watch = TouchDetector()
-    >>> [watch.step([[excess]]) for excess in (0.05, 0.2, 0.08, 0.02)]
+    >>> detector = TouchDetector()
+    >>> [detector.step([[excess]]) for excess in (0.05, 0.2, 0.08, 0.02)]
     [False, True, True, False]
     """
 
@@ -47,16 +47,16 @@ class TouchDetector:
         self._touched = False
 
     def step(self, excess: ArrayLike) -> bool:
-        """Return whether a frame shows a touch; `excess` of shape (rows, cols)."""
+        """Return whether a frame shows contact; `excess` has shape (rows, cols)."""
         highest = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0))
         self._touched = highest > _TOUCHED * (0.5 if self._touched else 1.0)
         return self._touched
 
 
 class ForceFollower:
-    """Newtons with an interval at every frame, from the summed excess conductance and its history.
+    """Estimates the force at every frame from the summed excess conductance and its history.
 
-    Without any known force the law is that of other sensors, and the interval is wide:
+    Without any measured force, the law is that of other sensors, and the interval is wide:
 
     >>> follower = ForceFollower(ForceLaw())
     >>> follower.step(0.0, [[0.0, 0.01]]).value
@@ -70,10 +70,10 @@ class ForceFollower:
         self._law, self._states, self._touch = law, ForceStates(), TouchDetector()
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame and return the force now; 0 with an upper end without contact.
+        """Process a frame and return the present force; without contact, 0 with an upper limit.
 
-        `time_s`: not earlier than the last one.
-        `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
+        `time_s`: not earlier than that of the last frame.
+        `excess`, shape (rows, cols): excess conductance; NaN for pixels without a reading.
         """
         grid = np.minimum(np.asarray(excess, dtype=float), _MOST_EXCESS)
         inputs = self._states.step(time_s, float(log_reading(np.nansum(grid))))
@@ -81,7 +81,7 @@ class ForceFollower:
 
 
 def half_width_percent(law: ForceLaw, force_n: float) -> float:
-    """Return half of the 90 % interval of a settled force, percent of it.
+    """Return the half-width of a settled force's 90 % interval, percent of the force.
 
     >>> known = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     >>> half_width_percent(known, 4.0) < 0.5 * half_width_percent(ForceLaw(), 4.0)
@@ -92,7 +92,7 @@ def half_width_percent(law: ForceLaw, force_n: float) -> float:
 
 
 def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> float:
-    """Return the load whose weighing would narrow the intervals most, newtons.
+    """Return the weight whose measurement would narrow the intervals most, newtons.
 
     >>> most_useful_n(ForceLaw.fit([4.0, 5.0], force_n=[1.5, 1.6]))
     9.0
@@ -108,6 +108,6 @@ def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> floa
 
 
 def _reading_at(law: ForceLaw, force_n: float) -> float:
-    """Return the settled excess conductance at which the law shows a force."""
+    """Return the settled excess conductance at which the law gives a force."""
     log_n = law.log_force(build_settled_inputs(_READINGS))[0]
     return float(_READINGS[np.argmin(np.abs(log_n - np.log(force_n)))])

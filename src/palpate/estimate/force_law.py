@@ -1,10 +1,10 @@
-"""Force now from the sheet's history: a power law with linear memory, as a regression.
+"""Force law with memory: a linear regression of ln force on the reading's history.
 
-ln force = w . [1, x, x - x1, ..., x - x6, fall, curve], with x the logarithm of the excess
-conductance, x1 to x6 its low-passed copies and `fall` the fall from its recent maximum. The weights
-w of a contact are a Gaussian variable: before any force is known their mean and spread are those of
-other sensors (the population), every known force is one Kalman update, and the interval follows
-from what is left of the spread and from the scatter about the law.
+ln force = w . [1, x, x - x1, ..., x - x6, fall, curve]. x is the logarithm of the excess
+conductance, x1 to x6 are its low-passed copies, and `fall` is the fall from its recent maximum. The
+weights w of a contact are Gaussian. Their prior is the distribution over other sensors (the
+population), and every measured force is one Kalman update. The interval includes the remaining
+covariance of the weights and the scatter about the law.
 """
 
 from __future__ import annotations
@@ -25,42 +25,43 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S, log_reading
 from palpate.estimate.measurement import Measurement
 
-#: Inputs of a sample: the reading, its difference from each copy, and the fall.
+#: Number of inputs of a sample: the reading, its difference from each copy, and the fall.
 INPUTS = 2 + len(TIME_CONSTANTS_S)
-#: Standardised inputs beyond this lie outside of all that was learned from; the law is extended as
-#: a constant there.
+#: Standardised inputs are clipped to this, the range of the training set.
 _FARTHEST = 4.0
-#: Below the weakest force learned the interval of ln force grows, by at most this factor (guess).
+#: Largest factor by which the interval of ln force grows below the training set's weakest force
+#: (guess).
 _MOST_FAINT = 4.0
-#: Samples of one contact repeat each other: together they count as at most this many (error of
-#: strokes given the place: 15 to 30 alike, 5 and 60 worse).
+#: Largest weight of the samples of one contact, in independent samples, because they are correlated
+#: (error of strokes at a known place: equal for 15 to 30, larger for 5 and 60).
 MOST_SAMPLES = 25.0
-#: On a steep rise one force shows the gain of a contact, and little of its memory: an error of
-#: timing resembles memory. There the weights other than the constant take this fraction of a full
-#: update (share 1: strokes .110/.225 and presses .045; .3: .103/.201 and .028).
+#: On a steep rise, a force determines the gain of a contact, but hardly its memory, because a
+#: timing error resembles memory. There, weights other than the constant get this fraction of an
+#: update (fraction 1: strokes .110/.225 and presses .045; fraction 0.3: .103/.201 and .028).
 MEMORY_FRACTION = 0.3
-#: A reading rises where ln excess is this far from its copy of 0.1 s (the third input after x).
+#: Difference of ln excess from its 0.1 s copy that counts as a rise, and that copy's input index.
 _RISING, _COPY = 0.05, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Population:
-    """What sensors of one kind have in common; learned by `palpate study force-population`.
+    """Prior of the law over sensors of one kind, learned by `palpate study force-population`.
 
     Attributes
     ----------
     centre, scale : ndarray, shape (INPUTS + 1,)
-        Mean and standard deviation of the inputs, and of the curve.
+        Mean and standard deviation of the inputs and of the curve.
     mean : ndarray, shape (INPUTS + 3,)
-        Weights: of 1, of the standardised inputs, and of having measured a force in this contact.
+        Mean weights of the constant, the standardised inputs, the curve, and the flag for a force
+        measured earlier in the contact.
     spread : ndarray, shape (INPUTS + 3, INPUTS + 3)
         Covariance of the weights over sensors and places.
     contact_spread : ndarray, shape (INPUTS + 3, INPUTS + 3)
-        Covariance of their change from one contact to the next at one place.
+        Covariance of their change between contacts at one place.
     noise : ndarray, shape (4,)
-        Logarithm of the scatter of ln force: of 1, the reading, its speed and the fall.
+        Coefficients of ln scatter of ln force: constant, reading, speed and fall.
     least_n : float
-        Weakest force learned from, newtons; below it the scatter stays the same in newtons.
+        Weakest force of the training set, newtons; below it the scatter is constant in newtons.
     """
 
     centre: FloatArray
@@ -72,7 +73,7 @@ class Population:
     least_n: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values; `population_from_dict` reads them back."""
+        """Return plain values; the inverse of `population_from_dict`."""
         return {
             one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(Population)
         }
@@ -86,50 +87,50 @@ class Population:
         return np.column_stack([np.ones(len(z)), z, np.full(len(z), float(given))])
 
     def variance(self, design: FloatArray) -> FloatArray:
-        """Return the variance of ln force about the law at samples, shape (n,)."""
+        """Return the variance of ln force about the law for each sample, shape (n,)."""
         return np.asarray(np.exp(2.0 * np.clip(noise_inputs(design) @ self.noise, -4.0, 0.5)))
 
 
 def standardise(inputs: FloatArray, *, centre: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return inputs with the curve, standardised and clipped, shape (n, INPUTS + 1)."""
+    """Return standardised and clipped inputs with the curve, shape (n, INPUTS + 1)."""
     z = (with_curve(inputs) - centre) / scale
     return np.asarray(np.clip(z, -_FARTHEST, _FARTHEST))
 
 
 def with_curve(inputs: FloatArray) -> FloatArray:
-    """Return inputs with the reading's square, as a saturating sheet bends the power law."""
+    """Append the squared reading to the inputs, for the bend of a saturating sheet."""
     return np.column_stack([inputs, np.maximum(inputs[:, 0], 0.0) ** 2])
 
 
 def noise_inputs(design: FloatArray) -> FloatArray:
-    """Return what the scatter depends on, shape (n, 4): 1, reading, speed, fall."""
+    """Return the regressors of the scatter, shape (n, 4): 1, reading, speed, fall."""
     speed = np.abs(design[:, 4])
     return np.column_stack([design[:, 0], design[:, 1], speed, design[:, INPUTS]])
 
 
 def scale_memory(spread: FloatArray, fraction: float) -> FloatArray:
-    """Return a covariance of weights with less spread of all but the constant."""
+    """Scale the standard deviation of all weights but the constant."""
     factor = np.full(len(spread), fraction)
     factor[0] = 1.0
     return spread * np.outer(factor, factor)
 
 
 class ForceLaw:
-    """Newtons with an interval from a sheet's reading, at any time of a contact.
+    """Force with an interval from a sheet's reading, at any time of a contact.
 
-    A reading is the inputs of one sample, as `ForceStates` makes them, or an excess conductance
-    G/G0 - 1 summed over pixels, which counts as settled.
+    A reading is either the inputs of one sample, from `ForceStates`, or a settled excess
+    conductance G/G0 - 1 summed over pixels.
 
     Attributes
     ----------
     population : Population
-        Where the law starts.
+        Prior of the law.
     mean, covariance : ndarray, shape (INPUTS + 3,) and (INPUTS + 3, INPUTS + 3)
-        Of the weights in the present contact.
+        Distribution of the weights in the present contact.
     known : int
-        Forces that it was updated with.
+        Number of measured forces so far.
     least_n : float
-        Weakest force known, newtons: where less is read, none at all is possible too.
+        Weakest measured force, newtons; the interval of a smaller force includes 0.
 
     Examples
     --------
@@ -159,19 +160,19 @@ class ForceLaw:
         contact: Sequence[object] | None = None,
         population: Population | None = None,
     ) -> Self:
-        """Return the law of a sheet with measured forces, ready for its next contact.
+        """Fit the law of a sheet to measured forces, ready for a new contact.
 
         Parameters
         ----------
         readings : sequence of readings, length n
-            See the class.
+            Readings as described in the class.
         force_n : array_like, shape (n,)
             Measured forces, newtons, above 0.
         contact : sequence, length n, optional
-            Samples of one contact share its name, and later contacts count more. By default each
-            sample is a contact of its own, as of weights laid down one by one, and all count alike.
+            Label of the contact of each sample. Later contacts have more weight. By default each
+            sample is a separate contact, such as a single dead weight, and all have equal weight.
         population : Population, optional
-            Where to start; the one that palpate ships by default.
+            Prior; by default the one included in palpate.
 
         Raises
         ------
@@ -193,24 +194,24 @@ class ForceLaw:
         return law
 
     def copy(self) -> Self:
-        """Return the law as it is, to be updated on its own."""
+        """Return an independent copy of the law."""
         other = type(self)(self.population)
         other.mean, other.covariance = self.mean, self.covariance
         other.known, other.least_n, other._given = self.known, self.least_n, self._given
         return other
 
     def begin_contact(self) -> None:
-        """Widen the law: the sheet is touched again, perhaps at another place of the object."""
+        """Widen the law for a new contact, possibly at another place of the object."""
         self.covariance = self.covariance + self.population.contact_spread
         self._given = False
 
     def update(self, reading: Any, *, force_n: ArrayLike, sd_n: float = 0.0) -> Self:
-        """Take in a force measured in the present contact, and return the law itself.
+        """Update the law with a force measured in the present contact, and return the law.
 
-        `reading`: one reading, or a sequence of them with as many forces.
-        `force_n`: by a dead weight, a load cell or a servo's current, newtons, above 0.
-        `sd_n`: standard deviation of that measurement.
-        Raises `CalibrationError` as `fit`.
+        `reading`: one reading, or a sequence of readings with equally many forces.
+        `force_n`: force of a dead weight, load cell or servo current, newtons, above 0.
+        `sd_n`: standard deviation of that force.
+        Raises `CalibrationError` like `fit`.
         """
         many = np.ndim(force_n) > 0
         inputs, log_n = _samples(reading if many else [reading], np.atleast_1d(force_n))
@@ -232,9 +233,9 @@ class ForceLaw:
     def force(
         self, reading: Any, *, level: float = 0.9, touched: bool | None = None
     ) -> Measurement:
-        """Return the force at a reading; 0 with an upper end without contact.
+        """Return the force at a reading; without contact, 0 with an upper limit.
 
-        `touched`: whether something does; by default the reading shows it.
+        `touched`: whether there is contact; by default this follows from the reading.
         """
         inputs = _inputs(reading)
         (mean,), (sd,) = self.log_force(inputs)
@@ -250,7 +251,7 @@ class ForceLaw:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; `from_dict` reads them back."""
+        """Return plain values for a calibration file; the inverse of `from_dict`."""
         return {
             "law": self.name,
             "known": self.known,
@@ -262,9 +263,9 @@ class ForceLaw:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> Self:
-        """Return the law that `as_dict` wrote.
+        """Return the law from the output of `as_dict`.
 
-        Raises `CalibrationError` if it is of another kind, or a value is missing or misshapen.
+        Raises `CalibrationError` for another kind of law, or a missing or invalid value.
 
         >>> law = ForceLaw.fit([4.0, 15.0], force_n=[1.5, 4.0])
         >>> ForceLaw.from_dict(law.as_dict()).force(9.0) == law.force(9.0)
@@ -292,18 +293,22 @@ class ForceLaw:
         memory: float = 1.0,
         other_contact: bool = False,
     ) -> None:
-        """Update the weights with samples of one contact (Kalman); `memory`: `MEMORY_FRACTION`."""
+        """Update the weights with samples of one contact (Kalman).
+
+        `memory`: fraction of the update for weights other than the constant.
+        `other_contact`: whether to add the scatter between contacts to the noise.
+        """
         design = self.population.design(inputs, given=self._given)
         repeats = max(len(log_n) / MOST_SAMPLES, 1.0)
         noise = repeats * (self.population.variance(design) + np.asarray(sd) ** 2)
         gain = scale_memory(self.covariance, memory) @ design.T
         scatter = np.diag(noise)
         if other_contact:
-            # What this contact has of its own is shared by its samples, and no part of the place.
+            # The deviation of this contact is common to its samples, and not part of the place.
             scatter += design @ self.population.contact_spread @ design.T
         weight = np.linalg.solve(design @ gain + scatter, gain.T).T
         self.mean = self.mean + weight @ (log_n - design @ self.mean)
-        # In Joseph's form, which holds for any gain.
+        # Joseph form, valid for any gain.
         left = np.eye(len(self.mean)) - weight @ design
         self.covariance = left @ self.covariance @ left.T + weight @ scatter @ weight.T
         self.known += len(log_n)
@@ -312,13 +317,13 @@ class ForceLaw:
 
 @cache
 def load_population() -> Population:
-    """Return the population that palpate ships; `palpate study force-population` learns it."""
+    """Return the population included in palpate, from `palpate study force-population`."""
     stored = files("palpate.estimate").joinpath("force_population.json").read_text("utf-8")
     return population_from_dict(json.loads(stored))
 
 
 def population_from_dict(stored: Mapping[str, Any]) -> Population:
-    """Return a population from plain values; raises `KeyError` or `ValueError` if one is wrong."""
+    """Return a population from plain values; raises `KeyError` or `ValueError` if invalid."""
     curved, all_weights = (INPUTS + 1,), (INPUTS + 3,)
     shapes = {"centre": curved, "scale": curved, "mean": all_weights, "noise": (4,)}
     square = (INPUTS + 3, INPUTS + 3)
@@ -335,7 +340,7 @@ def _shape(values: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def build_settled_inputs(excess: ArrayLike) -> FloatArray:
-    """Return settled readings of excess conductance as inputs, shape (n,) to (n, INPUTS).
+    """Convert settled excess conductances to inputs, shape (n,) to (n, INPUTS).
 
     >>> build_settled_inputs([0.9])[:, :2].tolist()
     [[0.0, 0.0]]
@@ -347,7 +352,7 @@ def build_settled_inputs(excess: ArrayLike) -> FloatArray:
 
 
 def _inputs(reading: Any) -> FloatArray:
-    """Return one reading as inputs, shape (1, INPUTS)."""
+    """Convert one reading to inputs, shape (1, INPUTS)."""
     given = np.asarray(reading, dtype=float)
     if given.ndim == 0 and not np.isnan(given):
         return build_settled_inputs(given)
@@ -364,5 +369,5 @@ def _samples(readings: Any, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]
     if len(readings) != force.size or force.ndim != 1 or not force.size:
         raise CalibrationError(f"{len(readings)} readings for {force.size} measured forces")
     if not (np.isfinite(force).all() and (force > 0).all()):
-        raise CalibrationError("force calibration: a measured force is not above 0; leave it out")
+        raise CalibrationError("force calibration: a measured force is not above 0; omit it")
     return np.concatenate([_inputs(reading) for reading in readings]), np.log(force)

@@ -1,13 +1,13 @@
-"""Force now from a calibration's laws: after a movement, settled, and with memory.
+"""Present force from a calibration's laws: early, settled, and with memory.
 
-A sheet that was just loaded reads by its early law, one at rest for long by its settled law;
-between the two, creep is about even in the logarithm of time. A live view does not know when the
-load moved, so the reading shows it: it leaves its own low-passed copy. Until the sheet has settled
-the interval spans both laws.
+The early law applies just after a load change, the settled law after a long rest. In between, creep
+is approximately uniform in the logarithm of time. A live view detects load changes from the
+difference between the reading and its low-passed copy. Until the sheet has settled, the interval
+covers both laws.
 
-These two use the pixels of this sheet, and no unloading. `ForceLaw` has learned from other
-sensors how a sheet lags and unloads, and reads the sum of the pixels. Their errors differ, so the
-answer is the mean of both in ln force.
+These two laws use the individual pixels of this sheet, and do not model unloading. `ForceLaw`
+models lag and unloading, learned from other sensors, and uses the sum of the pixels. The result is
+the mean of both in ln force, because their errors differ.
 """
 
 from __future__ import annotations
@@ -26,25 +26,23 @@ from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
 
-#: A load moved where the reading differs by this share from its copy of this time constant: creep
-#: changes it by a few percent in that time.
+#: Relative difference between the reading and its low-passed copy that is a load change, and time
+#: constant of the copy, in which creep is only a few percent.
 _MOVED_FRACTION, _COPY_S = 0.2, 0.5
-#: Readings below this are noise of the rest.
+#: Smallest difference above the noise at rest.
 _FAINT = 0.02
-
-
-#: A lower end of 0 N counts as this: its logarithm would decide alone.
+#: Smallest lower limit, newtons, to keep its logarithm finite.
 _LEAST_N = 1e-3
-#: A hand whose every pixel shows less excess conductance is empty: offset and noise of the rest.
+#: Largest excess conductance of any pixel of an empty hand, from offset and noise at rest.
 _EMPTY = 0.03
 
 
 class ForceLaws(NamedTuple):
-    """The laws of a calibration.
+    """Force laws of a calibration.
 
-    `reading`: from pixels to what the laws read.
-    `early`, `settled`: force soon after a movement, and settled.
-    `memory`: force at any time by the sum of the pixels; None to do without.
+    `reading`: converts pixels to the input of `early` and `settled`.
+    `early`, `settled`: force soon after a movement, and settled force.
+    `memory`: force at any time, from the sum of the pixels; optional.
     """
 
     reading: PixelReading
@@ -54,17 +52,17 @@ class ForceLaws(NamedTuple):
 
 
 class ContactGains(NamedTuple):
-    """Gain of the present contact by each of the two laws; None where unknown."""
+    """Gain of the present contact relative to each of the two laws; None if unknown."""
 
     early: Gain | None = None
     settled: Gain | None = None
 
 
 class ForceNow:
-    """Newtons with an interval at every frame.
+    """Estimates the force with an interval at every frame.
 
     `early_s`, `settled_s`: times after a movement at which the two laws were calibrated.
-    `gains`, an attribute: of the present contact, where a grasp has shown them.
+    `gains` (attribute): gains of the present contact, if a grasp has measured them.
 
     >>> from palpate.estimate.pixel_law import PixelForceLaw
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01,
@@ -86,10 +84,10 @@ class ForceNow:
         self._last_s = self._moved_s = -math.inf
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame and return the force now; 0 with an upper end without contact.
+        """Process a frame and return the present force; without contact, 0 with an upper limit.
 
-        `time_s`: not earlier than the last one.
-        `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
+        `time_s`: not earlier than that of the last frame.
+        `excess`, shape (rows, cols): excess conductance; NaN for pixels without a reading.
         """
         seen = float(self._laws.reading.reading(excess))
         fraction = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
@@ -109,7 +107,7 @@ class ForceNow:
         used = both if weight < 1.0 else both[1:]
         values = np.maximum([float(one.value) for one in both], 1e-6)
         value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
-        # A pixel's law begins steeply: noise and offset of an empty hand would read as newtons.
+        # A pixel's law is steep at first: noise and offset of an empty hand would read as newtons.
         touched = self._touch.step(excess)
         empty = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0)) < _EMPTY
         force = Measurement(
@@ -122,7 +120,7 @@ class ForceNow:
         if self._memory is None:
             return force
         other = self._memory.step(time_s, excess)
-        # What a grasp showed of its contact is known for the laws of the calibration alone.
+        # The gains apply only to the calibration's two laws.
         if not touched or empty or self.gains != ContactGains():
             return force
         return _combine(force, other)
@@ -133,7 +131,7 @@ class ForceNow:
 
 
 def _combine(one: Measurement, other: Measurement) -> Measurement:
-    """Return the mean of two ln forces, wider by their distance from it."""
+    """Return the mean of two forces in ln force, with half their difference as uncertainty."""
     value = math.sqrt(one.middle * other.middle)
     apart = abs(math.log(one.middle / other.middle)) / 2.0
     down, up = (

@@ -1,11 +1,11 @@
 """States of a creeping sheet: its reading, its lag and its fall from the peak.
 
-A sheet answers a force at once and through creep with a spread of time constants. One reading
-therefore corresponds to many forces; the reading together with its history corresponds to few. The
-history is kept as low-passed copies of the logarithm of the reading, advanced exactly for a reading
-that is held between samples, and as the fall from its recent maximum, which is the sign of
-unloading. Everything is causal, and differences are used instead of the copies themselves, so that
-a gain of the sheet shifts the first input only.
+The response of a sheet to a force is partly immediate, and partly creep with a range of time
+constants. One reading therefore corresponds to many forces, but a reading with its history to few.
+The history consists of low-passed copies of the logarithm of the reading, updated exactly for a
+reading held between samples, and of the fall from its recent maximum, which indicates unloading.
+All states are causal. Differences from the copies are used instead of the copies, so that a gain of
+the sheet changes only the first input.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from palpate.arrays import FloatArray
 
 #: Log-spaced, from one sample of a fast readout to the length of a press.
 TIME_CONSTANTS_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-#: Added to the excess conductance before the logarithm: a change of 10 % is the paper's contact
-#: threshold (section 4.1); below it the sheet shows nothing of force.
+#: Added to the excess conductance before the logarithm: the paper's contact threshold of 10 %
+#: (section 4.1), below which the reading has no information on force.
 CONTACT_EXCESS = 0.1
-#: Falls well below this (ln) are noise.
+#: Falls far below this (ln) are noise.
 _FALL_SCALE = 0.05
 
 
 def log_reading(excess: ArrayLike) -> FloatArray:
-    """Return ln(excess conductance + 0.1), what `ForceStates` follows.
+    """Return ln(excess conductance + 0.1), the input of `ForceStates`.
 
     Examples
     --------
@@ -36,9 +36,9 @@ def log_reading(excess: ArrayLike) -> FloatArray:
 
 
 class ForceStates:
-    """The states of one sheet, advanced sample by sample.
+    """States of one sheet, updated sample by sample.
 
-    The maximum fades with the last of `TIME_CONSTANTS_S`.
+    The maximum decays with the longest of `TIME_CONSTANTS_S`.
 
     Examples
     --------
@@ -56,14 +56,14 @@ class ForceStates:
         self._peak = 0.0
 
     def step(self, time_s: float, reading: float) -> FloatArray:
-        """Take a reading and return the inputs of the force model.
+        """Process a reading and return the inputs of the force model.
 
         Parameters
         ----------
         time_s : float
-            Not earlier than the last one.
+            Time, not earlier than that of the last reading.
         reading : float
-            Logarithm of what the sheet reads; see `log_reading`.
+            Logarithm of the sheet's reading; see `log_reading`.
 
         Returns
         -------
@@ -96,7 +96,7 @@ def compute_states(time_s: ArrayLike, reading: ArrayLike) -> FloatArray:
     Parameters
     ----------
     time_s, reading : array_like, shape (n_times,)
-        As `ForceStates.step` takes them.
+        Arguments of `ForceStates.step`.
     """
     sheet = ForceStates()
     steps = zip(np.asarray(time_s).tolist(), np.asarray(reading).tolist(), strict=True)

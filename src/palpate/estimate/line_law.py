@@ -1,4 +1,4 @@
-"""The paper's line from mean relative change to force (Table 4), over a narrow range."""
+"""The paper's linear law of force over mean relative change (Table 4)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LineForceLaw:
         Raises
         ------
         CalibrationError
-            If the pairs are too few, or of one load or one reading only.
+            If there are too few pairs, a single load, or a single reading.
 
         Examples
         --------
@@ -94,14 +94,14 @@ class LineForceLaw:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; as it is read back."""
+        """Return plain values for a calibration file."""
         return law_as_dict(self)
 
 
 def fit_settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
-    """Fit the line to the pairs of a calibration read at the settling horizon.
+    """Fit the line to the settled pairs of a calibration.
 
-    Raises `CalibrationError` if there are none, or too few.
+    Raises `CalibrationError` if there are too few.
     """
     settled = np.isclose(pairs.since_move_s, horizon_s)
     if not settled.any():

@@ -1,4 +1,4 @@
-"""A value with its unit, interval and status: what every estimator of the object returns."""
+"""Measurement: a value with unit, interval and status, as returned by all estimators."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from palpate.settling.result import Status
 
-#: An interval whose ends differ by a larger factor holds no number worth reporting.
+#: Largest ratio of the interval's limits for a value to be reported.
 MOST_RATIO = 4.0
-#: Statuses of a measurement without a number, and which ends are known.
+#: Statuses without a value, and whether the lower and upper limit are known.
 _ENDS = {
     Status.AT_LEAST: (True, False),
     Status.AT_MOST: (False, True),
@@ -17,7 +17,7 @@ _ENDS = {
 }
 
 
-#: How people write the units of documents.
+#: Symbols of units.
 _SYMBOLS = {"n": "N", "n_per_mm": "N/mm", "kpa": "kPa", "percent": "%", "ohm": "Ω"}
 
 
@@ -28,18 +28,18 @@ class Measurement:
     Attributes
     ----------
     value : float or None
-        Estimate, in `unit`; None where only a bound is known, or nothing.
+        Estimate, in `unit`; None if at most a bound is known.
     low, high : float
-        Ends of the interval of what is possible; `known_ends` are those that are known.
+        Limits of the interval; `known_ends` omits limits that are not informative.
     unit : str
-        As in names: ``"n"``, ``"mm"``, ``"n_per_mm"``, ``"percent"``.
+        Unit as in names: ``"n"``, ``"mm"``, ``"n_per_mm"``, ``"percent"``.
     level : float
-        Probability that the interval is meant to cover.
+        Nominal coverage of the interval.
     status : Status
-        `ok`, or why less can be promised. With `at_least`, `at_most` and `not_measured` there is no
-        value.
+        `ok`, or the limitation of the result. There is no value with `at_least`, `at_most` and
+        `not_measured`.
     reason : str
-        Why there is no number.
+        Reason for a missing value.
     """
 
     value: float | None
@@ -61,12 +61,12 @@ class Measurement:
 
     @property
     def has_value(self) -> bool:
-        """Whether there is a value to report, and not only a bound."""
+        """Whether there is a value, and not only a bound."""
         return self.value is not None
 
     @property
     def middle(self) -> float:
-        """The value, or the middle of its range; geometric where no end is negative."""
+        """The value, or the middle of the interval; geometric if both limits are positive."""
         if self.value is not None:
             return self.value
         if 0 < self.low <= self.high:
@@ -75,24 +75,25 @@ class Measurement:
 
     @property
     def known_ends(self) -> tuple[float | None, float | None]:
-        """The ends of the interval that are known, None for the others."""
+        """Limits of the interval; None for an unknown limit."""
         low, high = _ENDS.get(self.status, (True, True))
         return self.low if low else None, self.high if high else None
 
     def or_bound(self, reason: str, *, least: float, most: float) -> Measurement:
-        """Return a bound in place of a number that may be anything.
+        """Return a bound instead of the value if the interval is wide.
 
         Parameters
         ----------
         reason : str
-            Why the interval is wide.
+            Reason for the wide interval.
         least, most : float
-            A lower end at or below `least` bounds nothing, nor does an upper one from `most` on.
+            Physical limits: a lower limit of at most `least`, or an upper limit of at least `most`,
+            is not informative.
 
         Examples
         --------
         >>> wide = Measurement(value=6.0, low=3.0, high=40.0, unit="n_per_mm")
-        >>> bound = wide.or_bound("the fingers give way more", least=0.02, most=500.0)
+        >>> bound = wide.or_bound("the fingers deflect more", least=0.02, most=500.0)
         >>> bound.has_value, str(bound.status), bound.known_ends
         (False, 'at_least', (3.0, None))
         >>> bound
@@ -108,7 +109,7 @@ class Measurement:
         return replace(self, status=status, reason=reason)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the form that commands print; null for what is not known."""
+        """Return the JSON form, with null for unknown values."""
         low, high = self.known_ends
         return {
             "value": self.value,

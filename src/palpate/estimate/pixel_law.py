@@ -1,8 +1,8 @@
-"""Force as a sum over pixels, each load from the pixel's own excess conductance.
+"""Force as a sum over pixels, each computed from the pixel's excess conductance.
 
-Force adds over pixels; conductance does not, because a pixel's law is not linear and begins at a
-threshold. So the same force spread over four pixels or over two gives another summed conductance,
-but the same sum of pixel forces.
+Forces of pixels add up to the total force. Conductances do not, because a pixel's law is nonlinear
+and has a threshold. The same force on four pixels or on two therefore gives different summed
+conductances, but the same sum of pixel forces.
 """
 
 from __future__ import annotations
@@ -18,35 +18,33 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate, require_pairs
 
-#: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
-#: rises; the smallest power represents the threshold.
+#: Powers of the excess in the law of a pixel. With positive weights every mixture rises; the
+#: smallest power represents the threshold.
 EXPONENTS = (0.1, 0.3, 0.5, 0.75, 1.0, 1.4)
-#: How far the gain of a pixel may differ from its sheet (log sd): more is not believed from one
-#: calibration.
+#: Prior standard deviation of a pixel's ln gain relative to its sheet.
 GAIN_SD = 0.05
-#: Relative error of a pair that the fit takes as usual, and the force below which errors count as
-#: newtons.
+#: Assumed relative error of a pair, and the force below which errors are constant in newtons.
 _USUAL, _FAINT_N = 0.06, 0.3
-#: Placements from which on force errors are measured on the one left out.
+#: Fewest placements for a cross-validated error.
 _FEWEST_RUNS = 3
-#: Lags hardly change the exponent of the force: prior standard deviation about 1.
+#: Prior standard deviation of the exponent about 1; lag hardly changes it.
 _EXPONENT_SD = 0.15
-#: No law rises more slowly: of weights on real Velostat none went with less than the power 0.6.
+#: Smallest exponent; with weights on real Velostat it was never below 0.6.
 _LEAST_EXPONENT = 0.5
-#: From this force on errors are relative; below, in newtons.
+#: Force above which errors are relative, and below which they are in newtons.
 _FIRM_N = 1.0
 _ROUNDS = 3
-#: SciPy's default, three per weight, is too few for some sheets of level `field`.
+#: SciPy's default, three per weight, is too small for some sheets of level `field`.
 _MOST_ITERATIONS = 1000
-#: Below this a reading of a pixel is noise of its rest value.
+#: Largest excess of a pixel that is noise of its rest value.
 _NOISE_EXCESS = 0.004
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelReading:
-    """From the excess of every pixel to one number that grows with the grip force.
+    """Converts the excess of all pixels to one reading that rises with the grip force.
 
-    Without a calibration that kept its pixels, the reading is the summed excess:
+    Without a calibration of the pixels, the reading is the summed excess:
 
     >>> PixelReading.sum_pixels().reading([[1.0, 0.0], [float("nan"), 2.5]]).item()
     3.5
@@ -55,7 +53,7 @@ class PixelReading:
     #: A pixel's share is sum_k weights[k] * excess ** exponents[k].
     exponents: tuple[float, ...]
     weights: tuple[float, ...]
-    #: One for each pixel; empty where all count alike.
+    #: Gain of each pixel; empty for equal gains.
     gains: tuple[float, ...] = ()
 
     @classmethod
@@ -71,7 +69,7 @@ class PixelReading:
         `force_n`, shape (n,): reference forces, newtons.
         Raises `CalibrationError` if there are too few pairs.
 
-        A sheet whose pixels answer with the square of their load, pressed whole and in parts:
+        A sheet with an excess proportional to the square of the load, pressed fully and in part:
 
         >>> whole = np.outer(np.arange(1, 6) ** 2 / 4.0, [1, 1, 1, 1])
         >>> part = np.outer(np.arange(1, 6) ** 2, [1, 0, 0, 1])
@@ -81,7 +79,7 @@ class PixelReading:
         6.0
         """
         excess = np.asarray(pixel_excess, dtype=float)
-        # Refuses too few pairs, or one load only.
+        # Raises an error for too few pairs, or a single load.
         require_pairs(excess.sum(axis=1), np.asarray(force_n, dtype=float))
         force = np.asarray(force_n, dtype=float)
         basis = _basis(excess, EXPONENTS)
@@ -102,7 +100,7 @@ class PixelReading:
         )
 
     def reading(self, excess: ArrayLike) -> FloatArray:
-        """Return the reading of frames, shape (..., rows, cols) to (...); NaN pixels count 0."""
+        """Return the reading of frames, shape (..., rows, cols) to (...); NaN counts as 0."""
         grid = np.asarray(excess, dtype=float)
         flat = grid.reshape(*grid.shape[:-2], -1)
         if not self.gains:
@@ -118,10 +116,10 @@ class PixelForceLaw:
     name: ClassVar[str] = "pixels"
     reads: ClassVar[str] = "pixels"
 
-    #: Of the law.
+    #: Coefficients.
     log_scale: float
     exponent: float
-    #: Standard deviations, of ln force and of a faint force, on placements left out of the fit.
+    #: Cross-validated standard deviations of ln force, and of faint forces in newtons.
     residual_sd: float
     floor_n: float
     #: Smallest and largest reading of the calibration.
@@ -129,17 +127,17 @@ class PixelForceLaw:
 
     @classmethod
     def fit(cls, reading: ArrayLike, *, force_n: ArrayLike, run: ArrayLike) -> PixelForceLaw:
-        """Fit one slope in logarithms, held near 1, within placements; the scale is their mean.
+        """Fit one exponent, with a prior near 1, within placements; the scale is their mean.
 
-        Placements read alike in proportion but not in size. Over all of them at once the slope
-        would come out too flat, and strong forces too small (errors in the reading attenuate a
-        regression). `fit_laws` adds the uncertainty.
+        Placements differ by a factor. A common fit would make the exponent too small, and large
+        forces too small, because errors in the reading attenuate a regression. `fit_laws` adds the
+        uncertainty.
 
-        `reading`, `force_n`, shape (n,): readings and the forces measured with them, newtons.
-        `run`, shape (n,): to which placement each belongs.
+        `reading`, `force_n`, shape (n,): readings, and the forces measured with them, newtons.
+        `run`, shape (n,): placement of each reading.
         Raises `CalibrationError` if there are too few pairs.
 
-        Twice on a sheet, the second time where it reads a third more:
+        Two placements, of which the second reads a third more:
 
         >>> reading = np.array([1.0, 2.0, 4.0, 8.0])
         >>> law = PixelForceLaw.fit([*reading, *(1.33 * reading)], force_n=[*reading, *reading],
@@ -151,7 +149,7 @@ class PixelForceLaw:
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = require_pairs(x[keep], y[keep])
         of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
-        # Near the threshold a reading shows little of the law, and would tilt the line.
+        # Readings near the threshold have a small weight, because they would tilt the line.
         log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
         weight_of = np.bincount(of_run, weights=weight)
         middle = np.bincount(of_run, weights=weight * log_x) / weight_of
@@ -159,7 +157,7 @@ class PixelForceLaw:
         away = log_x - middle[of_run]
         precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
         slope = float((weight * away * (left - offset[of_run])).sum() / precision)
-        # Lags can tilt the line until the force falls with the reading.
+        # Lag can tilt the line so far that the force falls with the reading.
         slope = max(slope, _LEAST_EXPONENT - 1.0)
         return cls(
             log_scale=float(np.average(offset - slope * middle, weights=weight_of)),
@@ -174,7 +172,7 @@ class PixelForceLaw:
         x = np.maximum(np.asarray(reading, dtype=float), 0.0)
         value = np.exp(self.log_scale) * x**self.exponent
         half = float(ndtri(0.5 + level / 2))
-        # A faint force scatters by newtons, a firm one in proportion.
+        # The scatter of faint forces is constant, that of firm forces proportional.
         floor_n = half * self.floor_n
         up = np.hypot(value * np.expm1(half * self.residual_sd), floor_n)
         down = np.hypot(value * -np.expm1(-half * self.residual_sd), floor_n)
@@ -200,7 +198,7 @@ class PixelForceLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacementReadings:
-    """Sheet readings with load-cell forces: some soon after a movement, some settled."""
+    """Sheet readings with load-cell forces, soon after a movement (`early`) or settled."""
 
     run: FloatArray
     pixel_excess: FloatArray
@@ -225,9 +223,9 @@ class PlacementReadings:
 
 
 def fit_laws(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
-    """Fit the reading, its law soon after a movement, and its law when settled.
+    """Fit the reading, its early law, and its settled law.
 
-    The uncertainty is measured on placements held out of the fit.
+    The uncertainty is measured by cross-validation over placements.
 
     Raises `CalibrationError` if there are too few pairs.
     """
@@ -245,19 +243,19 @@ def fit_laws(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw
 def predict_held_out(
     placements: PlacementReadings,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Read each placement by laws fitted to the others.
+    """Predict the forces of each placement with laws fitted to the others.
 
-    Returns, each of shape (n,), force by the laws, reference force, and whether it was read soon
-    after a movement. Raises `CalibrationError` if there are too few pairs.
+    Returns, each of shape (n,): predicted force, reference force, and whether the reading is early.
+    Raises `CalibrationError` if there are too few pairs.
     """
     estimated, force, early = [], [], []
     for run in np.unique(placements.run):
         other, *laws = _fit(placements.exclude_run(run))
-        mine = placements.select_run(run)
-        seen = other.reading(mine.pixel_excess[:, None, :])
-        estimated.append(np.where(mine.early, *(law.force_n(seen).value for law in laws)))
-        force.append(mine.force_n)
-        early.append(mine.early)
+        test = placements.select_run(run)
+        seen = other.reading(test.pixel_excess[:, None, :])
+        estimated.append(np.where(test.early, *(law.force_n(seen).value for law in laws)))
+        force.append(test.force_n)
+        early.append(test.early)
     return np.concatenate(estimated), np.concatenate(force), np.concatenate(early)
 
 
@@ -272,18 +270,18 @@ def _fit(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw, Pi
     )
 
 
-#: Largest uncertainty of a sheet that can be calibrated at all.
+#: Largest uncertainty of a calibration (ln force).
 _MAX_LOG_SD = 0.7
-#: With at least this many errors their quantile is believed.
+#: Fewest errors for the use of their quantile.
 _MANY = 20
 
 
 def _with_uncertainty(
     law: PixelForceLaw, estimated: FloatArray, force: FloatArray
 ) -> PixelForceLaw:
-    """Return the law with the uncertainty of ln force and of faint forces.
+    """Return the law with the measured uncertainty of ln force and of faint forces.
 
-    Sorted by the estimated force, as a grasp has nothing else.
+    Faint and firm are distinguished by the estimated force, as in a grasp.
     """
     tenth, firm = float(ndtri(0.95)), estimated > _FIRM_N
     log_error = np.abs(np.log(estimated[firm] / np.maximum(force[firm], 0.1)))
@@ -296,9 +294,9 @@ def _with_uncertainty(
 
 
 def _spread(errors: FloatArray, tenth: float) -> float:
-    """Return the standard deviation of errors, from the quantile that nine tenths stay below.
+    """Return the standard deviation of absolute errors, from their 90 % quantile.
 
-    With few errors that quantile is the largest, which reflects chance more than the law.
+    With few errors it is their RMS, because the quantile would be the largest error.
     """
     if errors.size < _MANY:
         return float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
@@ -306,7 +304,7 @@ def _spread(errors: FloatArray, tenth: float) -> float:
 
 
 def _quantile(errors: FloatArray, fraction: float) -> float:
-    """Return a quantile of errors, one rank up: few errors show less than there is."""
+    """Return a conservative quantile of errors, for a small sample."""
     if not errors.size:
         return 0.0
     rank = min(int(np.ceil(fraction * (errors.size + 1))), errors.size)

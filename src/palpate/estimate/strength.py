@@ -1,10 +1,9 @@
-"""The force at which a held object ruptures, from its stiffness at half that force.
+"""Rupture force of an object, from its stiffness at half of that force.
 
-One line in logarithms, ln(rupture force) = a + b ln(stiffness), with the scatter about it. On
-recorded fruit neither more features of the curve (its early stiffness, how it bends, how far it has
-closed) nor a line of their own for every force predict better: they cost more in variance than they
-bring. The stiffness is taken over the last half of the force so far, so a curve that bends over
-lowers the prediction as it does.
+The model is a line in logarithms, ln(rupture force) = a + b ln(stiffness), with scatter. On
+recorded fruit, neither further features of the curve (initial stiffness, bend, closure) nor a
+separate line for each force improve the prediction, because they add variance. The stiffness is
+that of the upper half of the force so far, so a curve that flattens lowers the prediction.
 """
 
 from __future__ import annotations
@@ -22,38 +21,38 @@ from palpate.estimate.measurement import Measurement
 
 #: Grid of the stiffness of objects, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 401)
-#: Fewest objects that a line may rest on.
+#: Fewest objects for a fit.
 FEWEST_CLOSINGS = 6
-#: Weight of a flat line among the objects: with hardly any spread in stiffness there is no slope.
+#: Ridge penalty per object: with little spread in stiffness the slope tends to 0.
 RIDGE = 1e-3
-#: Scatter is at least this, ln: a handful of objects may lie on a line by chance.
+#: Smallest scatter, ln; a few objects may be on a line by chance.
 LEAST_LOG_SD = 0.05
 
-#: Grid of forces, in steps of this size in ln(force): about 5 %.
+#: Spacing of force levels in ln(force): about 5 %.
 LEVEL_STEP = 0.05
-#: Below this force, N, sensors and contact geometry shape the curve more than the object does.
+#: Force, N, below which sensor and contact geometry affect the curve more than the object does.
 LOWEST_N = 0.5
-#: A curve that begins under load gives nothing before the force has grown by this factor.
+#: Rise of force, as a factor, after which a curve that begins under load has its first state.
 GROWTH = 1.15
-#: A slope over a smaller ratio of forces than this would be mostly noise.
+#: Smallest ratio of forces for a slope, to exceed noise.
 SHORTEST_SPAN = 1.03
-#: Smallest closure, mm, that a slope is taken over: the resolution of finger encoders.
+#: Smallest closure for a slope, mm: the resolution of finger encoders.
 SHORTEST_MM = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """A log-normal belief of the rupture force, given the stiffness."""
+    """Log-normal distribution of the rupture force, given the stiffness."""
 
-    #: Mean and scatter of ln(stiffness) of the objects learned from.
+    #: Mean and scatter of ln(stiffness) in the training set.
     log_stiffness: float
     stiffness_log_sd: float
-    #: ln(rupture force, N) there, and its rise with ln(stiffness).
+    #: ln(rupture force, N) at the mean, and its slope over ln(stiffness).
     log_force: float
     slope: float
     #: Scatter about the line.
     log_sd: float
-    #: How many were learned from.
+    #: Size of the training set.
     objects: int
 
     def median_n(self, state: ClosingState) -> float:
@@ -64,28 +63,27 @@ class Strength:
     def predict_n(self, state: ClosingState) -> float:
         """Return the rupture force, N, that minimises the expected relative error.
 
-        For a log-normal belief that point lies one variance below the median: an error of
-        prediction counts in share of the true value, so too high costs more than too low.
+        For a log-normal distribution it is one variance (ln) below the median: the error is
+        relative to the true value, so overestimates cost more than underestimates.
         """
-        # It has survived this force already.
+        # The object has already withstood the present force.
         likely_n = self.median_n(state) * float(np.exp(-(self.log_sd**2)))
         return max(likely_n, state.force_n)
 
     def rupture_probability(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
-        """Return the probability that an object withstands less than a force, for each stiffness.
+        """Return the probability of rupture below a force, for each stiffness.
 
-        Student's t: the line and the scatter about it are only as certain as their number of
-        objects allows.
+        Student's t distribution includes the uncertainty of the line and its scatter.
         """
         log_median = self.log_force + self.slope * (log_stiffness - self.log_stiffness)
         spread = self.log_sd * np.sqrt(1.0 + 1.0 / self.objects)
         return np.asarray(stdtr(self.objects - 2, (np.log(force_n) - log_median) / spread))
 
     def stiffness_distribution(self, measured: Measurement) -> tuple[FloatArray, FloatArray]:
-        """Return values of ln(stiffness) and their probability, given a measured stiffness.
+        """Return values of ln(stiffness) and their probabilities, given a measurement.
 
-        Objects like those learned from, weighed by the measurement of this one: its compliance, as
-        normal as its interval is wide.
+        The prior is the training set. The likelihood is normal in compliance on each side of the
+        measured value, with the width of its interval.
         """
         log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID
         compliance, middle = np.exp(-log_stiffness), 1.0 / measured.middle
@@ -105,10 +103,10 @@ def fit_strength(
 ) -> Strength:
     """Fit the line to closings that ended in rupture.
 
-    `paths`: the states of each closing; one that has none from half of its rupture force on is
-        passed over.
-    `rupture_force_n`: force at which each object ruptured.
-    Raises `ValueError` if fewer than `FEWEST_CLOSINGS` objects can be learned from.
+    `paths`: states of each closing; a closing without states above half of its rupture force is
+        skipped.
+    `rupture_force_n`: rupture force of each object.
+    Raises `ValueError` if fewer than `FEWEST_CLOSINGS` objects remain.
     """
     rows = [
         (half.log_stiffness, np.log(limit_n))
@@ -136,7 +134,7 @@ def _find_half_load_state(path: Sequence[ClosingState], limit_n: float) -> Closi
 
 
 class ClosingState(NamedTuple):
-    """The closing curve up to `force_n`."""
+    """State of a closing curve at one force level."""
 
     #: The force level just passed.
     force_n: float
@@ -145,9 +143,9 @@ class ClosingState(NamedTuple):
 
 
 class ClosingCurve:
-    """Closure at the first crossing of each force level, grown sample by sample.
+    """Closure at the first crossing of each force level, updated sample by sample.
 
-    First crossings make the curve indifferent to unloading loops and to the sampling rate.
+    First crossings make the curve independent of unloading loops and of the sampling rate.
 
     A spring of 2 N/mm:
 
@@ -165,10 +163,10 @@ class ClosingCurve:
         self._lowest_n = math.inf
 
     def push(self, closure_mm: float, *, force_n: float) -> list[ClosingState]:
-        """Take one sample; return a state for each force level that it passed, lowest first.
+        """Process one sample; return a state for each force level passed, lowest first.
 
-        `closure_mm`: how far the fingers have closed, from any origin.
-        `force_n`: force at that moment, from any source.
+        `closure_mm`: closure of the fingers, from any origin.
+        `force_n`: force at that closure, from any source.
         """
         if force_n <= 0:
             return []
@@ -196,12 +194,12 @@ class ClosingCurve:
     def _state(self, force_n: float) -> ClosingState:
         upper = self._log_slope(force_n / 2, force_n)
         if math.isnan(upper):
-            # Too little force since the curve began: all of it is used.
+            # The rise of force since the start is too small: use all of it.
             upper = self._log_slope(0.0, force_n)
         return ClosingState(force_n=force_n, log_stiffness=upper)
 
     def _log_slope(self, low_n: float, high_n: float) -> float:
-        """Return ln of the slope between two forces, NaN where the curve doesn't span them."""
+        """Return ln of the slope between two forces; NaN outside the curve."""
         low_n = max(low_n, math.exp(self._log_levels[0]))
         if high_n < SHORTEST_SPAN * low_n:
             return math.nan
