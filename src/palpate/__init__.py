@@ -1,25 +1,25 @@
 """palpate: examine produce by touch.
 
 Settled values
-    `predict_settled` predicts where holds settle to; methods are `Relaxation`, `Exponential` and
-    `Recorded`, answers a `SettledEstimate`.
-    `read_holds` returns each `Hold` of a file, `plot_holds` draws them; `read_recording` and
-    `cut_holds` find them in any table, as `Readings`. `score` compares methods on holds, in a
-    `ScoreTable`.
+    `predict_settled` predicts the settled value of holds with the methods `Relaxation`,
+    `Exponential` or `Recorded` and returns `SettledEstimate`.
+    `read_holds` returns each `Hold` of a file, and `plot_holds` draws holds. `read_recording` reads
+    any table as `Readings`, and `cut_holds` finds its holds. `score` compares methods on holds and
+    returns a `ScoreTable`.
 Force
-    `ForceLaw` turns readings of a sheet into newtons with an interval, from any number of forces
-    measured on it.
+    `ForceLaw` converts readings of a sheet to newtons with an interval, after calibration with any
+    number of measured forces.
 Grasps
-    `open_rig` opens a `Rig`; its `read` returns a `Reading`, its `grasp` a `Grip` that holds until
-    it is released. Below them, `plan_grasp` makes a `Plan`, and `run_grasp` returns a `GraspResult`
-    with an `Outcome`; each quantity measured is a `Measurement`.
+    `open_rig` opens a `Rig`. `Rig.read` returns a `Reading`; `Rig.grasp` returns a `Grip` that
+    holds until its release. At a lower level, `plan_grasp` returns a `Plan`, and `run_grasp`
+    returns a `GraspResult` with an `Outcome`. Each measured quantity is a `Measurement`.
 Recordings
-    `load_recording`.
+    `load_recording` reads a recording into arrays.
 Shared
-    `Status` is how an estimate came about; `PalpateError` is the root of what is raised, and
-    `InputError` means that an argument can't be used.
+    `Status` is the status of an estimate. `PalpateError` is the base class of all exceptions, and
+    `InputError` reports an invalid argument.
 
-Names are loaded on first use, so that ``import palpate`` costs nothing.
+Names are imported on first use, so ``import palpate`` is fast.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ __all__ = [
     "score",
 ]
 
-_HOMES = {
+_MODULES = {
     "Exponential": "palpate.settling.exponential",
     "ForceLaw": "palpate.estimate.force_law",
     "GraspResult": "palpate.grasp.result",
@@ -116,9 +116,9 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'palpate' has no attribute {name!r}")
-    found = getattr(importlib.import_module(_HOMES[name]), name)
+    found = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = found
     return found
 

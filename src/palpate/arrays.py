@@ -1,4 +1,4 @@
-"""The type of every array of measurements."""
+"""Type alias for arrays of measurements."""
 
 from __future__ import annotations
 

@@ -7,14 +7,14 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Time for a loop: a monotonic reading and a way to wait."""
+    """A monotonic clock with a wait."""
 
     def now_s(self) -> float:
         """Return monotonic time, seconds."""
         ...
 
     def sleep_s(self, duration_s: float) -> None:
-        """Let `duration_s` pass."""
+        """Wait for `duration_s` seconds."""
         ...
 
 
@@ -26,13 +26,13 @@ class RealClock:
         return time.monotonic()
 
     def sleep_s(self, duration_s: float) -> None:
-        """Sleep for `duration_s` seconds (none if it is not positive)."""
+        """Sleep for `duration_s` seconds, if positive."""
         if duration_s > 0:
             time.sleep(duration_s)
 
 
 class ManualClock:
-    """A clock that moves only on command.
+    """A clock that advances only in `sleep_s`.
 
     >>> clock = ManualClock()
     >>> clock.sleep_s(0.25)
@@ -44,13 +44,13 @@ class ManualClock:
         self._now_s = start_s
 
     def now_s(self) -> float:
-        """Return the time it was moved to, seconds."""
+        """Return the current time, seconds."""
         return self._now_s
 
     def sleep_s(self, duration_s: float) -> None:
-        """Move time forward by `duration_s` seconds.
+        """Advance the time by `duration_s` seconds.
 
-        Raises `ValueError` if `duration_s` is negative: time can't go backwards.
+        Raises `ValueError` if `duration_s` is negative.
         """
         if duration_s < 0:
             raise ValueError(f"a clock can't go back by {-duration_s} s")

@@ -1,9 +1,8 @@
-"""The error tree.
+"""The exceptions of palpate.
 
-Every message is one line that states what, where and what to do.
-
-World outcomes (a slip, a hold that is too short) are statuses on results; only bad input and broken
-equipment raise. `exit_status` is what the command line returns for the error.
+Every message is one line that states the fault, its place and a remedy. Outcomes in the physical
+world (a slip, a hold that is too short) are statuses of results; only invalid input and broken
+equipment raise. `exit_status` is the exit status of the command line for an error.
 """
 
 from __future__ import annotations
@@ -13,17 +12,17 @@ from contextlib import contextmanager
 
 
 class PalpateError(Exception):
-    """Root of every error that palpate raises on purpose."""
+    """Base class of the exceptions that palpate raises intentionally."""
 
     exit_status = 2
 
 
 class InputError(PalpateError, ValueError):
-    """A file, option or argument that can't be used as given."""
+    """An invalid file, option or argument."""
 
 
 class CalibrationError(PalpateError):
-    """Calibration data that are refused, or a calibration file that doesn't fit."""
+    """Unusable calibration data, or a calibration file that doesn't match the rig."""
 
 
 class RecordingError(PalpateError):
@@ -31,23 +30,23 @@ class RecordingError(PalpateError):
 
 
 class RecordingLostError(RecordingError):
-    """A recording that can't be written any more: disk full, medium gone."""
+    """A running recording that can't be continued, such as on a full disk."""
 
     exit_status = 3
 
 
 class MissingExtraError(PalpateError):
-    """An optional dependency is not installed; the message names the extra to install."""
+    """A missing optional dependency; the message names the extra to install."""
 
 
 class DeviceError(PalpateError):
-    """Equipment that is lost, refused or broken."""
+    """Equipment that is lost, inaccessible or broken."""
 
     exit_status = 3
 
 
 class DeviceNotFoundError(DeviceError):
-    """No such port, board or servo."""
+    """A port, board or servo that doesn't exist."""
 
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
@@ -55,30 +54,27 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class WireError(DeviceError):
-    """Bytes that break the protocol in a way that can't be skipped over."""
+    """A protocol violation from which the reader can't resynchronise."""
 
 
 class StoreError(PalpateError):
-    """A store of items that can't be used: not a store, read-only, newer or damaged."""
+    """An unusable store of items: not a store, read-only, too new or damaged."""
 
 
 class StoreAwayError(StoreError):
-    """A store that does not answer: no server, locked, disk full.
-
-    A later attempt may succeed.
-    """
+    """A temporarily unavailable store: no server, locked or disk full."""
 
     exit_status = 3
 
 
 @contextmanager
 def require_extra(what: str, *, extra: str) -> Iterator[None]:
-    """Import within what an extra brings; where it is missing, explain how to install it.
+    """Translate a failed import of an extra's module into an error with install instructions.
 
     Raises
     ------
     MissingExtraError
-        If a module is not installed.
+        If a module imported in the block is not installed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and what JSON holds becomes dataclasses."""
+"""Atomic writing of files, checks of output paths, and conversion of JSON to dataclasses."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from palpate.errors import InputError
 
-#: What begins a formula in a spreadsheet, or hides its beginning.
+#: Characters that begin a formula in a spreadsheet, or hide its beginning.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
-#: Larger numbers are no quantity.
+#: Limit for numbers in files; no quantity is larger.
 _LARGEST = 1e300
 
 T = TypeVar("T")
@@ -26,8 +26,8 @@ T = TypeVar("T")
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path next to `path`; move it into place if the block succeeds.
 
-    `path`: where the finished file goes. Its folder must exist.
-    Yields a file in the same folder and with the same ending, for the block to write.
+    `path`: the finished file; its folder must exist.
+    Yields the path of an empty file in the same folder with the same extension.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -36,14 +36,14 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     >>> [p.name for p in folder.iterdir()], (folder / "note.txt").read_text()
     (['note.txt'], 'whole')
     """
-    # Through a link to what it names: the link stays.
+    # Replace the target of a symbolic link, not the link.
     final = Path(path).resolve()
     try:
         handle, name = tempfile.mkstemp(
             prefix=f".{final.stem}-", suffix="".join(final.suffixes), dir=final.parent
         )
     except OSError as error:
-        # The user knows the file asked for, not the temporary one.
+        # The message must name the requested file, not the temporary file.
         raise OSError(error.errno, error.strerror, str(path)) from error
     os.close(handle)
     partial = Path(name)
@@ -51,7 +51,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield partial
         with partial.open("rb") as written:
             os.fsync(written.fileno())
-        partial.chmod(_mode(final))
+        partial.chmod(_file_mode(final))
         partial.replace(final)
         sync_folder(final.parent)
     except BaseException:
@@ -63,8 +63,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary folder next to `path`; move it into place if the block succeeds.
 
-    `path`: the new folder; its own folder must exist.
-    Raises `InputError` if it is there already, or its folder is not.
+    `path`: the new folder; its parent folder must exist.
+    Raises `InputError` if `path` exists, or its parent folder doesn't.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp()) / "set"
@@ -81,7 +81,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     partial = Path(tempfile.mkdtemp(prefix=f".{final.name}-", dir=final.parent))
     try:
         yield partial
-        readable = _mode(final)
+        readable = _file_mode(final)
         partial.chmod(readable | ((readable & 0o444) >> 2))
         partial.rename(final)
         sync_folder(final.parent)
@@ -90,8 +90,8 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
 
 
-def _mode(final: Path) -> int:
-    """Return the mode that a file has, or that a new one would get."""
+def _file_mode(final: Path) -> int:
+    """Return the mode of a file, or the default mode of a new file."""
     try:
         return final.stat().st_mode & 0o777
     except FileNotFoundError:
@@ -101,7 +101,7 @@ def _mode(final: Path) -> int:
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush a folder's entries to disk, so that a new file survives a power cut."""
+    """Flush a folder's entries to disk, so a new file survives a power failure."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -109,29 +109,29 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:
-    """Refuse to write over what is read.
+def check_not_input(output: Path, *, inputs: Iterable[Path]) -> None:
+    """Refuse an output file that is also an input.
 
-    Raises `InputError` if they are one file, under whatever names.
+    Raises `InputError` if `output` is the same file as an input, even under another name.
 
     >>> import tempfile
     >>> holds = Path(tempfile.mkdtemp()) / "holds.csv"
     >>> _ = holds.write_text("hold_id,time_s,value")
-    >>> keep_inputs(holds.with_name("answers.csv"), inputs=[holds])
-    >>> keep_inputs(holds, inputs=[holds])
+    >>> check_not_input(holds.with_name("answers.csv"), inputs=[holds])
+    >>> check_not_input(holds, inputs=[holds])
     Traceback (most recent call last):
-    palpate.errors.InputError: ...holds.csv is read here and would be lost; choose another name
+    palpate.errors.InputError: ...holds.csv is an input and would be lost; choose another name
     """
     if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
-        raise InputError(f"{output} is read here and would be lost; choose another name")
+        raise InputError(f"{output} is an input and would be lost; choose another name")
 
 
-def check_place(output: Path) -> None:
-    """Refuse, before the work, a file that could not be written after it.
+def check_writable(output: Path) -> None:
+    """Check early that an output file can be written later.
 
-    Raises `InputError` if it is a folder, or its own folder is not there or can't be written to.
+    Raises `InputError` if `output` is a folder, or its parent folder is missing or read-only.
 
-    >>> check_place(Path("no-such-folder/pad.json"))
+    >>> check_writable(Path("no-such-folder/pad.json"))
     Traceback (most recent call last):
     palpate.errors.InputError: no-such-folder/pad.json: there is no folder no-such-folder; \
 make it first
@@ -142,56 +142,56 @@ make it first
     if not folder.is_dir():
         raise InputError(f"{output}: there is no folder {folder}; make it first")
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{output}: no right to write to {folder}; choose another place")
+        raise InputError(f"{output}: no permission to write to {folder}; choose another folder")
 
 
 def check_new(output: Path, *, option: str = "--out") -> None:
-    """Refuse, before the work, to write over a file, or where `check_place` refuses.
+    """Check early that an output file is new and can be written later.
 
-    Raises `InputError` if the file exists already.
+    Raises `InputError` if the file exists, or `check_writable` refuses it.
     """
-    check_place(output)
+    check_writable(output)
     if output.exists():
         raise InputError(
             f"{output}: exists already and is not overwritten; choose another {option}"
         )
 
 
-def csv_cell(value: object) -> object:
-    """Return a cell for a CSV file; text that spreadsheets run as formula is quoted.
+def escape_csv_cell(value: object) -> object:
+    """Return a cell for a CSV file; text that spreadsheets execute as a formula is quoted.
 
-    Names of items, holds and files are typed by people. A leading apostrophe makes them
-    text in Excel, LibreOffice and Google Sheets (OWASP, "CSV Injection").
+    Users type the names of items, holds and files. A leading apostrophe makes them text in Excel,
+    LibreOffice and Google Sheets (OWASP, "CSV Injection").
 
-    >>> csv_cell("=HYPERLINK(A1)"), csv_cell("A17"), csv_cell(-1.5)
+    >>> escape_csv_cell("=HYPERLINK(A1)"), escape_csv_cell("A17"), escape_csv_cell(-1.5)
     ("'=HYPERLINK(A1)", 'A17', -1.5)
     """
     is_formula = isinstance(value, str) and value.lstrip(" ")[:1] in _FORMULA_STARTS
     return f"'{value}" if is_formula else value
 
 
-def structure(kind: type[T], stored: object, *, where: str = "") -> T:
-    """Return the dataclass that was stored as plain values, or name what does not fit.
+def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
+    """Return a dataclass from plain values with strict checks.
 
-    Strict: no value is converted but whole numbers into floats, no name is skipped. A field with a
-    default may be missing: files older than it lack it.
+    Integers are converted to floats; no other value is converted, and unknown names are refused. A
+    field with a default may be missing, because older files lack newer fields.
 
-    `kind`: a dataclass whose fields are numbers, text, truth values, literals, tuples, mappings
-        with text as keys, other such dataclasses, or one of these or None.
-    `stored`: what a file holds of it.
-    `where`: the name of its place in the file; empty for the whole file.
-    Raises `InputError` if a name is missing or unknown, or a value is of another type.
+    `kind`: a dataclass whose fields are numbers, strings, booleans, literals, tuples, mappings
+        with string keys, other such dataclasses, or unions of these with None.
+    `stored`: plain values from a file.
+    `where`: place of the values in the file, for messages; empty for the whole file.
+    Raises `InputError` if a name is missing or unknown, or a value has another type.
 
     >>> from palpate.signal.circuit import Divider
-    >>> structure(Divider, {"adc_bits": 12}).adc_bits
+    >>> load_dataclass(Divider, {"adc_bits": 12}).adc_bits
     12
     >>> try:
-    ...     structure(Divider, {"adc_bits": "ten"}, where="layout.divider")
+    ...     load_dataclass(Divider, {"adc_bits": "ten"}, where="layout.divider")
     ... except InputError as error:
     ...     print(error)
     layout.divider.adc_bits is 'ten', not a count
     """
-    stored = _table(stored, where=where)
+    stored = _require_table(stored, where=where)
     there = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
     needed = (n for n, f in there.items() if f.default is f.default_factory is MISSING)
     faults = {
@@ -204,27 +204,32 @@ def structure(kind: type[T], stored: object, *, where: str = "") -> T:
         )
         raise InputError(f"{where or 'the file'} {fault}; units are part of the names")
     hints = get_type_hints(kind)
-    return kind(**{name: _value(hints[name], stored[name], _in(where, name)) for name in stored})
+    return kind(
+        **{name: _convert(hints[name], stored[name], _join_place(where, name)) for name in stored}
+    )
 
 
-def _value(kind: Any, stored: Any, where: str) -> Any:
+def _convert(kind: Any, stored: Any, where: str) -> Any:
     origin, parts = get_origin(kind), get_args(kind)
     if kind is Any:
         return stored
     if is_dataclass(kind):
-        return structure(kind, stored, where=where)  # type: ignore[arg-type]
+        return load_dataclass(kind, stored, where=where)  # type: ignore[arg-type]
     if origin is UnionType:
         (other,) = (part for part in parts if part is not NoneType)
-        return None if stored is None else _value(other, stored, where)
+        return None if stored is None else _convert(other, stored, where)
     if origin is tuple:
-        return _list(parts, stored, where)
+        return _convert_list(parts, stored, where)
     if origin is Mapping:
-        table = _table(stored, where=where)
-        return {name: _value(parts[1], value, _in(where, name)) for name, value in table.items()}
+        table = _require_table(stored, where=where)
+        return {
+            name: _convert(parts[1], value, _join_place(where, name))
+            for name, value in table.items()
+        }
     if origin is Literal and stored not in parts:
         raise InputError(f"{where} is {stored!r:.40}, none of {', '.join(parts)}")
     if kind is float:
-        # Not a number, infinite, or a whole number too large for a float.
+        # Rejects NaN, infinity, and integers too large for a float.
         if type(stored) not in (int, float) or not abs(stored) <= _LARGEST:
             raise InputError(f"{where} is {stored!r:.40}, not a finite number")
         return float(stored)
@@ -235,20 +240,20 @@ def _value(kind: Any, stored: Any, where: str) -> Any:
     return stored
 
 
-def _list(parts: tuple[Any, ...], stored: Any, where: str) -> tuple[Any, ...]:
+def _convert_list(parts: tuple[Any, ...], stored: Any, where: str) -> tuple[Any, ...]:
     what = " of numbers" if parts[0] in (int, float) else ""
     if not isinstance(stored, list | tuple):
         raise InputError(f"{where} must be a list{what}")
     if parts[-1] is not ... and len(stored) != len(parts):
         raise InputError(f"{where} must be a list of {len(parts)}")
-    return tuple(_value(parts[0], value, where) for value in stored)
+    return tuple(_convert(parts[0], value, where) for value in stored)
 
 
-def _table(stored: Any, *, where: str) -> Mapping[str, Any]:
+def _require_table(stored: Any, *, where: str) -> Mapping[str, Any]:
     if not isinstance(stored, dict):
         raise InputError(f"{where or 'the file'} is {stored!r:.40}, not a table")
     return stored
 
 
-def _in(where: str, name: str) -> str:
+def _join_place(where: str, name: str) -> str:
     return f"{where}.{name}" if where else name

@@ -1,4 +1,4 @@
-"""Tables of a terminal: one style for all, as narrow as the terminal is."""
+"""Terminal tables in a uniform style that adapt to the width of the terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.text import Text
 
 
 def make_table(columns: Sequence[str], rows: Iterable[Sequence[Any]] = ()) -> Table:
-    """Return a table without lines; columns whose name begins with ``>`` hold numbers."""
+    """Return a table without borders; a leading ``>`` in a name right-aligns the column."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
     for column in columns:
         right = column.startswith(">")
@@ -25,18 +25,18 @@ def make_table(columns: Sequence[str], rows: Iterable[Sequence[Any]] = ()) -> Ta
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], *, console: Console | None = None
 ) -> None:
-    """Print a table, as narrow as the terminal is."""
+    """Print a table that fits the width of the terminal."""
     console = console or Console(highlight=False)
     console.print(fit_table(make_table(columns, rows), console=console))
 
 
 def fit_table(table: Table, *, console: Console, taken: int = 0) -> RenderableType:
-    """Return a table in columns where all its words fit, else row by row.
+    """Return a table in columns if all words fit, else one paragraph per row.
 
     Parameters
     ----------
     taken : int
-        Characters of each line that lie around the table.
+        Characters per line occupied by the surroundings of the table.
 
     Examples
     --------
@@ -54,40 +54,40 @@ def fit_table(table: Table, *, console: Console, taken: int = 0) -> RenderableTy
     · stage nearly
     ripe
     """
-    if _narrow_columns(table, room=console.width - taken, console=console):
+    if _fit_columns(table, room=console.width - taken, console=console):
         return table
     rows = zip(*(column.cells for column in table.columns), strict=True)
-    return Group(*(_paragraph(table, row) for row in rows))
+    return Group(*(_format_row(table, row) for row in rows))
 
 
-def _narrow_columns(table: Table, *, room: int, console: Console) -> bool:
-    """Narrow columns between words until a table fits; return whether it does.
+def _fit_columns(table: Table, *, room: int, console: Console) -> bool:
+    """Narrow columns at word boundaries until a table fits; return whether it fits.
 
-    Rich narrows the widest column first, in the middle of its words.
+    Rich itself narrows the widest column first and breaks words.
     """
-    spans = [_span(column, console) for column in table.columns]
-    if table.box is None and sum(widest for _, widest in spans) + _gaps(table) > room:
+    spans = [_column_widths(column, console) for column in table.columns]
+    if table.box is None and sum(widest for _, widest in spans) + _gap_width(table) > room:
         table.padding = (0, 1, 0, 0)
-    spare = room - _gaps(table) - sum(narrowest for narrowest, _ in spans)
+    spare = room - _gap_width(table) - sum(narrowest for narrowest, _ in spans)
     widths = [narrowest for narrowest, _ in spans]
-    # The narrowest first: it has the shortest words, and would have the most lines.
+    # Widen the narrowest column first, because it would have the most lines.
     for _ in range(spare):
-        cramped = [n for n, (_, widest) in enumerate(spans) if widths[n] < widest]
-        if cramped:
-            widths[min(cramped, key=widths.__getitem__)] += 1
+        narrowed = [n for n, (_, widest) in enumerate(spans) if widths[n] < widest]
+        if narrowed:
+            widths[min(narrowed, key=widths.__getitem__)] += 1
     for column, width in zip(table.columns, widths, strict=True):
         column.width = width
     return spare >= 0
 
 
-def _gaps(table: Table) -> int:
+def _gap_width(table: Table) -> int:
     _, right, _, left = table.padding
     lines = 0 if table.box is None else len(table.columns) + 1
     return lines + len(table.columns) * (left + right)
 
 
-def _span(column: Column, console: Console) -> tuple[int, int]:
-    """Return the length of a column's longest word, and of its longest line."""
+def _column_widths(column: Column, console: Console) -> tuple[int, int]:
+    """Return the widths of a column's longest word and longest line."""
     found = [
         Measurement.get(console, console.options.update(max_width=10_000), cell)
         for cell in (column.header, *column.cells)
@@ -96,8 +96,8 @@ def _span(column: Column, console: Console) -> tuple[int, int]:
     return widest if column.no_wrap else max(one.minimum for one in found), widest
 
 
-def _paragraph(table: Table, row: tuple[RenderableType, ...]) -> Text:
-    """Return a row with its column's name before each cell, second lines in brackets."""
+def _format_row(table: Table, row: tuple[RenderableType, ...]) -> Text:
+    """Return a row as text: each cell after its column name, further lines in brackets."""
     pieces = []
     for column, cell in zip(table.columns, row, strict=True):
         name = ", ".join(str(column.header).split("\n")).strip(", ")

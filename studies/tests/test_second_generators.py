@@ -93,7 +93,7 @@ def test_other_sheet_has_fixed_hysteresis_and_constant_creep_rate() -> None:
 
 
 def test_world_with_remade_uses_other_sheet() -> None:
-    first, second = World(None, seed=5), World(None, seed=5, remade=other_sheet)
+    first, second = World(None, seed=5), World(None, seed=5, replace_sheet=other_sheet)
     assert isinstance(second.sheet, OtherSheet)
     assert second.sheet.rest_ohm.tolist() == first.sheet.rest_ohm.tolist()
 

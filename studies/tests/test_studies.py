@@ -205,7 +205,7 @@ def test_session_saturated_pixel_reads_smallest_resistance() -> None:
     session = Session(
         1,
         level="field",
-        remade=lambda sheet: replace(sheet, gain=1e4 * sheet.gain, saturation=1e6),
+        replace_sheet=lambda sheet: replace(sheet, gain=1e4 * sheet.gain, saturation=1e6),
     )
     pad = draw_named("dragonskin-30")
     session.place(pad)

@@ -169,5 +169,5 @@ def test_rig_files_that_use_each_other_are_refused(
     for one, other in (("a", "b"), ("b", "a"), ("self", "self")):
         Path(f"{one}.toml").write_text(f'use = "{other}.toml"\n')
     for name in ("a", "b", "self"):
-        with pytest.raises(PalpateError, match="has a `use` too; name a rig"):
+        with pytest.raises(PalpateError, match="also has a `use`; name a rig"):
             open_file(Path(f"{name}.toml"), object_name=None, seed=0)

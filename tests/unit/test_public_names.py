@@ -33,7 +33,7 @@ def test_every_public_name_has_its_type_where_it_is_loaded_from() -> None:
         if isinstance(node, ast.ImportFrom)
         for name in node.names
     }
-    assert typed == palpate._HOMES
+    assert typed == palpate._MODULES
     assert sorted(typed) == palpate.__all__
 
 

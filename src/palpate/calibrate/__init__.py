@@ -1,1 +1,1 @@
-"""Procedures of calibration, shared by the command line and the page."""
+"""Calibration procedures, shared by the command line and the dashboard."""

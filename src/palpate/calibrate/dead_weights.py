@@ -1,4 +1,4 @@
-"""Dead weights on a sheet: settled readings paired with typed loads, up and down."""
+"""Calibration with dead weights: settled readings paired with entered loads."""
 
 from __future__ import annotations
 
@@ -22,79 +22,78 @@ from palpate.signal.relative import (
     total_excess,
 )
 
-#: When the sheet counts as settled (paper, section 2.2), and how long a step is given at most.
-SETTLED_S, _PATIENCE_S = 20.0, 40.0
-#: Settled: two stretches of this length, one after the other, differ by less than this fraction.
-_STRETCH_S, _SETTLED_SHARE = 2.0, 0.03
-#: Excess conductance that counts as nothing: below it a fraction means nothing.
-_FAINT_EXCESS = 0.1
-#: A pixel that reads less than this is at the end of its converter.
+#: Time after which the sheet counts as settled (paper, section 2.2), and maximum time per load.
+SETTLED_S, _MAX_WAIT_S = 20.0, 40.0
+#: A reading is settled if two successive stretches of this length differ by less than a fraction.
+_STRETCH_S, _SETTLED_FRACTION = 2.0, 0.03
+#: Excess conductance below which a relative difference is meaningless.
+_NEGLIGIBLE_EXCESS = 0.1
+#: A pixel with a lower resistance is saturated.
 _SATURATED_OHM = 1.0
 _REST_S = 2.0
-#: Fewest loads, and the ratio of the largest to the smallest: close together they show no slope.
-FEWEST, _LEAST_RATIO = 3, 2.0
-#: Heavier than anything this sensor is made for: grams taken for newtons.
-_HEAVIEST_N = 200.0
+#: Minimum number of loads, and minimum ratio of the largest to the smallest load.
+MIN_LOADS, _MIN_LOAD_RATIO = 3, 2.0
+#: Above the range of this sensor; larger values are probably grams.
+_MAX_LOAD_N = 200.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weighing:
-    """The pairs of every step that settled, and the loads of those that did not."""
+class LoadMeasurement:
+    """The pairs of all settled loads, and the loads that did not settle."""
 
     pairs: ForcePairs
     refused_n: tuple[float, ...]
 
 
 def read_loads(path: Path) -> list[float]:
-    """Return the loads of a table's column `load_n`, in the order of the file.
+    """Return the loads in the column `load_n` of a table, in the order of the file.
 
-    Raises `InputError` if the file can't be read, has no such column, or holds what can't be loads
-    in newtons.
+    Raises `InputError` if the file can't be read, has no such column, or contains invalid loads.
     """
     loads = read_table(path, columns={"load_n": "number"})["load_n"]
     return check_loads(loads.tolist(), where=str(path))
 
 
 def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
-    """Return loads that can carry a calibration.
+    """Return the loads if they suffice for a calibration.
 
-    Raises `InputError` if there are too few, one only, or they can't be newtons.
+    Raises `InputError` if there are too few different loads, or they can't be newtons.
     """
     loads = [float(load) for load in loads_n]
     if not all(np.isfinite(load) and load >= 0 for load in loads):
         raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
     laid = sorted({load for load in loads if load > 0})
-    if len(laid) < FEWEST or laid[-1] < _LEAST_RATIO * laid[0]:
+    if len(laid) < MIN_LOADS or laid[-1] < _MIN_LOAD_RATIO * laid[0]:
         raise InputError(
             f"{where}: {len(loads)} loads, {len(set(loads))} of them different; give at least "
-            f"{FEWEST} spread over the range, the largest {_LEAST_RATIO:g} times the smallest, "
-            "such as 1.5, 4 and 9 N"
+            f"{MIN_LOADS} spread over the range, the largest {_MIN_LOAD_RATIO:g} times the "
+            "smallest, such as 1.5, 4 and 9 N"
         )
-    if max(loads) > _HEAVIEST_N:
+    if max(loads) > _MAX_LOAD_N:
         raise InputError(
-            f"{where}: a load of {max(loads):g} N is too much for this sensor; "
-            "are the loads in grams? Newtons are grams x 0.00981"
+            f"{where}: a load of {max(loads):g} N is too large for this sensor; "
+            "if the loads are in grams, multiply them by 0.00981 for newtons"
         )
     return loads
 
 
-def weigh(
+def measure_loads(
     array: PressureArray,
     *,
     loads_n: Iterable[float],
     place: Callable[[float], None],
     clock: Clock,
     settled: Callable[[float, float], None] | None = None,
-) -> Weighing:
+) -> LoadMeasurement:
     """Read the settled value under each load.
 
-    `array`: without any load at first.
-    `loads_n`: in the order in which they are put on; each is asked for when the last was read.
-    `place`: called with each load; returns once it lies on the sheet.
-    `clock`: the clock that frames are stamped by: those from before are dropped.
-    `settled`: called with excess conductance and load of each that settled.
-    Raises `CalibrationError` if a pixel is at the end of its converter under a load, or fewer than
-    three steps settle.
+    `array`: the unloaded sensor.
+    `loads_n`: loads in order of application; each is requested after the previous reading.
+    `place`: called with each load; returns once the load is on the sheet.
+    `clock`: clock of the frames' timestamps; frames from before the placement are dropped.
+    `settled`: called with the excess conductance and load of each settled reading.
+    Raises `CalibrationError` if a pixel saturates under a load, or fewer than three readings
+    settle.
     """
     rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
     settled_n, excess, relative = list[float](), list[float](), list[float]()
@@ -104,7 +103,7 @@ def weigh(
         placed_s = clock.now_s()
         while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < placed_s:
             pass
-        reading = _settle(array, rest_ohm, load_n)
+        reading = _measure_settled(array, rest_ohm, load_n)
         if reading is None:
             refused.append(load_n)
         elif load_n > 0:
@@ -113,10 +112,10 @@ def weigh(
             relative.append(reading[1])
             if settled is not None:
                 settled(reading[0], load_n)
-    if len(settled_n) < FEWEST:
+    if len(settled_n) < MIN_LOADS:
         raise CalibrationError(
-            f"force calibration: {len(settled_n)} loads settled, at least {FEWEST} needed; keep "
-            "everything still and lay the weights down on a flat stamp"
+            f"force calibration: {len(settled_n)} loads settled, at least {MIN_LOADS} needed; "
+            "avoid vibration and place the weights on a flat stamp"
         )
     pairs = ForcePairs(
         run=(0,) * len(settled_n),
@@ -125,24 +124,24 @@ def weigh(
         relative_percent=tuple(relative),
         force_n=tuple(settled_n),
     )
-    return Weighing(pairs=pairs, refused_n=tuple(refused))
+    return LoadMeasurement(pairs=pairs, refused_n=tuple(refused))
 
 
-def has_hysteresis(force_n: Sequence[float]) -> bool:
-    """Whether loads fell as well as rose."""
+def has_unloading(force_n: Sequence[float]) -> bool:
+    """Return whether any load is lower than the previous one."""
     return bool((np.diff(np.asarray(force_n, dtype=float)) < 0).any())
 
 
-def _settle(
+def _measure_settled(
     array: PressureArray, rest_ohm: np.ndarray, load_n: float
 ) -> tuple[float, float] | None:
-    """Return excess and relative change once two stretches agree; None if they never do."""
+    """Return the settled excess and relative change, or None after the maximum time."""
     waited_s = SETTLED_S - 2 * _STRETCH_S
     _ohm(array, waited_s)
     before, _ = _measure_load(array, rest_ohm, load_n)
-    while waited_s < _PATIENCE_S:
+    while waited_s < _MAX_WAIT_S:
         after, relative = _measure_load(array, rest_ohm, load_n)
-        if abs(after - before) <= max(_SETTLED_SHARE * abs(after), _FAINT_EXCESS):
+        if abs(after - before) <= max(_SETTLED_FRACTION * abs(after), _NEGLIGIBLE_EXCESS):
             return after, relative
         before = after
         waited_s += _STRETCH_S
@@ -150,7 +149,7 @@ def _settle(
 
 
 def _measure_load(array: PressureArray, rest_ohm: np.ndarray, load_n: float) -> tuple[float, float]:
-    """Return excess conductance and relative change, both in the mean over a stretch."""
+    """Return excess conductance and relative change, averaged over a stretch."""
     ohm = _ohm(array, _STRETCH_S)
     if float(np.min(ohm.mean(axis=0))) < _SATURATED_OHM:
         raise CalibrationError(

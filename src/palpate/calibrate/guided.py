@@ -1,4 +1,4 @@
-"""Calibration by guided steps: rest, closing on a load cell, closing on a block."""
+"""Guided calibration steps: rest, closing on a load cell, closing on a block."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from palpate.signal.relative import (
     rest_baseline,
 )
 
-#: Contact with the load cell, newtons. Closing is slow up to it, then in steps that grow
-#: with the force, so that small forces get as many readings as large ones.
+#: Contact threshold of the load cell, newtons. Closing is slow up to contact. The steps then grow
+#: with the force, to read small forces as often as large forces.
 _TOUCH_N = 0.05
 _POLL_S = 0.02
-#: Readings are means over this time: of the last frames of a dwell, and of a settled hold.
+#: Averaging time of a reading at the end of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
-#: Settled holds of the guided steps, newtons, one list for each placement of the load cell: small
-#: and large mixed.
+#: Forces of the settled holds, newtons, one list per placement of the load cell, small and large
+#: mixed.
 HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
-#: Where frames are skipped, the last ones of a wait are read all the same.
-_FRESH_S = 0.2
-#: Pause with the hand open before a placement's rest is taken.
-_FORGETTING_S = 30.0
-#: The sheet may take this long to recover from a load before its rest is refused.
-_RECOVERY_S = 120.0
+#: Final part of a wait in which frames are read even if earlier frames are skipped.
+_FINAL_READ_S = 0.2
+#: Pause with the gripper open before the rest of a placement is measured.
+_RECOVERY_PAUSE_S = 30.0
+#: Maximum recovery time of the sheet from a load.
+_MAX_RECOVERY_S = 120.0
 
 
 class LoadCell(Protocol):
-    """A reference force in the place of the object."""
+    """A reference force sensor in place of the object."""
 
     def read_n(self) -> float:
-        """Return the grip force now, newtons."""
+        """Return the present grip force, newtons."""
         ...
 
 
@@ -56,13 +56,13 @@ class _Pace:
     approach: float
     rate: float
     step_per_n: float
-    finest: float
-    coarsest: float
+    smallest_step: float
+    largest_step: float
 
 
 _PACES = {
-    "width": _Pace(approach=6.0, rate=20.0, step_per_n=0.1, finest=0.1, coarsest=0.5),
-    "pressure": _Pace(approach=4.0, rate=15.0, step_per_n=0.4, finest=0.3, coarsest=1.5),
+    "width": _Pace(approach=6.0, rate=20.0, step_per_n=0.1, smallest_step=0.1, largest_step=0.5),
+    "pressure": _Pace(approach=4.0, rate=15.0, step_per_n=0.4, smallest_step=0.3, largest_step=1.5),
 }
 
 
@@ -78,13 +78,11 @@ class SheetReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """The devices of a calibration, and where to begin to close slowly.
+    """The devices of a calibration, and the start of slow closing.
 
     `array`, `gripper`, `cell`, `clock`: the devices.
-    `skip_until`: lets time pass without frames where none is needed; else they are read and
-    dropped.
-    `start`: width a little above, or pressure a little below, where the largest object that will be
-    between the fingers is touched.
+    `skip_until`: waits without reading frames; without it, unneeded frames are read and dropped.
+    `start`: width slightly above, or pressure slightly below, contact with the largest object.
     """
 
     array: PressureArray
@@ -96,11 +94,11 @@ class Bench:
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
-    """Open the hand and take the rest values.
+    """Open the gripper and measure the rest values.
 
-    Raises `CalibrationError` if the sensor is loaded or moving.
+    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal.
     """
-    with _opening_after(bench):
+    with _open_afterwards(bench):
         _open(bench)
         rest = _measure_rest(bench, duration_s=duration_s)
     return RestValues(
@@ -120,33 +118,33 @@ def measure_force(
 ) -> ForcePairs:
     """Close on a load cell in steps and pair its force with sheet readings.
 
-    Each run is a fresh placement of the cell. A run closes step by step, as a grasp does, reading
-    every step after `dwell_s`; at each force of its list it stands still until `horizon_s` and
+    Each run is a new placement of the cell. A run closes in steps, as a grasp does, and takes a
+    reading `dwell_s` after each step. At each force of its list it holds until `horizon_s` and
     reads the settled value.
 
-    `holds_n`: for each run, rising forces at which to hold.
-    `reseat`: called with the number of the run once the hand is open: the user moves the load cell.
-    `dwell_s`: wait after each step before it is read.
-    `horizon_s`: when the sheet counts as settled.
-    Raises `CalibrationError` if the load cell never shows a force.
+    `holds_n`: for each run, the rising forces at which to hold.
+    `reseat`: called with the run's number once the gripper is open; the user moves the load cell.
+    `dwell_s`: wait from each step to its reading.
+    `horizon_s`: time after which the sheet counts as settled.
+    Raises `CalibrationError` if the load cell never measures a force.
     """
     rows: list[tuple[int, SheetReading]] = []
-    with _opening_after(bench):
+    with _open_afterwards(bench):
         for run, levels in enumerate(holds_n):
             _open(bench)
             reseat(run)
             rest = _measure_rest(bench, duration_s=1.0)
             for level_n in levels:
-                found, room = _close_to_force(
+                found, has_room = _close_to_force(
                     bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s
                 )
                 rows += [(run, reading) for reading in found]
-                if not room:
+                if not has_room:
                     break
     if not any(reading.force_n > _TOUCH_N for _, reading in rows):
         raise CalibrationError(
-            "force calibration: the hand closed fully and the load cell measured no force; "
-            "is the cell between the fingers, and connected?"
+            "force calibration: the gripper closed fully but the load cell measured no force; "
+            "check that the cell is between the fingers and connected"
         )
     readings = [reading for _, reading in rows]
     return ForcePairs(
@@ -162,14 +160,14 @@ def measure_force(
 def measure_block(
     bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
 ) -> BlockPairs:
-    """Close on a rigid block of known size with the load cell, and record it."""
+    """Close on a rigid block of known size and pair force with width or pressure."""
     limits = bench.gripper.limits
     reported: list[float] = []
     force_n: list[float] = []
-    with _opening_after(bench):
+    with _open_afterwards(bench):
         for _ in range(repeats):
             _open(bench)
-            while bench.cell.read_n() < up_to_n and _close_once(bench):
+            while bench.cell.read_n() < up_to_n and _close_one_step(bench):
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 if force > _TOUCH_N:
@@ -185,8 +183,8 @@ def measure_block(
 
 
 @contextmanager
-def _opening_after(bench: Bench) -> Iterator[None]:
-    """Open the hand at the end, after an error too: nothing stays pressed unattended."""
+def _open_afterwards(bench: Bench) -> Iterator[None]:
+    """Open the gripper at the end, also after an error."""
     try:
         yield
     finally:
@@ -202,39 +200,39 @@ def _release(bench: Bench) -> None:
 def _close_to_force(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
 ) -> tuple[list[SheetReading], bool]:
-    """Close step by step to a force and settle; return the readings and the success."""
+    """Close in steps to a force and settle; return the readings and whether travel remains."""
     readings: list[SheetReading] = []
-    moved_s, room = bench.clock.now_s(), True
-    while room and bench.cell.read_n() < level_n:
-        looking = bench.cell.read_n() < _TOUCH_N
+    moved_s, has_room = bench.clock.now_s(), True
+    while has_room and bench.cell.read_n() < level_n:
+        searching = bench.cell.read_n() < _TOUCH_N
         moved_s = bench.clock.now_s()
-        room = _close_once(bench)
-        # A slow search for contact takes long; the sheet responds to its end.
-        moved_s = bench.clock.now_s() if looking else moved_s
-        if room:
+        has_room = _close_one_step(bench)
+        # The search for contact is slow; the sheet responds only at its end.
+        moved_s = bench.clock.now_s() if searching else moved_s
+        if has_room:
             reading = _take_reading(
                 bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S
             )
             if reading.force_n > _TOUCH_N:
                 readings.append(reading)
     settled = _take_reading(bench, rest, moved_s, since_move_s=horizon_s, mean_s=_SETTLED_MEAN_S)
-    return [*readings, settled], room
+    return [*readings, settled], has_room
 
 
 def _open(bench: Bench) -> None:
-    """Open just beyond the object between the fingers."""
+    """Open slightly beyond the object between the fingers and let the sheet recover."""
     if bench.gripper.limits.closure(bench.gripper.state()) > _free_closure(bench):
         _move_to(bench, _free_closure(bench))
-    # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a
-    # rest may still have an error of 3 %, the residual of half a newton.
-    _wait(bench, bench.clock.now_s() + _FORGETTING_S)
+    # The opening spike and the residual of the last load must decay: after 3 s a rest value may
+    # still have an error of 3 %, the equivalent of half a newton.
+    _wait(bench, bench.clock.now_s() + _RECOVERY_PAUSE_S)
 
 
-def _close_once(bench: Bench) -> bool:
-    """Take one step; return whether there was room for it."""
+def _close_one_step(bench: Bench) -> bool:
+    """Close by one step; return whether enough travel remained."""
     limits, force_n = bench.gripper.limits, bench.cell.read_n()
     pace, closure = _PACES[limits.drive], limits.closure(bench.gripper.state())
-    if closure >= limits.span - 0.5 * pace.finest:
+    if closure >= limits.span - 0.5 * pace.smallest_step:
         return False
     if force_n < _TOUCH_N:
         if closure < _free_closure(bench):
@@ -244,7 +242,7 @@ def _close_once(bench: Bench) -> bool:
             bench.clock.sleep_s(_POLL_S)
         bench.gripper.stop()
         return True
-    step = min(max(pace.step_per_n * force_n, pace.finest), pace.coarsest)
+    step = min(max(pace.step_per_n * force_n, pace.smallest_step), pace.largest_step)
     _move_to(bench, closure + step)
     return True
 
@@ -257,24 +255,24 @@ def _free_closure(bench: Bench) -> float:
 def _move_to(bench: Bench, closure: float) -> None:
     limits = bench.gripper.limits
     rate = _PACES[limits.drive].rate
-    way = abs(closure - limits.closure(bench.gripper.state()))
+    travel = abs(closure - limits.closure(bench.gripper.state()))
     bench.gripper.command(GripperCommand(target=limits.target(closure), rate=rate))
-    bench.clock.sleep_s(way / rate)
+    bench.clock.sleep_s(travel / rate)
     while bench.gripper.state().moving:
         bench.clock.sleep_s(_POLL_S)
 
 
 def _wait(bench: Bench, until_s: float) -> None:
-    """Read and drop frames until a time, so that the next one is fresh."""
+    """Read and drop frames until a time, so the next frame is recent."""
     if bench.skip_until is not None:
-        bench.skip_until(until_s - _FRESH_S)
+        bench.skip_until(until_s - _FINAL_READ_S)
     while bench.array.read(timeout_s=FRAME_TIMEOUT_S).time_s < until_s:
         pass
 
 
 def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     """Measure rest values after the sheet has recovered from the last load."""
-    give_up_s = bench.clock.now_s() + _RECOVERY_S
+    give_up_s = bench.clock.now_s() + _MAX_RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)
         try:
@@ -282,8 +280,8 @@ def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
         except CalibrationError as refused:
             if bench.clock.now_s() > give_up_s:
                 raise DeviceError(
-                    f"the sensor does not come to rest in {_RECOVERY_S:g} s with the hand open: "
-                    f"{refused}. `palpate doctor` shows which pixel is at fault"
+                    f"the sensor does not come to rest in {_MAX_RECOVERY_S:g} s with the gripper "
+                    f"open: {refused}. `palpate doctor` shows the faulty pixel"
                 ) from refused
             _wait(bench, bench.clock.now_s() + 5.0)
             continue
@@ -291,7 +289,7 @@ def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
         if dead:
             pixels = ", ".join(f"r{row}c{col}" for row, col in dead)
             raise DeviceError(
-                f"no signal from {pixels} with the hand open; `palpate doctor` shows more"
+                f"no signal from {pixels} with the gripper open; run `palpate doctor` for details"
             )
         return rest
 
@@ -299,9 +297,9 @@ def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
 def _take_reading(
     bench: Bench, rest: RestBaseline, moved_s: float, *, since_move_s: float, mean_s: float
 ) -> SheetReading:
-    """Read this long after a movement: means of the last `mean_s`."""
+    """Take a reading `since_move_s` after a movement, averaged over the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
-    # A pixel beyond the converter's range has at least the conductance of its last step.
+    # A saturated pixel has at least the conductance of the converter's last step.
     readable_ohm = np.maximum(ohm, bench.array.layout.divider.least_ohm)
     excess = np.nan_to_num(excess_conductance(readable_ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))

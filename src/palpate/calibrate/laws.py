@@ -1,4 +1,4 @@
-"""The force laws of a calibration, for a grasp and for the live view."""
+"""Force laws of a calibration for grasps and the live view."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from palpate.estimate.sheet_creep import SheetCreep
 from palpate.estimate.weights_check import score_held_out_loads, score_held_out_placements
 from palpate.sensor.calibration import Calibration, ForcePairs
 
-#: A step is read this long after its movement, in the calibration as in the grasp, because the
-#: sheet lags and the two readings must lag alike. It is no whole number of frames at 15 Hz, so that
-#: rounding never decides which frame is the first after it.
+#: Wait from a movement to the reading of a step. The calibration and the grasp must wait equally
+#: long, because the sheet lags. The value is not a multiple of the frame interval at 15 Hz, so
+#: rounding does not decide which frame is the first after the wait.
 DWELL_S = 0.42
-#: When the sheet counts as settled (paper, section 2.2).
+#: Time after which the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
 
 
 def laws_of(pairs: ForcePairs) -> ForceLaws:
-    """Return the reading with its early and settled law, by pixel if calibrated so.
+    """Return the early and settled force laws, by pixel if the calibration has pixel data.
 
     Raises
     ------
     CalibrationError
-        If the calibration has no readings of force at the times that a grasp needs.
+        If the calibration has no force readings at the times that a grasp needs.
     """
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
     if not pairs.pixel_excess:
@@ -42,7 +42,7 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
 
 
 def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
-    """Return the laws of a calibration and one with the sheet's lag, for `ForceNow`.
+    """Return the laws of a calibration and a law with the sheet's lag, for `ForceNow`.
 
     Raises
     ------
@@ -54,10 +54,10 @@ def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
 
 
 def force_now(pairs: ForcePairs) -> ForceSource:
-    """Return the force tracker from frames alone, by the laws of a grasp.
+    """Return a tracker that estimates force from frames alone with the laws of a grasp.
 
-    Dead weights give settled readings only: there it is `ForceLaw`, with a prior from other sensors
-    how a sheet lags.
+    Dead weights yield settled readings only. The tracker then uses `ForceLaw`, whose prior for the
+    lag of a sheet comes from other sensors.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def is_made_by_weights(pairs: ForcePairs) -> bool:
 
 
 def placements_of(pairs: ForcePairs) -> PlacementReadings:
-    """Return the readings that the laws of a grasp are fitted to, by placement."""
+    """Return the training readings of the laws of a grasp, by placement."""
     since_s = np.array(pairs.since_move_s)
     used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
     return PlacementReadings(
@@ -86,15 +86,15 @@ def placements_of(pairs: ForcePairs) -> PlacementReadings:
     )
 
 
-def with_force_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with its force law and the error expected of the next placement.
+def add_force_law(recorded: Calibration) -> Calibration:
+    """Return the calibration with its force law and the expected error on a new placement.
 
-    From dead weights the law is `palpate.ForceLaw`, from a load cell one of settled readings.
+    Dead weights yield a `palpate.ForceLaw`; a load cell yields a law of settled readings.
 
     Raises
     ------
     CalibrationError
-        If its force pairs can't carry a law.
+        If the force pairs are insufficient for a law.
     """
     pairs = recorded.force
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
@@ -113,17 +113,17 @@ def with_force_law(recorded: Calibration) -> Calibration:
 def pairs_at(
     pairs: ForcePairs, *, since_move_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return excess and force of the pairs that were read this long after the movement.
+    """Return excess and force of the pairs read `since_move_s` after a movement.
 
     Raises
     ------
     CalibrationError
-        If there are none.
+        If there are no such pairs.
     """
     if not pairs.since_move_s:
         raise CalibrationError(
-            "the calibration has rest values only, and a grasp needs force: run `palpate calibrate "
-            "force` with a load cell"
+            "the calibration has rest values only, but a grasp needs force: run `palpate "
+            "calibrate force` with a load cell"
         )
     chosen = np.isclose(pairs.since_move_s, since_move_s)
     if not chosen.any():
@@ -136,7 +136,7 @@ def pairs_at(
 
 
 def fit_creep(pairs: ForcePairs, reading: PixelReading) -> SheetCreep | None:
-    """Return the sheet's creep in each hold, from the last step to the end."""
+    """Fit the sheet's creep from the last step to the end of each hold."""
     since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
     excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
     seen = reading.reading(excess.reshape(since_s.size, 1, -1))

@@ -1,4 +1,4 @@
-"""Calibration of the servo's current, from slow closings on a load cell and without load."""
+"""Calibration of the servo current: slow closings on a load cell and without load."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from palpate.errors import CalibrationError
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.calibration import CurrentPairs
 
-#: Slow enough (mm/s or kPa/s) that the cell's reading and the current belong to one moment.
+#: Closing rate (mm/s or kPa/s), slow enough to pair the cell's reading with the current.
 _RATE, _POLL_S = 1.5, 0.05
-#: The empty hand closes faster: only the friction of the gears changes on its way.
+#: Closing rate of the empty gripper: faster, as only the gear friction changes along the travel.
 _EMPTY_RATE = 3.0
-#: Short movements of the empty hand, as a grasp makes them: length (mm or kPa) and duration.
+#: Short movements of the empty gripper, as in a grasp: length (mm or kPa) and duration.
 _STEP, _STEP_S = 1.5, 0.38
-#: An empty hand whose load cell reads more than this is not empty, newtons.
+#: Maximum load cell reading of an empty gripper, newtons.
 _EMPTY_N = 0.5
 
-#: Force, current and width of single readings.
+#: Force, current, width and movement number of each reading.
 _Rows = list[tuple[float, float, float, int]]
 
 
 def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPairs | None:
-    """Close slowly on the load cell and pair its force with the servo's current.
+    """Close slowly on the load cell and pair its force with the servo current.
 
-    Returns None where the gripper reports no current. Readings before contact are kept: they show
-    what the gears take without load.
+    Returns None if the gripper reports no current. The readings before contact are included,
+    because they contain the gear friction without load.
     """
     limits = bench.gripper.limits
     rows = _Rows()
@@ -39,13 +39,13 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
     return _pairs(rows)
 
 
-def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
-    """Close the empty hand slowly, then in short steps, and read the current.
+def measure_gear_friction(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
+    """Close the empty gripper slowly, then in short steps, and read the current.
 
-    The slow closings show where on the way the gears take more; the steps, how much that differs
-    from one movement to the next. Returns None where the gripper reports no current.
+    The slow closings show the variation of the gear friction along the travel; the steps show its
+    variation between movements. Returns None if the gripper reports no current.
 
-    Raises `CalibrationError` if the load cell shows a force, as the hand isn't empty.
+    Raises `CalibrationError` if the load cell measures a force, because the gripper isn't empty.
     """
     limits = bench.gripper.limits
     rows = _Rows()
@@ -61,14 +61,14 @@ def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
     _release(bench)
     if any(force > _EMPTY_N for force, *_ in rows):
         raise CalibrationError(
-            "current calibration: the hand must close empty here, and the load cell measures "
-            f"{max(rows)[0]:.1f} N; take the cell out from between the fingers"
+            "current calibration: the gripper must close empty, but the load cell measures "
+            f"{max(rows)[0]:.1f} N; remove the cell from between the fingers"
         )
     return _pairs(rows)
 
 
 def _record_movement(bench: Bench, rows: _Rows, *, movement: int, up_to_n: float) -> None:
-    """Read force, current and width until the movement ends, or the force is reached."""
+    """Read force, current and width until the movement ends or the force is reached."""
     while True:
         bench.clock.sleep_s(_POLL_S)
         state, force = bench.gripper.state(), bench.cell.read_n()

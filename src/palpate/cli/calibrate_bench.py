@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 
 from palpate.errors import CalibrationError
-from palpate.files import check_place
+from palpate.files import check_writable
 from palpate.rig.bench import open_board_bench
 from palpate.rig.file import find_calibration_file, read_load_cells
 from palpate.rig.simulated import GuidedBench, open_twin_bench
@@ -65,7 +65,7 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
                 f"placement {next(number)} of {placements}: the load cell, with another face"
             ),
             place_block=lambda: ask_to_place("the rigid block with the load cell"),
-            take_away=lambda: ask_and_tare("take the block out: nothing between the fingers"),
+            remove_object=lambda: ask_and_tare("take the block out: nothing between the fingers"),
             simulated=False,
         )
 
@@ -78,7 +78,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
     """
     named = find_calibration_file(Path(rig)) if out is None and rig.endswith(".toml") else None
     path = out or named or DEFAULT_FILE
-    check_place(path)
+    check_writable(path)
     return path
 
 

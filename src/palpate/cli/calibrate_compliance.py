@@ -8,7 +8,7 @@ from typing import Annotated
 
 from palpate.calibrate.guided import measure_block
 from palpate.calibrate.laws import DWELL_S
-from palpate.calibrate.servo_current import measure_current, measure_gears
+from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.cli.calibrate_bench import (
     calibration_file,
     earlier_calibration,
@@ -97,7 +97,7 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
     )
     current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS)
     if current is not None:
-        guided.take_away()
-        empty = measure_gears(bench)
+        guided.remove_object()
+        empty = measure_gear_friction(bench)
         current = current if empty is None else join_currents(current, empty)
     return replace(earlier, block=block, current=current)

@@ -21,7 +21,7 @@ from palpate.estimate.damage_learning import (
     score_held_out,
 )
 from palpate.estimate.measurement import Measurement
-from palpate.files import keep_inputs
+from palpate.files import check_not_input
 from palpate.sensor.rest_calibration import format_now
 
 #: Fewer can't be learned from and tested on in turn.
@@ -54,7 +54,7 @@ def damage(
 
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
-    keep_inputs(out, inputs=(curves, index))
+    check_not_input(out, inputs=(curves, index))
     made = _learn(read_closings(curves, index), files=(curves, index), rate=rate_percent / 100)
     made.save(out)
     if as_json:

@@ -12,14 +12,14 @@ from typing import Annotated, Any, Literal
 import typer
 
 from palpate.calibrate.dead_weights import (
-    FEWEST,
+    MIN_LOADS,
     check_loads,
-    has_hysteresis,
+    has_unloading,
+    measure_loads,
     read_loads,
-    weigh,
 )
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, with_force_law
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     ask_user,
@@ -38,7 +38,7 @@ from palpate.estimate.force_law import ForceLaw
 from palpate.grasp.paper_method import with_line_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
-from palpate.rig.board_cell import board_with_cells, mean_counts
+from palpate.rig.board_cell import measure_mean_counts, require_board
 from palpate.rig.file import read_load_cells
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.rest_calibration import format_now, replace_rest
@@ -120,7 +120,7 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             horizon_s=HORIZON_S,
         )
         begin = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
-    made = with_force_law(replace(begin, force=pairs))
+    made = add_force_law(replace(begin, force=pairs))
     return replace(made, made_at=format_now())
 
 
@@ -170,7 +170,7 @@ class WeightSeries:
     @property
     def enough(self) -> bool:
         """Whether the intervals are within the tolerance, after at least three weights."""
-        return self._law.known >= FEWEST and max(self.after.values()) <= self._tolerance_percent
+        return self._law.known >= MIN_LOADS and max(self.after.values()) <= self._tolerance_percent
 
     @property
     def next_n(self) -> float:
@@ -227,7 +227,7 @@ def weigh_loads(
             if listed is not None:
                 ask_user(f"lay {load_n:g} N on the pad, then Enter")
 
-        weighing = weigh(
+        weighing = measure_loads(
             source.array,
             loads_n=_ask_loads(course) if listed is None else _take_until_enough(listed, course),
             place=place,
@@ -236,10 +236,10 @@ def weigh_loads(
         )
     for load_n in weighing.refused_n:
         say(f"refused: {load_n:g} N did not settle")
-    made = with_force_law(replace(earlier, force=weighing.pairs))
+    made = add_force_law(replace(earlier, force=weighing.pairs))
     held_out = {
         **made.held_out,
-        "unloading_seen": has_hysteresis(weighing.pairs.force_n),
+        "unloading_seen": has_unloading(weighing.pairs.force_n),
     }
     return replace(made, held_out=held_out, made_at=format_now()), course
 
@@ -292,11 +292,11 @@ def cell(
         )
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:
-        board = board_with_cells(source.array)
+        board = require_board(source.array)
         ask_user(f"take everything off load cell {cell}, then Enter")
-        (empty,) = mean_counts(board, cells=(cell,), clock=clock)
+        (empty,) = measure_mean_counts(board, cells=(cell,), clock=clock)
         ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it lies still, then Enter")
-        (loaded,) = mean_counts(board, cells=(cell,), clock=clock)
+        (loaded,) = measure_mean_counts(board, cells=(cell,), clock=clock)
     if abs(loaded - empty) < _LEAST_COUNTS:
         raise CalibrationError(
             f"load cell {cell} changed by only {loaded - empty:.0f} counts; is the weight on "

@@ -13,7 +13,7 @@ from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration
 from palpate.cli.options import opt
 from palpate.cli.output import print_json, say
 from palpate.cli.sensor_source import open_source
-from palpate.files import check_place
+from palpate.files import check_writable
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.rest_calibration import compute_rest, replace_rest
@@ -40,7 +40,7 @@ def rest(
     source = open_source(rig, port=port)
     with closing(source):
         path = out or source.calibration_path or DEFAULT_FILE
-        check_place(path)
+        check_writable(path)
         pixels, simulated = source.array.layout, source.simulated
         earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
         if not simulated:

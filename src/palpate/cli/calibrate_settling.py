@@ -11,7 +11,7 @@ from palpate.cli.options import opt
 from palpate.cli.output import say
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
-from palpate.files import check_place
+from palpate.files import check_writable
 from palpate.holds import Hold
 from palpate.recording.exporting import hold_tables, write_export
 from palpate.rig.file import read_rig_file
@@ -38,7 +38,7 @@ def settling(
     place = place_of_holds(rig) if rig else out or Path("settling.csv")
     if place.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {place}: end its name in .csv or .parquet")
-    check_place(place)
+    check_writable(place)
     source = HoldSource(paths=recordings)
     files = source.files()
     if len({path.stem for path in files}) < len(files):

@@ -102,7 +102,7 @@ def grasp(
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.pull import judge_pull
     from palpate.rig import open_rig
-    from palpate.rig.file import with_calibration
+    from palpate.rig.file import replace_calibration
 
     paper = paper_settings(
         method,
@@ -120,7 +120,7 @@ def grasp(
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
         if calibration is not None:
-            devices = with_calibration(devices, calibration)
+            devices = replace_calibration(devices, calibration)
         stack.callback(devices.close)
         plan = plan_grasp(
             devices.calibration,

@@ -26,7 +26,7 @@ from palpate.cli.output import (
 )
 from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
-from palpate.files import check_place
+from palpate.files import check_writable
 from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.item_history import (
@@ -199,7 +199,7 @@ def _export(
 
     if path.suffix != ".parquet":
         raise InputError(f"--export {path}: the file must end in .parquet")
-    check_place(path)
+    check_writable(path)
     require_parquet()
     since, until = period or (None, None)
     found: tuple[Item, ...]

@@ -17,7 +17,7 @@ from palpate.cli.output import say
 from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.recording import LoadCells, RecordingWriter
-from palpate.recording.writer import capture
+from palpate.recording.writer import record_frames
 from palpate.rig import Rig
 from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import SensorRig, open_rig_or_sensor
@@ -57,7 +57,7 @@ def record(
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
         say(f"recording {name} to {file}; Ctrl-C ends it")
-        capture(
+        record_frames(
             array,
             writer=writer,
             clock=opened.clock,

@@ -12,7 +12,7 @@ from palpate.cli.options import rig_or_port
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
-from palpate.rig.file import find_calibration_file, open_stated, read_stated
+from palpate.rig.file import find_calibration_file, open_device, read_rig_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.calibration import Calibration
@@ -109,9 +109,9 @@ def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSou
         return SensorSource(name=opened.name, array=opened)
     if rig.endswith(".toml"):
         path = Path(rig)
-        stated = read_stated(path)
+        stated = read_rig_table(path)
         if "use" not in stated:
-            array: PressureArray = open_stated(path, "array", stated.get("array"))
+            array: PressureArray = open_device(path, "array", stated.get("array"))
             # Its calibration may still be to make.
             place = find_calibration_file(path)
             return SensorSource(name=path.name, array=array, calibration_path=place)

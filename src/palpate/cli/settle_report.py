@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
-from palpate.files import atomic_path, check_place, csv_cell, keep_inputs
+from palpate.files import atomic_path, check_not_input, check_writable, escape_csv_cell
 from palpate.holds.cutting import CutColumn
 from palpate.holds.table_files import import_pyarrow
 from palpate.plots.settle import MOST_OVERVIEWS, Panel, settle_figure
@@ -43,8 +43,8 @@ def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
         return
     if out.suffix.lower() not in OUT_ENDINGS:
         raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
-    check_place(out)
-    keep_inputs(out, inputs=inputs)
+    check_writable(out)
+    check_not_input(out, inputs=inputs)
     if out.suffix.lower() == ".parquet":
         import_pyarrow("--out FILE.parquet")
 
@@ -61,7 +61,7 @@ def write(document: ScoreTable, out: Path) -> None:
                 writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
                 writer.writeheader()
                 writer.writerows(
-                    {name: csv_cell(cell) for name, cell in row.items()} for row in rows
+                    {name: escape_csv_cell(cell) for name, cell in row.items()} for row in rows
                 )
         else:
             arrow = import_pyarrow("--out FILE.parquet")

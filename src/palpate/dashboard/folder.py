@@ -27,7 +27,7 @@ from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.errors import InputError, PalpateError
 from palpate.estimate.measurement import Measurement
-from palpate.files import csv_cell
+from palpate.files import escape_csv_cell
 from palpate.grasp.verdict import verdict
 from palpate.recording import RecordingReader
 
@@ -214,7 +214,7 @@ class History:
     def _row(self, entry: Entry) -> dict[str, Any]:
         recording = self._current_names.get(entry.recording, entry.recording)
         cells = {**asdict(entry), **entry.measured, "recording": recording}
-        return {name: csv_cell(value) for name, value in cells.items()}
+        return {name: escape_csv_cell(value) for name, value in cells.items()}
 
     def _append(self, values: dict[str, Any]) -> None:
         """Append a line, after a newline if the last line is truncated.

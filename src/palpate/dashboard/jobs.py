@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.calibrate.dead_weights import check_loads, weigh
+from palpate.calibrate.dead_weights import check_loads, measure_loads
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, with_force_law
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
 from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import (
     CalibrateForce,
@@ -345,7 +345,7 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibratio
         pairs = _calibrate_with_load_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: use dead weights")
-    made = replace(with_force_law(replace(before, force=pairs)), made_at=format_now())
+    made = replace(add_force_law(replace(before, force=pairs)), made_at=format_now())
     return _store_calibration(made, file=order.file, context=context)
 
 
@@ -383,7 +383,7 @@ def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForceP
         context.show_guide(settles, fraction=fraction)
 
     context.show_guide("Reading the rest values. Leave the sensor alone")
-    return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
+    return measure_loads(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
 def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> CalibrationRenewed:

@@ -15,7 +15,7 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import HeldOut
 from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
-from palpate.files import atomic_path, structure
+from palpate.files import atomic_path, load_dataclass
 
 FORMAT, VERSION = "palpate-damage-model", 2
 #: Rate of all files of version 1.
@@ -165,7 +165,7 @@ def _read(document: Any) -> DamageFile:
             f"written by another version of palpate (file version {document.get('version')}, this "
             f"one reads {VERSION}); update palpate or run `palpate calibrate damage` again"
         )
-    read = structure(
+    read = load_dataclass(
         _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
     )
     if not 0 < read.rate < 1:

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
-from palpate.files import structure
+from palpate.files import load_dataclass
 
 #: Fewest calibration pairs for an estimate of the scatter.
 MIN_PAIRS = 4
@@ -71,7 +71,7 @@ def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw:
         )
     numbers = {name: value for name, value in stored.items() if name != "law"}
     try:
-        return structure(PowerForceLaw, numbers, where=f"force law {stored['law']!r}")
+        return load_dataclass(PowerForceLaw, numbers, where=f"force law {stored['law']!r}")
     except InputError as error:
         raise CalibrationError(str(error)) from error
 

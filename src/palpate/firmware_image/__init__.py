@@ -1,4 +1,4 @@
-"""The firmware image for a board, built by `make -C firmware`, carried by the wheel."""
+"""Firmware images for the boards, built with `make -C firmware` and included in the wheel."""
 
 from __future__ import annotations
 
@@ -7,28 +7,27 @@ from pathlib import Path
 
 from palpate.errors import DeviceNotFoundError
 
-#: In a wheel the images lie next to this file, in a source checkout where they were built.
+#: Folders of the images: next to this file in a wheel, the build folder in a source checkout.
 _HERE = Path(__file__).resolve().parent
 _PLACES = (_HERE, _HERE.parents[2] / "firmware" / "build")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardType:
-    """An Arduino that palpate's firmware runs on."""
+    """An Arduino board supported by palpate's firmware."""
 
-    #: As a person calls it.
+    #: Display name.
     label: str
-    #: The processor as avrdude and the simulator call it, and its signature.
+    #: Name of the processor in avrdude and the simulator, and its signature.
     chip: str
     signature: str
-    #: Protocols of its boot loaders in avrdude's terms, and their speeds, likeliest first.
+    #: avrdude protocols and speeds of the boot loaders, most likely first.
     boot_loaders: tuple[tuple[str, int], ...]
-    #: Speeds of the serial line that there are images for.
+    #: Speeds of the serial line with an image.
     bauds: tuple[int, ...] = (1_000_000, 500_000, 250_000, 115_200)
 
 
-#: Sources: the boot loaders of Arduino's AVR core, its boards.txt. A Nano of before 2018 has the
-#: slower one.
+#: Source: boards.txt of Arduino's AVR core. A Nano made before 2018 has the slower boot loader.
 BOARDS = {
     "mega2560": BoardType(
         label="Arduino Mega 2560",
@@ -61,23 +60,23 @@ IMAGES = {
 def image_path(board: str, baud: int) -> Path:
     """Return the Intel hex file for a board and a speed of its serial line.
 
-    Raises `DeviceNotFoundError` if there is no image for them, or none has been built.
+    Raises `DeviceNotFoundError` if no image exists for them, or it has not been built.
 
     >>> image_path("uno", 9600)
     Traceback (most recent call last):
-    palpate.errors.DeviceNotFoundError: no firmware for 9600 baud on an Arduino Uno; there is one \
-for: 1000000, 500000, 250000, 115200
+    palpate.errors.DeviceNotFoundError: no firmware for 9600 baud on an Arduino Uno; available \
+speeds: 1000000, 500000, 250000, 115200
     """
     about = BOARDS[board]
     if baud not in about.bauds:
         speeds = ", ".join(map(str, about.bauds))
         raise DeviceNotFoundError(
-            f"no firmware for {baud} baud on an {about.label}; there is one for: {speeds}"
+            f"no firmware for {baud} baud on an {about.label}; available speeds: {speeds}"
         )
     for place in _PLACES:
         if (place / IMAGES[board, baud]).is_file():
             return place / IMAGES[board, baud]
     raise DeviceNotFoundError(
         "no firmware image in this installation: in a source checkout install gcc-avr, avr-libc "
-        "and binutils-avr, then run `make -C firmware`; or give a built one with --image"
+        "and binutils-avr, then run `make -C firmware`; or specify an image with --image"
     )

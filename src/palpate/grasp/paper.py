@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from palpate.errors import RecordingError
 from palpate.estimate.line_law import LineForceLaw
-from palpate.files import structure
+from palpate.files import load_dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ class Paper:
         Raises `RecordingError` if it can't be read.
         """
         try:
-            return structure(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
+            return load_dataclass(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
         except (ValueError, TypeError, AttributeError) as error:
             raise RecordingError(
                 f"the recorded settings of the paper's method can't be read: {error}"

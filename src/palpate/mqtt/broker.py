@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.files import structure
+from palpate.files import load_dataclass
 
 #: Environment variable with the password, used if the file has no password.
 PASSWORD_VARIABLE = "PALPATE_MQTT_PASSWORD"
@@ -52,7 +52,7 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
     """
     try:
         with path.open("rb") as stream:
-            broker = structure(Broker, tomllib.load(stream))
+            broker = load_dataclass(Broker, tomllib.load(stream))
             readable = os.fstat(stream.fileno()).st_mode & 0o077
     except (OSError, tomllib.TOMLDecodeError, InputError) as error:
         why = error.strerror if isinstance(error, OSError) else error

@@ -1,6 +1,7 @@
-"""Recordings: what they hold, writing, reading, replay, export and recovery of MCAP files.
+"""Recordings as MCAP files: contents, writing, reading, replay, export and recovery.
 
-Above both `palpate.sensor` and `palpate.gripper`, because a recording holds frames and states.
+This layer is above `palpate.sensor` and `palpate.gripper`, because a recording contains the frames
+of one and the states of the other.
 """
 
 from palpate.recording.contents import Event, LoadCells, Origin, Recording, RecordingInfo

@@ -1,7 +1,7 @@
 """Reads the MCAP records of a truncated or damaged file in bounded memory.
 
-The mcap package's readers are strict and trust lengths. Here every length is checked against the
-file and a limit, checksums are compared, and reading stops where the framing is lost.
+The readers of the mcap package are strict and trust lengths. This reader checks every length
+against the file size and a limit, verifies checksums, and stops when the framing is lost.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from mcap.writer import MCAP0_MAGIC
 
 from palpate.errors import RecordingError
 
-#: Nothing that palpate writes comes near; a damaged length must not fill the memory.
+#: Far above any record of palpate; a damaged length must not fill the memory.
 LARGEST_RECORD_BYTES = 32 << 20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _WANTED = {Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA}
 
-#: What malformed content can raise while it is taken apart.
+#: Exceptions that malformed content can raise during parsing.
 MALFORMED = (struct.error, McapError, ValueError, OverflowError)
 
 
@@ -39,13 +39,13 @@ McapRecord = Channel | Metadata | Message
 
 @dataclass(slots=True, kw_only=True)
 class FileState:
-    """How far a file could be read; complete once all of it was."""
+    """Completeness and damage of a file, determined while it is read."""
 
-    #: The file was finished: its footer is there.
+    #: Whether the footer was found.
     complete: bool = False
-    #: Chunks left out because their content or checksum is wrong.
+    #: Chunks skipped because of invalid content or a wrong checksum.
     damaged_chunks: int = 0
-    #: Bytes at the end that belong to no whole record.
+    #: Bytes at the end that form no complete record.
     unread_bytes: int = 0
 
     @property
@@ -58,8 +58,8 @@ def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[McapRec
     """Yield the records of each block (a chunk, or one unchunked record), in file order.
 
     `stream`: seekable, at its start.
-    `state`: filled in while reading.
-    Raises `RecordingError` if the file doesn't begin as an MCAP file.
+    `state`: updated while reading.
+    Raises `RecordingError` if the file doesn't begin like an MCAP file.
     """
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
@@ -86,32 +86,32 @@ def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[McapRec
             continue
         if length > LARGEST_RECORD_BYTES:
             return
-        yield _block(opcode, stream.read(length), state)
+        yield _parse_block(opcode, stream.read(length), state)
 
 
-def _block(opcode: int, body: bytes, state: FileState) -> list[McapRecord]:
+def _parse_block(opcode: int, body: bytes, state: FileState) -> list[McapRecord]:
     try:
         if opcode == Opcode.CHUNK:
-            return list(_split(_chunk_content(body)))
-        return [_record(opcode, body)]
+            return list(_split_chunk(_read_chunk(body)))
+        return [_parse_record(opcode, body)]
     except MALFORMED:
         state.damaged_chunks += 1
         return []
 
 
-def _split(content: bytes) -> Iterator[McapRecord]:
+def _split_chunk(content: bytes) -> Iterator[McapRecord]:
     at = 0
     while at < len(content):
         opcode, length = _HEAD.unpack_from(content, at)
         at += _HEAD.size
         if length > len(content) - at:
-            raise ValueError("a record reaches beyond its chunk")
+            raise ValueError("a record extends beyond its chunk")
         if opcode in _WANTED and opcode != Opcode.CHUNK:
-            yield _record(opcode, content[at : at + length])
+            yield _parse_record(opcode, content[at : at + length])
         at += length
 
 
-def _record(opcode: int, body: bytes) -> McapRecord:
+def _parse_record(opcode: int, body: bytes) -> McapRecord:
     if opcode == Opcode.MESSAGE:
         channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(body)
         data = body[_MESSAGE_HEAD.size :]
@@ -121,21 +121,21 @@ def _record(opcode: int, body: bytes) -> McapRecord:
     return record
 
 
-def _chunk_content(body: bytes) -> bytes:
+def _read_chunk(body: bytes) -> bytes:
     _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
     stream = ReadDataStream(io.BytesIO(body[_CHUNK_HEAD.size :]))
     compression = stream.read_prefixed_string()
     packed = stream.read(stream.read8())
     if size > LARGEST_RECORD_BYTES:
         raise ValueError("a chunk is too large")
-    content = _unpack(packed, compression=compression, size=size)
+    content = _decompress(packed, compression=compression, size=size)
     if len(content) != size or (checksum and zlib.crc32(content) != checksum):
         raise ValueError("a chunk's checksum is wrong")
     return content
 
 
-def _unpack(packed: bytes, *, compression: str, size: int) -> bytes:
-    """Decompress, never to more than one byte beyond `size`."""
+def _decompress(packed: bytes, *, compression: str, size: int) -> bytes:
+    """Decompress a chunk to at most `size` + 1 bytes."""
     try:
         if compression == "zstd":
             with zstandard.ZstdDecompressor().stream_reader(packed) as unpacked:

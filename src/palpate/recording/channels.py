@@ -1,7 +1,8 @@
-"""The channels of a recording: topics, JSON schemas, and messages to and from our types.
+"""Channels of a recording: topics, JSON schemas, and encoding of messages.
 
-Messages are JSON with JSON schemas, which Foxglove and the mcap tools show without any plug-in.
-Arrays are flat because Foxglove plots no arrays of arrays; what is not sensed is left out.
+Messages are JSON with JSON schemas, which Foxglove and the mcap tools display without a plug-in.
+Arrays are flat because Foxglove does not plot nested arrays. Quantities that were not sensed are
+omitted.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from palpate.errors import RecordingError
-from palpate.files import structure
+from palpate.files import load_dataclass
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
 from palpate.sensor.array import ArrayLayout, Frame
@@ -24,9 +25,9 @@ RecordedMessage = Frame | GripperState | Event | LoadCells
 
 RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
-#: A sum of more conversions of 10 bit does not fit the 32 bits of a count.
-_MOST_CONVERSIONS = 2**21
-#: What metadata describe, and which of it is text as it is; the rest is JSON.
+#: A sum of more conversions of 10 bits overflows the 32 bits of a count.
+_MAX_OVERSAMPLING = 2**21
+#: Fields of the metadata, and the types stored as plain text; other types are stored as JSON.
 _INFO = get_type_hints(RecordingInfo)
 _TEXTS = (str, str | None, Origin)
 NUMBER = {"type": "number"}
@@ -34,7 +35,7 @@ _TIME = {"type": "number", "description": "Seconds on the recording's clock."}
 
 
 def message_schema(title: str, required: list[str], **properties: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON schema of a message: it has a time, and `properties` (JSON schemas)."""
+    """Return the JSON schema of a message with a time and `properties` (JSON schemas)."""
     return {
         "title": title,
         "type": "object",
@@ -84,14 +85,14 @@ _compact = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
 def topic_of(message: RecordedMessage) -> str:
-    """Return the topic that a message goes to."""
+    """Return the topic of a message."""
     return _TOPICS[type(message)]
 
 
 def encode(message: RecordedMessage) -> bytes:
-    """Turn a message into its JSON.
+    """Encode a message as JSON.
 
-    Raises `ValueError` if its time is not finite.
+    Raises `ValueError` if the time is not finite.
 
     >>> encode(Event(time_s=1.5, name="contact"))
     b'{"time_s":1.5,"name":"contact","text":""}'
@@ -116,9 +117,9 @@ def encode(message: RecordedMessage) -> bytes:
 
 
 def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> RecordedMessage | None:
-    """Turn JSON back into a message; None for a topic that palpate doesn't know.
+    """Decode a message from JSON; None for an unknown topic.
 
-    Raises `RecordingError` if the message doesn't fit its schema or the layout.
+    Raises `RecordingError` if the message doesn't match its schema or the layout.
     """
     if topic not in SCHEMAS:
         return None
@@ -131,24 +132,24 @@ def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> RecordedMessage |
         raise RecordingError(f"a message on {topic} can't be read: {error!r}") from error
 
 
-def _frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
+def _decode_frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
     counts = np.array(fields["counts"])
     if counts.shape != (layout.pixels,) or counts.dtype.kind != "i":
-        raise ValueError(f"expected {layout.pixels} whole counts")
+        raise ValueError(f"expected {layout.pixels} integer counts")
     if np.any(counts != counts.astype(np.int32)):
         raise ValueError("a count is out of range")
-    oversampling = _whole(fields["oversampling"])
-    if not 1 <= oversampling <= _MOST_CONVERSIONS:
-        raise ValueError(f"oversampling is {oversampling}, not 1 to {_MOST_CONVERSIONS}")
+    oversampling = _require_int64(fields["oversampling"])
+    if not 1 <= oversampling <= _MAX_OVERSAMPLING:
+        raise ValueError(f"oversampling is {oversampling}, not 1 to {_MAX_OVERSAMPLING}")
     return Frame(
         time_s=float(fields["time_s"]),
-        sequence=_whole(fields["sequence"]),
+        sequence=_require_int64(fields["sequence"]),
         counts=counts.reshape(layout.rows, layout.cols),
         oversampling=oversampling,
     )
 
 
-def _gripper_state(fields: dict[str, Any], _: ArrayLayout) -> GripperState:
+def _decode_gripper_state(fields: dict[str, Any], _: ArrayLayout) -> GripperState:
     if not isinstance(fields["moving"], bool):
         raise ValueError("moving is neither true nor false")
     return GripperState(
@@ -160,38 +161,38 @@ def _gripper_state(fields: dict[str, Any], _: ArrayLayout) -> GripperState:
     )
 
 
-def _event(fields: dict[str, Any], _: ArrayLayout) -> Event:
+def _decode_event(fields: dict[str, Any], _: ArrayLayout) -> Event:
     name, text = fields["name"], fields["text"]
     if not (isinstance(name, str) and isinstance(text, str)):
         raise ValueError("name and text must be strings")
     return Event(time_s=float(fields["time_s"]), name=name, text=text)
 
 
-def _load_cells(fields: dict[str, Any], _: ArrayLayout) -> LoadCells:
+def _decode_load_cells(fields: dict[str, Any], _: ArrayLayout) -> LoadCells:
     return LoadCells(
         time_s=float(fields["time_s"]),
-        raw=tuple(_whole(value) for value in fields["raw"]),
+        raw=tuple(_require_int64(value) for value in fields["raw"]),
         force_n=tuple(float(value) for value in fields.get("force_n", ())),
     )
 
 
 _DECODERS: dict[str, Callable[[dict[str, Any], ArrayLayout], RecordedMessage]] = {
-    "/frames": _frame,
-    "/gripper": _gripper_state,
-    "/events": _event,
-    "/load_cells": _load_cells,
+    "/frames": _decode_frame,
+    "/gripper": _decode_gripper_state,
+    "/events": _decode_event,
+    "/load_cells": _decode_load_cells,
 }
 
 
-def _whole(value: Any) -> int:
-    """Return a whole number that fits 64 bits (what arrays of them can hold)."""
+def _require_int64(value: Any) -> int:
+    """Return `value` if it is an integer of 64 bits, as integer arrays require."""
     if not isinstance(value, int) or isinstance(value, bool) or not -(2**63) <= value < 2**63:
-        raise ValueError(f"{str(value)[:30]} is not a whole number of 64 bits")
+        raise ValueError(f"{str(value)[:30]} is not an integer of 64 bits")
     return value
 
 
 def encode_info(info: RecordingInfo) -> dict[str, str]:
-    """Turn the recording's metadata into MCAP's form, text by text; None is left out."""
+    """Encode a recording's metadata as MCAP texts; None is omitted."""
     texts = {"format": RECORDING_FORMAT}
     for name in _INFO:
         value = getattr(info, name)
@@ -204,14 +205,14 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
 
 
 def decode_info(texts: dict[str, str]) -> RecordingInfo:
-    """Turn MCAP metadata back.
+    """Decode a recording's metadata from MCAP texts.
 
-    Raises `RecordingError` if it is of a newer format, or incomplete.
+    Raises `RecordingError` if the format is newer, or the metadata are incomplete.
     """
     if texts.get("format") != RECORDING_FORMAT:
         raise RecordingError(
-            f"its format is {texts.get('format')!r}, and this palpate reads {RECORDING_FORMAT!r}; "
-            "upgrade palpate"
+            f"its format is {texts.get('format')!r}, but this version of palpate reads "
+            f"{RECORDING_FORMAT!r}; upgrade palpate"
         )
     try:
         stored = {
@@ -219,10 +220,10 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             for name, text in texts.items()
             if name in _INFO
         }
-        info = structure(RecordingInfo, stored)
+        info = load_dataclass(RecordingInfo, stored)
         limits = info.gripper
         if limits is not None and not (limits.lowest < limits.highest and limits.fastest > 0):
-            raise ValueError("gripper: no range to move in, or no speed")
+            raise ValueError("gripper: the range or the speed is not positive")
         return info
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise RecordingError(f"its metadata can't be read: {error!r}") from error

@@ -13,46 +13,46 @@ from numpy.typing import NDArray
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
 
-#: Where the frames came from. Anything but `hardware` is simulated, and is labelled so.
+#: Source of the frames. Every source except `hardware` is simulated and labelled as such.
 Origin = Literal["hardware", "firmware-simulated", "twin"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingInfo:
-    """Everything needed to make sense of the raw counts later.
+    """Everything needed to interpret the raw counts later.
 
     Attributes
     ----------
     layout : ArrayLayout
         Pixels, wiring and divider.
     origin : {"hardware", "firmware-simulated", "twin"}
-        What produced the frames.
+        Source of the frames.
     rig : str or None
         Name or file of the rig.
     firmware_version : str or None
-        As the board identified itself.
+        Version reported by the board.
     calibration : str or None
-        The calibration file's whole text, as it was used.
+        Full text of the calibration file used.
     seed : int or None
         Seed of a simulated run.
     versions : mapping of str to str
-        Versions of palpate and of what its numbers rest on.
+        Versions of palpate and of the libraries that affect its results.
     gripper : GripperLimits or None
-        Drive and range of the gripper, where there was one.
+        Drive and range of the gripper, if any.
     target_force_n : float or None
-        Grip force that was asked for: with the calibration and the limits, what a replay needs to
-        decide again as it was decided live.
+        Requested grip force. With the calibration and the limits, it lets a replay repeat the live
+        decisions.
     expect_size_mm : float or None
-        Size that the object was expected to have.
+        Expected size of the object.
     damage : str or None
-        The damage file's whole text, where a learned limit was kept to: a replay needs it too.
+        Full text of the damage file, if a learned limit applied; a replay needs it.
     kind : str
-        Kind of object that the damage limit was given; empty if none.
+        Kind of object for the damage limit; empty if none.
     paper : str or None
-        Settings of the paper's method as JSON, where the grasp followed it.
+        Settings of the paper's method as JSON, if the grasp used that method.
     clock_zero_unix_ns : int
         Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
-        that the same seed gives the same file.
+        the same seed yields the same file.
     """
 
     layout: ArrayLayout
@@ -72,13 +72,13 @@ class RecordingInfo:
 
     def __post_init__(self) -> None:
         if self.origin not in get_args(Origin):
-            raise ValueError(f"origin {self.origin!r} is none of {', '.join(get_args(Origin))}")
+            raise ValueError(f"origin {self.origin!r} is not one of {', '.join(get_args(Origin))}")
         object.__setattr__(self, "versions", MappingProxyType(dict(self.versions)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened at one moment: a contact, a stop, a user's note."""
+    """A timed event, such as a contact, a stop or a user's note."""
 
     time_s: float
     name: str
@@ -91,15 +91,15 @@ class LoadCells:
 
     #: Device time mapped to the host's clock.
     time_s: float
-    #: Converter readings, one per cell; always kept.
+    #: Converter readings, one per cell; always stored.
     raw: tuple[int, ...]
-    #: The same in newton where the cells are calibrated, else empty.
+    #: The same readings in newtons if the cells are calibrated, else empty.
     force_n: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperTrack:
-    """Gripper states as columns, each of shape (n_states,); NaN where not sensed."""
+    """Gripper states as columns of shape (n_states,); NaN for a quantity that is not sensed."""
 
     time_s: NDArray[np.float64]
     width_mm: NDArray[np.float64]
@@ -110,16 +110,16 @@ class GripperTrack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """A whole recording in memory; arrays are read-only.
+    """A complete recording in memory; arrays are read-only.
 
     Attributes
     ----------
     info : RecordingInfo
         Layout, origin, calibration, versions, seed.
     time_s : ndarray, shape (n_frames,)
-        When each frame was scanned.
+        Scan time of each frame.
     sequence : ndarray of int, shape (n_frames,)
-        Frame numbers without wrap: gaps are lost frames.
+        Unwrapped frame numbers; gaps are lost frames.
     counts : ndarray of int, shape (n_frames, rows, cols)
         Raw ADC counts, summed over `oversampling` conversions.
     oversampling : ndarray of int, shape (n_frames,)

@@ -1,4 +1,4 @@
-"""A recording as a table of frames, or as a holds file."""
+"""Export of a recording to a table of frames or a holds file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, RecordingError
-from palpate.files import atomic_path, csv_cell
+from palpate.files import atomic_path, escape_csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
 from palpate.holds.contacts import SHORTEST_HOLD_S, find_contacts
@@ -36,26 +36,26 @@ Format = Literal["csv", "parquet"]
 _BATCH = 20_000
 
 HoldUnit = Literal["percent", "ohm"]
-#: How much of the recording's beginning is taken as rest where the gripper moves at once.
+#: Initial stretch that counts as rest if the gripper moves at once, seconds.
 REST_S = 1.0
-_FEWEST_FRAMES = 10
-#: Change of position that is movement: more than an encoder step, or a regulator's noise.
+_MIN_FRAMES = 10
+#: A change of position above this is movement: more than an encoder step or a regulator's noise.
 _MOVED_MM, _MOVED_KPA = 0.08, 0.6
 
 
 def frame_tables(reader: RecordingReader) -> Iterator[Columns]:
     """Yield the recording as columns, a batch of frames at a time.
 
-    One row per frame: time, number, oversampling, the gripper's state and the text of events up to
-    it, raw counts and resistances by pixel. What is not known is None.
+    Each row is one frame: time, number, oversampling, the gripper's latest state, the text of the
+    events since the previous frame, raw counts and resistances by pixel. Unknown values are None.
     """
-    rows = _rows(reader)
+    rows = _iterate_rows(reader)
     while batch := list(islice(rows, _BATCH)):
-        yield _columns(batch, reader.info.layout)
+        yield _build_columns(batch, reader.info.layout)
 
 
 def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
-    """Yield holds in the form that `palpate settle` reads, one channel at a time."""
+    """Yield holds as tables in the format of a holds file, one channel at a time."""
     for hold in holds:
         count = len(hold.time_s)
         yield {
@@ -69,11 +69,11 @@ def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
 
 
 def write_export(path: str | os.PathLike[str], tables: Iterable[Columns], *, to: Format) -> int:
-    """Write tables of the same columns below one another; return the number of rows.
+    """Write tables with equal columns one after another; return the number of rows.
 
-    `path`: written whole or not at all.
+    `path`: written atomically.
     `tables`: column -> values.
-    `to` ("csv" or "parquet"): form of the file.
+    `to` ("csv" or "parquet"): file format.
     Raises `MissingExtraError` if Parquet is asked for without pyarrow.
     """
     with atomic_path(path) as partial:
@@ -82,20 +82,22 @@ def write_export(path: str | os.PathLike[str], tables: Iterable[Columns], *, to:
         return _write_parquet(partial, tables)
 
 
-def _rows(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None, str]]:
+def _iterate_rows(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None, str]]:
     gripper: GripperState | None = None
-    happened: list[str] = []
+    events: list[str] = []
     for message in reader.messages():
         if isinstance(message, GripperState):
             gripper = message
         elif isinstance(message, Event):
-            happened.append(f"{message.name}: {message.text}" if message.text else message.name)
+            events.append(f"{message.name}: {message.text}" if message.text else message.name)
         elif isinstance(message, Frame):
-            yield message, gripper, "; ".join(happened)
-            happened.clear()
+            yield message, gripper, "; ".join(events)
+            events.clear()
 
 
-def _columns(batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayLayout) -> Columns:
+def _build_columns(
+    batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayLayout
+) -> Columns:
     frames = [frame for frame, _, _ in batch]
     states = [state for _, state, _ in batch]
     table: Columns = {
@@ -126,7 +128,7 @@ def _resistance_ohm(
     layout: ArrayLayout,
     oversampling: NDArray[np.integer[Any]],
 ) -> FloatArray:
-    """Return the pixels' resistances, those of frames of equal oversampling at a time."""
+    """Return the pixels' resistances, computed in groups of equal oversampling."""
     ohm = np.empty(counts.shape)
     for conversions in np.unique(oversampling):
         alike = oversampling == conversions
@@ -147,7 +149,7 @@ def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
             if number == 0:
                 writer.writerow(table)
             columns = [
-                list(map(csv_cell, values)) if _kind(name) == "string" else values
+                list(map(escape_csv_cell, values)) if _arrow_type(name) == "string" else values
                 for name, values in table.items()
             ]
             writer.writerows(zip(*columns, strict=True))
@@ -162,7 +164,10 @@ def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
     try:
         for table in tables:
             batch = pyarrow.table(
-                {name: pyarrow.array(column, type=_kind(name)) for name, column in table.items()}
+                {
+                    name: pyarrow.array(column, type=_arrow_type(name))
+                    for name, column in table.items()
+                }
             )
             writer = writer or pyarrow.parquet.ParquetWriter(path, batch.schema)
             writer.write_table(batch)
@@ -173,8 +178,8 @@ def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
     return rows
 
 
-def _kind(column: str) -> str:
-    """Name the Arrow type of a column, also for a batch without any value."""
+def _arrow_type(column: str) -> str:
+    """Return the Arrow type of a column; needed for batches without values."""
     if column in ("events", "hold_id", "channel", "unit"):
         return "string"
     if column == "moving":
@@ -185,7 +190,7 @@ def _kind(column: str) -> str:
 
 
 def solve_resistance_ohm(recording: Recording) -> FloatArray:
-    """Return the pixels' resistances, shape (n_frames, rows, cols); crosstalk is solved out."""
+    """Return the pixels' resistances without crosstalk, shape (n_frames, rows, cols)."""
     return _resistance_ohm(
         recording.counts, layout=recording.info.layout, oversampling=recording.oversampling
     )
@@ -194,41 +199,43 @@ def solve_resistance_ohm(recording: Recording) -> FloatArray:
 def cut_recorded_holds(
     recording: Recording, *, unit: HoldUnit = "percent", name: str = "hold"
 ) -> list[Hold]:
-    """Cut out every hold of at least a second in which something was touched.
+    """Cut every hold with contact and a duration of at least one second.
 
-    A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
-    no movement was recorded, contacts are found in the readings.
+    A hold begins at the end of a gripper movement (time 0) and ends at the next movement. If no
+    movement was recorded, contacts are found in the readings.
 
     `recording`: with about a second of rest before the first contact.
-    `unit` ("percent" or "ohm"): relative change against the rest at the beginning, or resistance.
-    `name`: beginning of the holds' names.
-    Returns for each hold the channel ``mean`` (percent only: the paper's aggregate) and one per
-    pixel, ``r0c0`` and so on; open pixels are left out. Raises `RecordingError` if there is no rest
-    to compare with, or no hold.
+    `unit` ("percent" or "ohm"): change relative to the initial rest, or resistance.
+    `name`: prefix of the holds' names.
+    Returns for each hold the channel ``mean`` (percent only: the paper's aggregate) and a channel
+    per pixel, ``r0c0`` and so on, without open pixels. Raises `RecordingError` if there is no
+    initial rest, or no hold.
     """
-    if len(recording.time_s) < _FEWEST_FRAMES:
-        raise RecordingError(f"only {len(recording.time_s)} frames: too few to cut holds from")
+    if len(recording.time_s) < _MIN_FRAMES:
+        raise RecordingError(
+            f"{len(recording.time_s)} frames are too few for holds; record at least {_MIN_FRAMES}"
+        )
     ohm = solve_resistance_ohm(recording)
-    change = relative_change_percent(ohm, rest_ohm=_rest_ohm(recording, ohm))
+    change = relative_change_percent(ohm, rest_ohm=_measure_rest_ohm(recording, ohm))
     values = change if unit == "percent" else ohm
     holds: list[Hold] = []
-    for number, (start_s, end_s) in enumerate(_still_stretches(recording, change), start=1):
+    for number, (start_s, end_s) in enumerate(_find_still_stretches(recording, change), start=1):
         frames = _select_increasing(recording.time_s, start_s, end_s)
-        touched = len(frames) >= _FEWEST_FRAMES and (
+        touched = len(frames) >= _MIN_FRAMES and (
             np.median(largest_change(change[frames[len(frames) // 2 :]])) <= CONTACT_PERCENT
         )
         if touched:
             time_s = recording.time_s[frames] - start_s
-            holds += _channels(f"{name}-{number}", time_s, values[frames], unit=unit)
+            holds += _split_channels(f"{name}-{number}", time_s, values[frames], unit=unit)
     if not holds:
         raise RecordingError(
-            f"no hold found: nothing was touched for {SHORTEST_HOLD_S:g} s after a movement"
+            f"no hold found: no contact lasted {SHORTEST_HOLD_S:g} s after a movement"
         )
     return holds
 
 
-def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
-    """Return the rest before the first movement, or of the first second."""
+def _measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
+    """Return the rest values before the first movement, or those of the first second."""
     moved = _find_moves(recording.gripper)
     first = int(np.argmax(moved)) if moved.any() else 0
     rest_end_s = recording.gripper.time_s[first - 1] if first else recording.time_s[0] + REST_S
@@ -236,11 +243,11 @@ def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
         return rest_baseline(ohm[recording.time_s <= rest_end_s]).rest_ohm
     except CalibrationError as error:
         raise RecordingError(
-            f"no rest at the beginning to compare with: {error}. Record a second of rest first"
+            f"no rest at the beginning: {error}. Record a second of rest before the first contact"
         ) from error
 
 
-def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
+def _find_still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
     """Return start and end of every stretch without movement that follows a movement."""
     moved, at_s = _find_moves(recording.gripper), recording.gripper.time_s
     if not moved.any():
@@ -261,13 +268,13 @@ def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[flo
 
 
 def _find_moves(gripper: GripperTrack) -> NDArray[np.bool_]:
-    """Return at which states the gripper moves, or has moved since the state before.
+    """Return at which states the gripper moves, or has moved since the previous state.
 
-    At 15 frames/s a short step lies wholly between two states.
+    At 15 frames/s, a short step may start and end between two states.
     """
     moved = gripper.moving.copy()
     for position, step in ((gripper.width_mm, _MOVED_MM), (gripper.pressure_kpa, _MOVED_KPA)):
-        # A comparison with NaN, a position not sensed, is False.
+        # A comparison with NaN (position not sensed) is False.
         moved[1:] |= np.abs(np.diff(position)) > step
     return moved
 
@@ -280,7 +287,7 @@ def _select_increasing(time_s: FloatArray, start_s: float, end_s: float) -> NDAr
     return inside[keep]
 
 
-def _channels(
+def _split_channels(
     hold_id: str, time_s: FloatArray, values: FloatArray, *, unit: HoldUnit
 ) -> list[Hold]:
     columns = {

@@ -1,4 +1,4 @@
-"""Reading a recording, finished or cut short, in bounded memory; and counting what it holds."""
+"""Reader of complete or truncated recordings in bounded memory, and counts of their contents."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ __all__ = ["FileState", "RecordingReader", "load_recording"]
 
 
 class RecordingReader:
-    """Opens one recording; also a context manager.
+    """Reader of one recording; also a context manager.
 
     Parameters
     ----------
     path : path
-        An `.mcap` file that palpate wrote; it need not have been finished.
+        An `.mcap` file written by palpate, complete or truncated.
 
     Attributes
     ----------
     info : RecordingInfo
-        What it is a recording of.
+        Description of the recorded rig.
 
     Raises
     ------
     RecordingError
-        If it can't be opened or isn't a recording of palpate.
+        If the file can't be opened or isn't a palpate recording.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -57,17 +57,17 @@ class RecordingReader:
             raise RecordingError(f"{self.path}: {error}") from error
 
     def messages(self, *, state: FileState | None = None) -> Iterator[RecordedMessage]:
-        """Yield frames, gripper states, events and load cells in the order they were recorded.
+        """Yield frames, gripper states, events and load cell readings in recorded order.
 
         Parameters
         ----------
         state : FileState, optional
-            Filled in while reading: whether the end was reached whole.
+            Updated while reading with completeness and damage.
 
         Raises
         ------
         RecordingError
-            If a message with a good checksum doesn't fit its schema.
+            If a message with a valid checksum doesn't match its schema.
         """
         topics: dict[int, str] = {}
         for block in read_blocks(self._stream, state=state or FileState()):
@@ -80,7 +80,7 @@ class RecordingReader:
                         yield message
 
     def close(self) -> None:
-        """Close the file; calling it again does nothing."""
+        """Close the file; further calls have no effect."""
         self._stream.close()
 
     def __enter__(self) -> RecordingReader:
@@ -100,26 +100,26 @@ class RecordingReader:
             for record in block:
                 if isinstance(record, Metadata) and record.name == METADATA_NAME:
                     return decode_info(record.metadata)
-        raise RecordingError("an MCAP file, but not a recording of palpate (no such metadata)")
+        raise RecordingError("an MCAP file, but not a palpate recording (its metadata are missing)")
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a whole recording into arrays (about 70 bytes per frame of 8 pixels).
+    """Read a complete recording into arrays (about 70 bytes per frame of 8 pixels).
 
     Parameters
     ----------
     path : path
-        An `.mcap` file that palpate wrote; it need not have been finished.
+        An `.mcap` file written by palpate, complete or truncated.
 
     Returns
     -------
     Recording
-        Everything that could be read.
+        All readable messages.
 
     Raises
     ------
     RecordingError
-        If it can't be opened or isn't a recording of palpate.
+        If the file can't be opened or isn't a palpate recording.
     """
     time_s, sequence, counts, oversampling = array("d"), array("q"), array("i"), array("i")
     gripper: dict[str, array[float]] = {
@@ -166,9 +166,10 @@ def _freeze(column: NDArray[_Item]) -> NDArray[_Item]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSummary:
-    """Counts of a recording; `rate_hz` is None with fewer than two frames.
+    """Counts of the messages in a recording.
 
-    `frames_lost` counts the gaps in the numbering; `duration_s` is from first to last frame.
+    `frames_lost` is the number of missing frame numbers; `duration_s` is from the first to the last
+    frame; `rate_hz` is None with fewer than two frames.
     """
 
     frames: int
@@ -181,9 +182,9 @@ class RecordingSummary:
 
 
 def summarise_recording(reader: RecordingReader, *, state: FileState) -> RecordingSummary:
-    """Count what a recording holds.
+    """Count the messages of a recording.
 
-    `state`: filled in: whether the file is whole.
+    `state`: updated with completeness and damage.
     """
     counts = {Frame: 0, GripperState: 0, Event: 0, LoadCells: 0}
     first: Frame | None = None

@@ -1,4 +1,4 @@
-"""Making a cut or damaged recording whole for strict readers, keeping every intact message."""
+"""Recovery of a truncated or damaged recording for strict readers."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from palpate.recording.writer import RecordingWriter
 
 
 def recover(source: str | os.PathLike[str], destination: str | os.PathLike[str]) -> FileState:
-    """Record all that can be read of `source` again, into a finished file.
+    """Write all readable messages of `source` to a complete recording.
 
     Parameters
     ----------
     source : path
-        A recording that was not finished, or is damaged.
+        A truncated or damaged recording.
     destination : path
-        Written whole or not at all; may be `source` itself.
+        Written atomically; may be `source` itself.
 
     Returns
     -------
     FileState
-        What was found in `source`.
+        Completeness and damage of `source`.
 
     Raises
     ------
     RecordingError
-        If `source` is not a recording of palpate, or `destination` can't be written.
+        If `source` is not a palpate recording, or `destination` can't be written.
     """
     state = FileState()
     try:
         with RecordingReader(source) as reader, atomic_path(destination) as partial:
-            partial.unlink()  # the writer makes files, and never takes one that is there
+            partial.unlink()  # the writer refuses an existing file
             with RecordingWriter(partial, info=reader.info) as writer:
                 for message in reader.messages(state=state):
                     writer.add(message)

@@ -1,4 +1,4 @@
-"""A recording as a sensor: the same frames, order and times of its clock."""
+"""Replay of a recording as a sensor with the same frames in the same order and time."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from palpate.recording.contents import Event, RecordingInfo
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
 
-#: Names of the events with which the recording of a grasp ends.
-_ENDS = ("release", "stop")
+#: Names of the events at the end of a recorded grasp.
+_END_EVENTS = ("release", "stop")
 
 
 class Replay:
-    """A recording as a `PressureArray`, and the gripper states recorded with the frames.
+    """A recording as a `PressureArray`, with the gripper states recorded with the frames.
 
-    On a `ManualClock` started at the first frame it runs as fast as it is read; frames and their
-    times are the recorded ones.
+    On a `ManualClock` that starts at the first frame, a replay runs as fast as it is read.
 
     `path`: an `.mcap` recording.
-    `clock`: in the recording's time. A frame is given when the clock has reached its time.
+    `clock`: in the recording's time. A frame is returned once the clock has reached its time.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, clock: Clock) -> None:
@@ -45,9 +44,9 @@ class Replay:
 
     @property
     def end(self) -> Event | None:
-        """The event ``release`` or ``stop`` of a recorded grasp; None where it was not recorded."""
+        """The event ``release`` or ``stop`` of a recorded grasp; None if not recorded."""
         with RecordingReader(self._reader.path) as reader:
-            ends = (m for m in reader.messages() if isinstance(m, Event) and m.name in _ENDS)
+            ends = (m for m in reader.messages() if isinstance(m, Event) and m.name in _END_EVENTS)
             return next(ends, None)
 
     @property
@@ -57,14 +56,14 @@ class Replay:
 
     @property
     def gripper_state(self) -> GripperState | None:
-        """The state recorded with the frame last read; None if there was none."""
+        """The state recorded with the last frame read; None if not recorded."""
         return self._gripper
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next recorded frame, when its time has come.
+        """Return the next recorded frame at its recorded time.
 
-        Raises `DeviceTimeoutError` if the recording has a gap longer than `timeout_s`, as the live
-        sensor had; `DeviceError`: at the end of the recording.
+        Raises `DeviceTimeoutError` at a gap longer than `timeout_s`, as the live sensor did;
+        `DeviceError` at the end of the recording.
         """
         if self._next is None:
             raise DeviceError(f"{self._reader.path}: the recording has ended")
@@ -83,36 +82,37 @@ class Replay:
         return frame
 
     def close(self) -> None:
-        """Close the recording; calling it again does nothing."""
+        """Close the recording; further calls have no effect."""
         self._reader.close()
 
 
 class ReplayGripper:
-    """The gripper of a recording, which reports the recorded states and repeats its movements.
+    """The gripper of a recording, which reports the recorded states.
 
-    Commands are taken and change nothing. Where the same decisions are made from the same frames,
-    they are the commands that were sent.
+    Commands have no effect. Equal decisions from equal frames yield the commands that were sent
+    live.
 
-    `replay`: the recording; states go with the frame last read from it.
-    Raises `RecordingError` if the recording names no gripper.
+    `replay`: the recording; each state belongs to the last frame read from it.
+    Raises `RecordingError` if the recording has no gripper.
     """
 
     def __init__(self, replay: Replay) -> None:
         if replay.info.gripper is None:
             raise RecordingError(
-                "the recording names no gripper, so its grasp can't be decided again"
+                "the recording has no gripper, so its grasp can't be repeated; use the recording "
+                "of a grasp"
             )
         self.limits: GripperLimits = replay.info.gripper
         self._replay = replay
 
     def state(self) -> GripperState:
-        """Return the state recorded with the frame last read.
+        """Return the state recorded with the last frame read.
 
-        Raises `DeviceError` if none was recorded.
+        Raises `DeviceError` if no state was recorded.
         """
         state = self._replay.gripper_state
         if state is None:
-            raise DeviceError("the recording holds no gripper state up to here")
+            raise DeviceError("the recording has no gripper state before this frame")
         return state
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
@@ -120,7 +120,7 @@ class ReplayGripper:
         return self.limits.clamp(wanted)
 
     def stop(self) -> None:
-        """Do nothing: what happened has happened."""
+        """Do nothing: the recorded movement can't be stopped."""
 
     def release(self) -> None:
         """Do nothing."""
@@ -130,10 +130,7 @@ class ReplayGripper:
 
 
 def observations(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None]]:
-    """Yield every frame with the gripper's state as it was known then.
-
-    Frames come in recorded order, each with the last state recorded before it.
-    """
+    """Yield every frame in recorded order with the last gripper state before the frame."""
     gripper: GripperState | None = None
     for message in reader.messages():
         if isinstance(message, GripperState):

@@ -1,4 +1,4 @@
-"""Writes a recording so that a crash or full disk costs at most one second."""
+"""Writer of recordings: a crash or full disk loses at most one second."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate.recording.channels import (
 from palpate.recording.contents import Event, LoadCells, RecordingInfo
 from palpate.sensor.array import Frame, PressureArray
 
-#: Recorded time per chunk: what a kill can cost, with a margin of two.
+#: Recorded time per chunk: half of the one second that a killed process may lose.
 CHUNK_S = 0.5
 LIBRARY = "palpate"
 
@@ -34,7 +34,7 @@ _TIMEOUT_S = 1.0
 
 
 class DirectFile:
-    """A file whose writes reach the system at once, complete or with its error."""
+    """An unbuffered file; a write passes all data to the system or raises its error."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -42,14 +42,14 @@ class DirectFile:
 
     def write(self, data: bytes) -> int:
         """Write all of `data`."""
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(self._descriptor, rest) :]
+        remaining = memoryview(data)
+        while remaining:
+            remaining = remaining[os.write(self._descriptor, remaining) :]
         self._written += len(data)
         return len(data)
 
     def tell(self) -> int:
-        """Return the position: everything is written in order."""
+        """Return the number of bytes written."""
         return self._written
 
     def flush(self) -> None:
@@ -69,31 +69,31 @@ def register_channels(writer: Writer) -> dict[str, int]:
 
 
 class RecordingWriter:
-    """Writes one recording; also a context manager.
+    """Writer of one recording; also a context manager.
 
-    Every half second of recorded time is one chunk, handed to the system whole: after `kill -9`
-    the file lacks less than a second. Syncing to the disk itself (against power loss) runs in
-    parallel, so that a slow card never delays a control loop.
+    Every half second of recorded time is passed to the system as one complete chunk, so `kill -9`
+    loses less than a second. Syncing to disk, which protects against power loss, runs in parallel:
+    a slow card never delays a control loop.
 
     Parameters
     ----------
     path : path
-        A new file; one that is there is not overwritten.
+        A new file; an existing file is not overwritten.
     info : RecordingInfo
-        What the recording is of.
+        Description of the recorded rig.
 
     Raises
     ------
     RecordingError
-        If the file exists or can't be made.
+        If the file exists or can't be created.
     RecordingLostError
-        Then or later, from any method, if it can't be written.
+        From the constructor or any method if writing fails.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, info: RecordingInfo) -> None:
         self.path = Path(path)
         self._info = info
-        self._descriptor = _create(self.path)
+        self._descriptor = _create_file(self.path)
         self._failed = False
         self._chunk_start_s: float | None = None
         self._last_s: float | None = None
@@ -107,24 +107,24 @@ class RecordingWriter:
             self._writer.add_metadata(METADATA_NAME, encode_info(info))
             self._channels = register_channels(self._writer)
         except OSError as error:
-            failure = self._failure(error)
+            failure = self._record_failure(error)
             self.close()
             raise failure from error
 
     def add(self, message: RecordedMessage) -> None:
-        """Add a frame, gripper state, event or load cell reading, in the order they happened."""
+        """Add a frame, gripper state, event or load cell reading, in chronological order."""
         if self._failed:
             raise RecordingLostError(
-                f"{self.path}: writing failed before; nothing more is recorded"
+                f"{self.path}: recording stopped after an earlier write error; start a new one"
             )
         start_s = self._chunk_start_s
         try:
-            # A gripper's state may be a little younger than the frame that follows it.
+            # A gripper state may be slightly later than the frame after it, hence `abs`.
             if start_s is not None and abs(message.time_s - start_s) >= CHUNK_S:
                 self._finish_chunk()
-            self._put(message)
+            self._write_message(message)
         except OSError as error:
-            raise self._failure(error) from error
+            raise self._record_failure(error) from error
 
     def add_observation(self, frame: Frame, *, gripper: GripperState) -> None:
         """Add a frame and the gripper's state at its time, as a pair for replay."""
@@ -132,7 +132,7 @@ class RecordingWriter:
         self.add(frame)
 
     def close(self) -> None:
-        """Finish the file; calling it again does nothing."""
+        """Complete and close the file; further calls have no effect."""
         if self._descriptor < 0:
             return
         try:
@@ -140,7 +140,7 @@ class RecordingWriter:
                 self._writer.finish()
                 os.fsync(self._descriptor)
         except OSError as error:
-            raise self._failure(error) from error
+            raise self._record_failure(error) from error
         finally:
             self._pool.shutdown()
             os.close(self._descriptor)
@@ -152,7 +152,7 @@ class RecordingWriter:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _put(self, message: RecordedMessage) -> None:
+    def _write_message(self, message: RecordedMessage) -> None:
         time_ns = self._info.clock_zero_unix_ns + round(message.time_s * 1e9)
         sequence = message.sequence % 2**32 if isinstance(message, Frame) else 0
         self._writer.add_message(
@@ -174,20 +174,20 @@ class RecordingWriter:
                 self._sync.result()
             self._sync = self._pool.submit(os.fdatasync, self._descriptor)
 
-    def _failure(self, error: OSError) -> RecordingLostError:
+    def _record_failure(self, error: OSError) -> RecordingLostError:
         self._failed = True
         if self._last_s is None:
             return RecordingLostError(
-                f"{self.path}: {error.strerror}. Nothing is recorded; free some space first."
+                f"{self.path}: {error.strerror}. Nothing was recorded; free some disk space first."
             )
         return RecordingLostError(
-            f"{self.path}: {error.strerror}. The file lacks at most the last second before "
-            f"{self._last_s:.1f} s; free some space, then run `palpate inspect --recover` on it."
+            f"{self.path}: {error.strerror}. At most the last second before {self._last_s:.1f} s "
+            "is lost; free some disk space, then run `palpate inspect --recover` on the file."
         )
 
 
-def _create(path: Path) -> int:
-    # Exclusive: of two recorders on one new path one is refused. A device is never new.
+def _create_file(path: Path) -> int:
+    # O_EXCL refuses the second of two recorders with the same path. A device always exists.
     new = 0 if path.is_char_device() else os.O_CREAT | os.O_EXCL
     try:
         return os.open(path, os.O_WRONLY | new | os.O_CLOEXEC, 0o666)
@@ -196,10 +196,10 @@ def _create(path: Path) -> int:
             f"{path}: exists already and is not overwritten; choose another name"
         ) from error
     except OSError as error:
-        raise RecordingError(f"{path}: can't be made: {error.strerror}") from error
+        raise RecordingError(f"{path}: can't be created: {error.strerror}") from error
 
 
-def capture(
+def record_frames(
     array: PressureArray,
     *,
     writer: RecordingWriter,
@@ -210,18 +210,18 @@ def capture(
     stopped: Callable[[], bool] = lambda: False,
     report: Callable[[str], None] = lambda _: None,
 ) -> int:
-    """Record frames until the time is up, or it is stopped; return how many.
+    """Record frames for a duration or until stopped; return the number of frames.
 
-    A sensor that falls silent is waited for: that is reported once, and becomes an event of the
-    recording, as does its return. One that stays silent until the time is up is lost.
+    If the sensor stops sending, recording waits for it. The interruption and its end are reported
+    and stored as events. A sensor that is still silent at the end of the duration is an error.
 
-    `duration_s`: how long; forever by default.
-    `load_cells`: gives a reading of load cells if there is a new one.
-    `gripper`: gives the gripper's state, if there is one; recorded with each frame.
-    `stopped`: returns whether to end, between frames: a recording is never cut within a message.
-    `report`: takes one line for the user.
-    Raises `DeviceError` if the sensor is gone for good, or silent at the end; `RecordingLostError`
-    if the file can't be written any more.
+    `duration_s`: unlimited by default.
+    `load_cells`: returns a new reading of the load cells, or None.
+    `gripper`: returns the gripper's state, or None without a gripper; recorded with each frame.
+    `stopped`: returns whether to end; called between frames.
+    `report`: receives one line for the user.
+    Raises `DeviceError` if the sensor is lost, or silent at the end; `RecordingLostError` if
+    writing fails.
     """
     end_s = clock.now_s() + duration_s
     frames, silent = 0, False
@@ -237,7 +237,7 @@ def capture(
         if silent:
             silent = False
             writer.add(Event(time_s=frame.time_s, name="back"))
-            report("frames come again")
+            report("frames are arriving again")
         state = gripper()
         if state is not None:
             writer.add(state)
@@ -248,7 +248,7 @@ def capture(
             writer.add(reading)
     if silent and not stopped():
         raise DeviceTimeoutError(
-            f"the sensor was silent at the end: {frames} frames are recorded. Check cable and "
+            f"the sensor was silent at the end: {frames} frames were recorded. Check cable and "
             "power, then run `palpate doctor`."
         )
     return frames

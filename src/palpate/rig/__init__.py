@@ -1,7 +1,7 @@
-"""Rigs by name or rig file: an array, a gripper, a clock and their calibration.
+"""Rigs: an array, a gripper, a clock and their calibration, opened by name or rig file.
 
-A rig is opened by a function `open(*, object_name, seed) -> Rig`. Built-in ones are rows of
-`BUILT_IN`; other packages add theirs as entry points of the group `palpate.rigs`.
+Built-in rigs are listed in `BUILT_IN`. Other packages add rigs as entry points of the group
+`palpate.rigs`; each entry point is a function `open(*, object_name, seed) -> Rig`.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ ENTRY_POINTS = "palpate.rigs"
 
 BUILT_IN = ("sim-rigid", "sim-soft", "sim-firmware")
 DEFAULT_RIG = BUILT_IN[0]
-#: A frame is missing after this time, seconds: the slowest board sends some 15 a second.
+#: Timeout for a frame, seconds; the slowest board sends about 15 frames per second.
 _FRAME_S = 1.0
 
 
 @dataclass(slots=True, kw_only=True, eq=False, repr=False)
 class Rig:
-    """Devices that belong together, open; leaving a `with` releases the object and closes them.
+    """Open devices of one rig; a `with` block releases the object and closes the devices.
 
     Attributes
     ----------
     name : str
-        As asked for.
+        Name or file as passed to `open_rig`.
     array, gripper, clock
-        The devices, and the clock that their times are on.
+        The devices, and the clock of their timestamps.
     calibration : Calibration
-        Made with this sensor on this gripper.
+        Calibration of this sensor on this gripper.
     origin : {"hardware", "firmware-simulated", "twin"}
-        Where the frames come from; every result of a simulated rig must state it.
+        Source of the frames; every result of a simulated rig must state its origin.
     subject : str or None
-        The object between the fingers, if the rig has it.
+        The object between the fingers, if known.
     truth : callable or None
-        The twin's own values; on simulated rigs only.
+        Returns the twin's true values; only on simulated rigs.
     seed : int or None
-        What a simulated rig drew its scatter from.
+        Seed of a simulated rig's random variation.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Rig:
     _grip: Grip | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        """Arm the ceiling that the board checks without the host; close all on failure."""
+        """Arm the pixel ceiling that the board enforces itself; close the devices on failure."""
         from palpate.grasp.pixel_ceiling import ceiling_counts
         from palpate.sensor.serial_array import SerialArray
 
@@ -93,17 +93,17 @@ class Rig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any of it is simulated."""
+        """Whether any part of the rig is simulated."""
         return self.origin != "hardware"
 
     def read(self) -> Reading:
-        """Return the next frame as a reading; it never moves the hand.
+        """Return the next frame as a reading, without moving the gripper.
 
-        Raises `DeviceError` if no frame comes, or the grasp that reads them ends.
+        Raises `DeviceError` if no frame arrives, or the running grasp ends.
         """
         if self._grip is not None and self._grip.is_holding:
             return self._grip.read()
-        return self._own_reader().read(self.array.read(timeout_s=_FRAME_S))
+        return self._get_reader().read(self.array.read(timeout_s=_FRAME_S))
 
     def grasp(
         self,
@@ -114,31 +114,31 @@ class Rig:
         kind: str | None = None,
         record: str | os.PathLike[str] | None = None,
     ) -> Grip:
-        """Grasp, and return when the object is held or the attempt has ended.
+        """Grasp, and return once the object is held or the attempt has ended.
 
-        What is held stays held, guarded by the control loop, until `Grip.release`.
+        The control loop continues to guard a held object until `Grip.release`.
 
         Parameters
         ----------
         target_force_n : float, optional
             Grip force to reach, newtons; a gentle squeeze by default.
         expect_size_mm : float, optional
-            About how thick it is, mm: the hand approaches faster.
+            Approximate size of the object, mm, for a faster approach.
         damage : path, optional
-            File of `palpate calibrate damage`: stay below the limit of such produce.
+            File of `palpate calibrate damage`; the force stays below its damage limit.
         kind : str, optional
-            With `damage`: kind of produce, where known.
+            With `damage`: kind of produce, if known.
         record : path, optional
             New .mcap file for every frame until release.
 
         Raises
         ------
         InputError
-            If an option can't be used, or an object is held already.
+            If an option is invalid, or an object is already held.
         CalibrationError
-            If the calibration lacks what a grasp needs.
+            If the calibration lacks data that a grasp needs.
         RecordingError
-            If the recording exists or can't be made.
+            If the recording exists or can't be created.
         """
         from palpate.estimate.damage_file import DamageFile
         from palpate.grasp.planning import plan_grasp
@@ -146,7 +146,7 @@ class Rig:
         from palpate.rig.recorded import GraspRecorder, record_grasp
 
         if self._grip is not None and self._grip.is_holding:
-            raise InputError("an object is held already; release it first (`Grip.release`)")
+            raise InputError("an object is already held; release it first (`Grip.release`)")
         if kind is not None and damage is None:
             raise InputError(f"kind {kind!r}: needs damage=FILE, which defines the kinds")
         file = None if damage is None else DamageFile.load(Path(damage))
@@ -165,12 +165,12 @@ class Rig:
         if record is not None:
             text = None if file is None else file.as_text()
             recorder = record_grasp(Path(record), rig=self, plan=plan, damage=text)
-        self._grip = Grip(self, plan, reader=self._own_reader(), recorder=recorder)
+        self._grip = Grip(self, plan, reader=self._get_reader(), recorder=recorder)
         self._grip.start()
         return self._grip
 
     def close(self) -> None:
-        """Release what `grasp` holds, and close the devices."""
+        """Release a held object and close the devices."""
         try:
             if self._grip is not None:
                 self._grip.release()
@@ -188,7 +188,7 @@ class Rig:
         traceback: TracebackType | None,
     ) -> None:
         if error is not None and self._grip is not None:
-            # What is held is not dropped because a script failed.
+            # An error in a script must not drop the object.
             self._grip.stop()
         self.close()
 
@@ -196,7 +196,7 @@ class Rig:
         parts = [repr(self.name), "simulated" if self.is_simulated else "hardware", self.subject]
         return f"Rig({', '.join(part for part in parts if part)})"
 
-    def _own_reader(self) -> Reader:
+    def _get_reader(self) -> Reader:
         from palpate.rig.reading import Reader
 
         if self._reader is None:
@@ -205,7 +205,7 @@ class Rig:
 
 
 def rig_names() -> tuple[str, ...]:
-    """Return the names of the available rigs: built in first, then other packages'."""
+    """Return the names of the available rigs: built-in rigs, then those of other packages."""
     others = sorted(point.name for point in entry_points(group=ENTRY_POINTS))
     return (*BUILT_IN, *(name for name in others if name not in BUILT_IN))
 
@@ -216,18 +216,18 @@ def open_rig(name: str = DEFAULT_RIG, *, object_name: str | None = None, seed: i
     Parameters
     ----------
     name : str
-        Name of a rig, or path of a rig file (ending in .toml).
+        Name of a rig, or path of a rig file (.toml).
     object_name : str, optional
-        For simulated rigs: what lies between the fingers; drawn by the seed by default.
+        Object between the fingers of a simulated rig; drawn with the seed by default.
     seed : int
-        For simulated rigs: decides everything that chance does.
+        Seed of all random variation of a simulated rig.
 
     Raises
     ------
     InputError
-        If there is no such rig or object, or the rig file is at fault.
+        If the rig or the object is unknown, or the rig file is invalid.
     DeviceError
-        If the equipment, or what simulates it, isn't there.
+        If the equipment or its simulator is not available.
     """
     if name.endswith(".toml"):
         from palpate.rig.file import open_file

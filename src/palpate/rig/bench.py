@@ -1,4 +1,4 @@
-"""A real rig as bench of a calibration: open gripper, load cells at zero."""
+"""The calibration bench of a real rig, with an open gripper and tared load cells."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from palpate.calibrate.guided import Bench
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
 from palpate.gripper.interface import Gripper
-from palpate.rig.board_cell import BoardLoadCell, board_with_cells
+from palpate.rig.board_cell import BoardLoadCell, require_board
 from palpate.rig.file import open_devices, read_rig_file
 from palpate.sensor.array import PressureArray
 
@@ -21,22 +21,23 @@ _POLL_S = 0.05
 def open_board_bench(path: Path) -> Iterator[tuple[Bench, BoardLoadCell]]:
     """Open the bench of a rig file with `[load_cells]`; open the gripper at the end.
 
-    Yields the bench, and its load cell, to be set to zero again where it is placed again.
+    Yields the bench and its load cell, which must be tared again after each new placement. The
+    calibration file of the rig may not exist yet.
 
-    The calibration that the file names need not be there yet.
-
-    Raises `InputError` if the rig file is at fault, has no load cells, or fingers driven by
-    pressure; `DeviceError` if equipment is missing, or a load cell does not read as it should.
+    Raises `InputError` if the rig file is invalid, has no load cells, or has fingers driven by
+    pressure; `DeviceError` if equipment is missing, or a load cell is faulty.
     """
     rig_file = read_rig_file(path)
     if rig_file.newtons_per_count is None:
-        raise InputError(f"rig file {path}: has no table [load_cells]")
+        raise InputError(
+            f"rig file {path}: no table [load_cells]; `palpate calibrate cell` measures its values"
+        )
     with ExitStack() as stack:
         array, gripper = open_devices(rig_file)
         stack.callback(gripper.close)
         stack.callback(array.close)
         yield stack.enter_context(
-            bench_of(
+            open_bench(
                 array,
                 gripper=gripper,
                 clock=RealClock(),
@@ -46,24 +47,24 @@ def open_board_bench(path: Path) -> Iterator[tuple[Bench, BoardLoadCell]]:
 
 
 @contextmanager
-def bench_of(
+def open_bench(
     array: PressureArray, *, gripper: Gripper, clock: Clock, newtons_per_count: tuple[float, ...]
 ) -> Iterator[tuple[Bench, BoardLoadCell]]:
-    """Open the gripper and set the load cells to zero; open it at the end.
+    """Open the gripper and tare the load cells; open the gripper at the end.
 
-    The object's size is unknown, so the slow closing begins at the open hand.
+    The object's size is unknown, so slow closing starts from the fully open gripper.
 
-    Raises `InputError` if the fingers are driven by pressure, or the array is no board with
-    palpate's firmware; `DeviceError` if a load cell does not read as it should.
+    Raises `InputError` if the fingers are driven by pressure, or the array is not a board with
+    palpate's firmware; `DeviceError` if a load cell is faulty.
     """
     if gripper.limits.drive == "pressure":
         raise InputError(
-            "the guided steps move fingers by millimetres, and these are driven by pressure; "
-            "calibrate their force with dead weights (`palpate calibrate force --loads CSV`)"
+            "the guided steps need width-driven fingers, but this gripper is driven by pressure; "
+            "calibrate its force with dead weights (`palpate calibrate force --loads CSV`)"
         )
-    board = board_with_cells(array)
+    board = require_board(array)
     cell = BoardLoadCell(board, clock=clock, newtons_per_count=newtons_per_count)
-    _open(gripper, clock=clock)
+    _open_gripper(gripper, clock=clock)
     cell.tare()
     bench = Bench(
         array=array, gripper=gripper, cell=cell, clock=clock, start=gripper.limits.target(0.0)
@@ -71,10 +72,10 @@ def bench_of(
     try:
         yield bench, cell
     finally:
-        _open(gripper, clock=clock)
+        _open_gripper(gripper, clock=clock)
 
 
-def _open(gripper: Gripper, *, clock: Clock) -> None:
+def _open_gripper(gripper: Gripper, *, clock: Clock) -> None:
     gripper.release()
     while gripper.state().moving:
         clock.sleep_s(_POLL_S)

@@ -1,4 +1,4 @@
-"""Load cells on the board's HX711 amplifiers, as the reference force of a calibration."""
+"""Load cells on the board's HX711 amplifiers: the reference force of a calibration."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from palpate.sensor.board_link import POLL_S
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING, CellSample
 
-#: Five readings of an HX711 at its slower rate: the board itself calls a cell silent after that.
+#: Five readings of an HX711 at its slower rate; the board also reports a cell as silent then.
 _SILENT_S = 0.5
-#: An older frame waited in a buffer between reads.
-_OLD_S = 0.2
+#: Maximum age of a frame; an older frame waited in a buffer between reads.
+_MAX_AGE_S = 0.2
 #: Output settles 50 ms after a load at 80 readings a second, 400 ms at 10 (HX711 data sheet, table
-#: of electrical characteristics). The sheet is read 420 ms after a step: 10 a second are too few.
-_LEAST_HZ = 40.0
-#: Readings are averaged over this; at 80 a second their numbers wrap after 3 s.
+#: of electrical characteristics). The sheet is read 420 ms after a step: 10 readings/s are too few.
+_MIN_HZ = 40.0
+#: Averaging time of readings; at 80 readings/s their sequence numbers wrap after 3 s.
 _MEAN_S = 1.0
-#: 24 bits with a sign.
+#: Limits of a signed 24-bit converter.
 _LOWEST, _HIGHEST = -(2**23), 2**23 - 1
 
 
 class BoardLoadCell:
-    """One or two load cells of a board: the mean of their forces.
+    """The mean force of one or two load cells of a board.
 
-    `array`: the board, asked for its load cells.
-    `newtons_per_count`: one for each cell in use, cell 0 first; negative where a cell counts down
-        under load.
+    `array`: a board whose frames contain the load cells.
+    `newtons_per_count`: scale of each cell in use, cell 0 first; negative if the counts fall under
+        load.
     """
 
     def __init__(
@@ -43,63 +43,63 @@ class BoardLoadCell:
         self._used = tuple(range(len(newtons_per_count)))
         self._zero = np.zeros(len(newtons_per_count))
         self._samples: list[int] = []
-        self._advanced_s = [-math.inf] * len(newtons_per_count)
-        self._looked_s = -math.inf
+        self._updated_s = [-math.inf] * len(newtons_per_count)
+        self._checked_s = -math.inf
 
     def tare(self) -> None:
-        """Take what the cells read over the next second as no force.
+        """Use the mean reading over the next second as zero force.
 
-        Raises `DeviceError` as `mean_counts` does.
+        Raises `DeviceError` as `measure_mean_counts` does.
         """
-        self._zero = np.array(mean_counts(self._array, cells=self._used, clock=self._clock))
+        self._zero = np.array(measure_mean_counts(self._array, cells=self._used, clock=self._clock))
 
     def read_n(self) -> float:
-        """Return the mean of the cells' forces now, newtons.
+        """Return the present mean of the cells' forces, newtons.
 
-        Raises `DeviceError` if the board or a cell is silent, or a cell is at the end of its range.
+        Raises `DeviceError` if the board or a cell is silent, or a cell is saturated.
         """
         give_up_s = self._clock.now_s() + _SILENT_S
-        while not (found := self._look()):
+        while not (found := self._read_fresh_samples()):
             if self._clock.now_s() > give_up_s:
-                self._refuse_silent()
+                self._raise_silence()
             self._clock.sleep_s(POLL_S)
         raw = np.array([_check_sample(found, cell) for cell in self._used])
         return float(np.mean((raw - self._zero) * self._scale))
 
-    def _look(self) -> tuple[CellSample, ...]:
-        """Return the newest readings if they are fresh and each load cell works."""
+    def _read_fresh_samples(self) -> tuple[CellSample, ...]:
+        """Return the newest readings if they are recent and no load cell is stuck."""
         self._array.newest()
         now_s, found = self._clock.now_s(), self._array.load_cells
-        if not now_s - self._array.newest_s < _OLD_S or not found:
+        if not now_s - self._array.newest_s < _MAX_AGE_S or not found:
             return ()
         samples = [found[cell].sample for cell in self._used]
-        # Numbers of readings wrap at 256: they are compared only where nothing was missed.
-        if now_s - self._looked_s < _SILENT_S:
+        # Sequence numbers wrap at 256, so they are compared only across short pauses.
+        if now_s - self._checked_s < _SILENT_S:
             for cell, (sample, before) in enumerate(zip(samples, self._samples, strict=True)):
                 if sample != before:
-                    self._advanced_s[cell] = now_s
-        self._samples, self._looked_s = samples, now_s
-        alive = all(now_s - advanced_s < _SILENT_S for advanced_s in self._advanced_s)
+                    self._updated_s[cell] = now_s
+        self._samples, self._checked_s = samples, now_s
+        alive = all(now_s - advanced_s < _SILENT_S for advanced_s in self._updated_s)
         return found if alive else ()
 
-    def _refuse_silent(self) -> None:
+    def _raise_silence(self) -> None:
         now_s = self._clock.now_s()
-        if not now_s - self._looked_s < _OLD_S:
+        if not now_s - self._checked_s < _MAX_AGE_S:
             raise DeviceError(
                 f"no frame with load cells from {self._array.name} in {_SILENT_S:g} s; check its "
                 "cable and power, then run `palpate doctor`"
             )
-        ages_s = [now_s - advanced_s for advanced_s in self._advanced_s]
+        ages_s = [now_s - advanced_s for advanced_s in self._updated_s]
         raise _silence_error(int(np.argmax(ages_s)))
 
 
-def mean_counts(array: SerialArray, *, cells: Sequence[int], clock: Clock) -> list[float]:
+def measure_mean_counts(array: SerialArray, *, cells: Sequence[int], clock: Clock) -> list[float]:
     """Return the mean reading of load cells over the next second, counts.
 
-    `array`: the board; frames that waited are read and dropped.
-    `cells`: which cells, 0 or 1.
-    Raises `DeviceError` if the board is silent, or a cell gives no reading, none that is new, too
-    few a second, or one at the end of its range.
+    `array`: the board; waiting frames are read and dropped.
+    `cells`: indices of the cells, 0 or 1.
+    Raises `DeviceError` if the board is silent, or a cell is missing, stuck, too slow or saturated;
+    `InputError` if the frames contain no load cells.
     """
     begin_s = clock.now_s()
     raw, samples = list[list[int]](), list[list[int]]()
@@ -109,37 +109,37 @@ def mean_counts(array: SerialArray, *, cells: Sequence[int], clock: Clock) -> li
             continue
         if not found:
             raise InputError(
-                f"the board at {array.name} was not asked for its load cells: put "
-                "`load_cells = true` into [array] of the rig file"
+                f"the frames of the board at {array.name} contain no load cells; set "
+                "`load_cells = true` in [array] of the rig file"
             )
         raw.append([_check_sample(found, cell) for cell in cells])
         samples.append([found[cell].sample for cell in cells])
     if len(raw) < 2:
         raise DeviceError(
-            f"hardly a frame from {array.name} in {_MEAN_S:g} s; is it set to 1 frame a second?"
+            f"fewer than 2 frames from {array.name} in {_MEAN_S:g} s; raise its frame rate"
         )
     for cell, first, last in zip(cells, samples[0], samples[-1], strict=True):
         readings_hz = (last - first) % 256 / _MEAN_S
         if readings_hz == 0:
             raise _silence_error(cell)
-        if readings_hz < _LEAST_HZ:
+        if readings_hz < _MIN_HZ:
             raise DeviceError(
-                f"load cell {cell} gives {readings_hz:.0f} readings a second, which lag by half a "
-                "second; tie the RATE pin of its HX711 to the supply (80 a second)"
+                f"load cell {cell} gives {readings_hz:.0f} readings a second, which lag by about "
+                "half a second; connect the RATE pin of its HX711 to the supply (80 a second)"
             )
     return [float(mean) for mean in np.mean(raw, axis=0)]
 
 
-def board_with_cells(array: PressureArray) -> SerialArray:
-    """Return the array if it is a board with palpate's firmware.
+def require_board(array: PressureArray) -> SerialArray:
+    """Return the array as a board with palpate's firmware.
 
-    Raises `InputError` if it is of another kind.
+    Raises `InputError` for another type of array.
     """
     if isinstance(array, SerialArray):
         return array
     raise InputError(
-        "load cells are read through the board: [array] of the rig file needs "
-        'open = "palpate.sensor.board_array:open_board"'
+        "load cells are read through a board with palpate's firmware: [array] of the rig file "
+        'needs open = "palpate.sensor.board_array:open_board"'
     )
 
 
@@ -152,8 +152,8 @@ def _check_sample(found: Sequence[CellSample], cell: int) -> int:
         )
     if not _LOWEST < raw < _HIGHEST:
         raise DeviceError(
-            f"load cell {cell} is at the end of its range ({raw}); take the load off, and check "
-            "its four wires"
+            f"load cell {cell} is at the end of its range ({raw}); remove the load, and check its "
+            "four wires"
         )
     return raw
 

@@ -1,4 +1,4 @@
-"""Rig files: TOML that names an array, a gripper and the calibration that fits them."""
+"""Rig files: TOML descriptions of an array, a gripper and their calibration."""
 
 from __future__ import annotations
 
@@ -19,63 +19,63 @@ from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
-#: What every rig file has, and how a message calls it.
-_PARTS = {
+#: Required parts of a rig file, and their names in messages.
+_REQUIRED_PARTS = {
     "array": "table [array]",
     "gripper": "table [gripper]",
     "calibration": '`calibration = "FILE"`',
 }
-_MAKE = "`palpate init` writes a whole one (--gripper for the hand); --rig sim-rigid is simulated"
+_INIT_HINT = "`palpate init` writes a complete file; --rig sim-rigid is simulated"
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
-_WORDS: Mapping[Any, str] = {
+_TYPE_NAMES: Mapping[Any, str] = {
     str: "text in quotes",
     int: "a whole number",
     float: "a finite number",
     bool: "true or false",
 }
-#: How many load cells a board reads.
-_CELLS = (1, 2)
+#: Supported numbers of load cells.
+_CELL_COUNTS = (1, 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFile:
-    """A real rig as described by a rig file, checked."""
+    """The checked contents of the rig file of a real rig."""
 
-    #: The file.
+    #: The rig file.
     path: Path
-    #: Made with this sensor on this gripper, or to be made.
+    #: Calibration file, which may not exist yet.
     calibration: Path
-    #: Their tables, as they stand in the file.
+    #: Tables of the array and the gripper, as in the file.
     array: Any
     gripper: Any
-    #: Of each load cell in use, cell 0 first; None where the rig has none.
+    #: Scale of each load cell in use, cell 0 first; None without load cells.
     newtons_per_count: tuple[float, ...] | None
 
 
 def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
-    """Open the rig that a file describes.
+    """Open the rig described by a file.
 
-    Either ``use = "sim-rigid"``: another rig by name, with the ``calibration`` file in place of its
-    own where one is stated. Or a ``calibration`` file, and tables ``[array]`` and ``[gripper]``
-    each with ``open = "module:function"``; what else a table holds goes to that function by
-    keyword. A gripper's function with a parameter ``array`` gets the open array too: fingers on the
-    sensor's own board. A table ``[load_cells]`` with ``newtons_per_count = [...]`` is for
-    calibrating.
+    The file has one of two forms. With ``use = "sim-rigid"`` it names another rig; an optional
+    ``calibration`` file replaces that rig's own. Otherwise the file has a ``calibration`` file and
+    tables ``[array]`` and ``[gripper]``, each with ``open = "module:function"``. The function
+    receives the other keys of its table as keyword arguments. If a gripper's function has a
+    parameter ``array``, it also receives the open array (for fingers on the sensor's own board). A
+    table ``[load_cells]`` with ``newtons_per_count = [...]`` is used for calibration.
 
-    Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
-    names it; `CalibrationError` if the calibration can't be read, or was made with another layout,
-    divider or wiring; `DeviceError` if equipment isn't there.
+    Raises `InputError` with one line if the file can't be read, or a key is missing or unknown;
+    `CalibrationError` if the calibration can't be read, or belongs to another layout, divider or
+    wiring; `DeviceError` if equipment is missing.
     """
-    stated = read_stated(path)
+    stated = read_rig_table(path)
     if "use" in stated:
         if not stated.keys() <= {"use", "calibration"}:
             raise InputError(
-                f"rig file {path}: next to `use` only `calibration` may stand; leave the rest out"
+                f"rig file {path}: next to `use` only `calibration` may appear; remove other keys"
             )
-        rig = open_rig(name_used_rig(path, stated), object_name=object_name, seed=seed)
+        rig = open_rig(resolve_used_rig(path, stated), object_name=object_name, seed=seed)
         if "calibration" not in stated:
             return rig
-        return with_calibration(rig, path.parent / str(stated["calibration"]))
+        return replace_calibration(rig, path.parent / str(stated["calibration"]))
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
@@ -94,10 +94,11 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     )
 
 
-def with_calibration(rig: Rig, file: Path) -> Rig:
-    """Return a rig with the calibration of a file in place of its own.
+def replace_calibration(rig: Rig, file: Path) -> Rig:
+    """Return a rig with its calibration replaced by that of a file.
 
-    Raises `CalibrationError` if the file can't be read or is of another sensor; the rig is closed.
+    Raises `CalibrationError` and closes the rig if the file can't be read or belongs to another
+    sensor.
     """
     try:
         calibration = Calibration.load(file)
@@ -111,9 +112,9 @@ def with_calibration(rig: Rig, file: Path) -> Rig:
 def check_layout(
     calibration: Calibration, array: PressureArray, *, file: Path, rig_file: Path | str
 ) -> None:
-    """Refuse a calibration of another sensor.
+    """Check that a calibration belongs to a sensor.
 
-    Raises `CalibrationError` if it was made with another layout, divider or wiring.
+    Raises `CalibrationError` if the layout, divider or wiring differs.
     """
     if difference := calibration.layout.describe_difference(array.layout):
         raise CalibrationError(
@@ -122,102 +123,103 @@ def check_layout(
         )
 
 
-def name_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
-    """Return the rig that `use` names.
+def resolve_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
+    """Return the name of the rig in `use`.
 
-    Raises `InputError` if it names another rig file that only passes on: such files could name each
-    other.
+    Raises `InputError` if `use` names a rig file with another `use`, because such files could form
+    a cycle.
     """
     used = str(stated["use"])
-    if used.endswith(".toml") and Path(used).is_file() and "use" in read_stated(Path(used)):
-        raise InputError(f"rig file {path}: `use` names {used}, which has a `use` too; name a rig")
+    if used.endswith(".toml") and Path(used).is_file() and "use" in read_rig_table(Path(used)):
+        raise InputError(
+            f"rig file {path}: `use` names {used}, which also has a `use`; name a rig instead"
+        )
     return used
 
 
 def read_rig_file(path: Path) -> RigFile:
-    """Read the file of a real rig; nothing is opened.
+    """Read the file of a real rig without opening devices.
 
-    Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
-    names it.
+    Raises `InputError` with one line if the file can't be read, or a key is missing or unknown.
     """
-    stated = read_stated(path)
-    for name, what in _PARTS.items():
+    stated = read_rig_table(path)
+    for name, what in _REQUIRED_PARTS.items():
         if name not in stated:
             found = ", ".join(sorted(stated)) or "nothing"
-            raise InputError(f"rig file {path}: no {what}; found {found}. {_MAKE}")
-    if unknown := stated.keys() - _PARTS.keys() - {"load_cells"}:
+            raise InputError(f"rig file {path}: no {what}; found {found}. {_INIT_HINT}")
+    if unknown := stated.keys() - _REQUIRED_PARTS.keys() - {"load_cells"}:
         raise InputError(
-            f"rig file {path}: it knows no {', '.join(sorted(unknown))}; there are use, "
-            f"{', '.join(_PARTS)}, load_cells"
+            f"rig file {path}: unknown key {', '.join(sorted(unknown))}; available: use, "
+            f"{', '.join(_REQUIRED_PARTS)}, load_cells"
         )
     if "\0" in str(stated["calibration"]):
-        raise InputError(f"rig file {path}: calibration is no name of a file")
+        raise InputError(f"rig file {path}: calibration is not a file name")
     return RigFile(
         path=path,
         calibration=path.parent / str(stated["calibration"]),
         array=stated["array"],
         gripper=stated["gripper"],
-        newtons_per_count=_newtons_per_count(path, stated),
+        newtons_per_count=_parse_newtons_per_count(path, stated),
     )
 
 
 def read_load_cells(path: Path) -> tuple[float, ...] | None:
-    """Return the newtons per count stated for a rig file's load cells, or None.
+    """Return the newtons per count of a rig file's load cells, or None without load cells.
 
-    Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is at fault.
+    Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is invalid.
     """
-    return _newtons_per_count(path, read_stated(path))
+    return _parse_newtons_per_count(path, read_rig_table(path))
 
 
-def _newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ...] | None:
+def _parse_newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ...] | None:
     if "load_cells" not in stated:
         return None
     table = stated["load_cells"]
     if not isinstance(table, dict) or table.keys() != {"newtons_per_count"}:
         found = ", ".join(sorted(table)) if isinstance(table, dict) else repr(table)
         raise InputError(
-            f"rig file {path}: [load_cells] holds newtons_per_count = [...] and nothing else; "
+            f"rig file {path}: [load_cells] must contain newtons_per_count = [...] only; "
             f"found {found or 'nothing'}"
         )
     scales = table["newtons_per_count"]
-    if not isinstance(scales, list) or len(scales) not in _CELLS:
+    if not isinstance(scales, list) or len(scales) not in _CELL_COUNTS:
         raise InputError(
-            f"rig file {path}: newtons_per_count is a list of one number for each load cell in "
-            f"use, 1 or 2; found {scales!r}"
+            f"rig file {path}: newtons_per_count must be a list with one number for each load cell "
+            f"in use, 1 or 2; found {scales!r}"
         )
     for scale in scales:
         if type(scale) not in (int, float) or not math.isfinite(scale) or scale == 0:
             raise InputError(
-                f"rig file {path}: newtons_per_count: {scale!r} is no number of newtons per "
-                "count; `palpate calibrate cell` measures it"
+                f"rig file {path}: newtons_per_count: {scale!r} is not a nonzero number; "
+                "`palpate calibrate cell` measures it"
             )
     return tuple(float(scale) for scale in scales)
 
 
 def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
-    """Open array and gripper; where the gripper does not open, the array is closed again.
+    """Open the array and the gripper; close the array if the gripper fails to open.
 
-    Raises `InputError` if an opener is misnamed or refuses what its table holds; `DeviceError` if
-    equipment isn't there.
+    Raises `InputError` if an opener doesn't exist or rejects its options; `DeviceError` if
+    equipment is missing.
     """
-    array = open_stated(rig_file.path, "array", rig_file.array)
+    array = open_device(rig_file.path, "array", rig_file.array)
     try:
-        gripper = open_stated(rig_file.path, "gripper", rig_file.gripper, array=array)
+        gripper = open_device(rig_file.path, "gripper", rig_file.gripper, array=array)
     except PalpateError:
         array.close()
         raise
     return array, gripper
 
 
-def read_stated(path: Path) -> dict[str, Any]:
-    """Return what a rig file states, unchecked.
+def read_rig_table(path: Path) -> dict[str, Any]:
+    """Return the unchecked contents of a rig file.
 
-    Raises `InputError` if it can't be read.
+    Raises `InputError` if the file can't be read.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
-        raise InputError(f"rig file {path}: no such file; `palpate init` makes one") from error
+        raise InputError(f"rig file {path}: no such file; `palpate init` creates one") from error
     except OSError as error:
         raise InputError(f"rig file {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
@@ -225,23 +227,23 @@ def read_stated(path: Path) -> dict[str, Any]:
 
 
 def find_calibration_file(path: Path) -> Path | None:
-    """Return the path of a rig file's calibration, made or not; None without one.
+    """Return the path of a rig file's calibration, which may not exist; None if not stated.
 
-    Raises `InputError` as `read_stated` does.
+    Raises `InputError` as `read_rig_table` does.
     """
-    stated = read_stated(path)
+    stated = read_rig_table(path)
     return path.parent / str(stated["calibration"]) if "calibration" in stated else None
 
 
-def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
-    """Call the opener that a table names, with the shared objects that it takes.
+def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
+    """Call the opener of a table with its options and any matching `shared` objects.
 
-    Raises `InputError` if there is no such table (None), or its opener is misnamed or refuses what
-    it holds.
+    Raises `InputError` if the table is missing (None), or its opener doesn't exist or rejects the
+    options.
     """
     if table is None:
-        found = ", ".join(sorted(read_stated(path))) or "nothing"
-        raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_MAKE}")
+        found = ", ".join(sorted(read_rig_table(path))) or "nothing"
+        raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_INIT_HINT}")
     where = table.get("open") if isinstance(table, dict) else None
     if not isinstance(where, str) or ":" not in where:
         raise InputError(f"rig file {path}: [{part}] needs `open`, {_EXAMPLE}")
@@ -251,11 +253,11 @@ def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     except (ImportError, AttributeError) as error:
         raise InputError(f"rig file {path}: [{part}] open = {where!r}: {error}") from error
     stated = {key: value for key, value in table.items() if key != "open"}
-    if fault := fault_in(stated, opener):
+    if fault := find_option_fault(stated, opener):
         raise InputError(f"rig file {path}: [{part}] {fault}")
     try:
         takes = list(inspect.signature(opener).parameters)
-    except ValueError:  # built in, without a signature
+    except ValueError:  # a built-in without a signature
         takes = []
     asked = {name: value for name, value in shared.items() if name in takes}
     try:
@@ -264,31 +266,31 @@ def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
         raise InputError(f"rig file {path}: [{part}]: {error}") from error
 
 
-def fault_in(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | None:
-    """Return what an opener could not take of some options, in words; None if nothing.
+def find_option_fault(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | None:
+    """Return a description of the first invalid option of an opener, or None.
 
-    `options`: what is stated, by name.
-    `opener`: what is to get them by keyword. Parameters without a plain type are not checked.
+    `options`: keyword arguments by name.
+    `opener`: function to call. Parameters without a plain type are not checked.
 
     >>> def open_board(*, port: str, rate_hz: float = 250.0): ...
-    >>> fault_in({"port": 3}, open_board)
+    >>> find_option_fault({"port": 3}, open_board)
     'port = 3: it must be text in quotes'
-    >>> fault_in({"prot": "/dev/ttyACM0"}, open_board)
-    "it knows no 'prot'; there are port, rate_hz"
+    >>> find_option_fault({"prot": "/dev/ttyACM0"}, open_board)
+    "unknown option 'prot'; available: port, rate_hz"
     """
     try:
         parameters = inspect.signature(opener).parameters
         hints = get_type_hints(opener)
-    except (NameError, TypeError, ValueError):  # built in, or with types that do not exist
+    except (NameError, TypeError, ValueError):  # a built-in, or unresolvable type hints
         return None
     by_name = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     named = [p.name for p in parameters.values() if p.kind in by_name]
     takes_all = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     for name, value in options.items():
         if name not in named and not takes_all:
-            return f"it knows no {name!r}; there are {', '.join(named)}"
+            return f"unknown option {name!r}; available: {', '.join(named)}"
         if not _fits(value, hints.get(name)):
-            return f"{name} = {value!r}: it must be {in_words(hints[name])}"
+            return f"{name} = {value!r}: it must be {describe_type(hints[name])}"
     return None
 
 
@@ -304,10 +306,10 @@ def _fits(value: object, wanted: Any) -> bool:
     return True
 
 
-def in_words(wanted: Any) -> str:
-    """Return what a value must be to fit a type hint, in words."""
+def describe_type(wanted: Any) -> str:
+    """Return a description of the values that a type hint accepts."""
     if get_origin(wanted) is Literal:
         return f"one of {', '.join(map(repr, get_args(wanted)))}"
     if get_origin(wanted) in (Union, UnionType):
-        return " or ".join(in_words(one) for one in get_args(wanted) if one is not NoneType)
-    return _WORDS[wanted]
+        return " or ".join(describe_type(one) for one in get_args(wanted) if one is not NoneType)
+    return _TYPE_NAMES[wanted]

@@ -1,4 +1,4 @@
-"""A grasp that holds under its control loop until its release."""
+"""A grip that a control loop guards in the background until its release."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from palpate.rig.reading import Reader, Reading
 from palpate.rig.recorded import GraspRecorder
 from palpate.twin.paced_array import PacedArray
 
-#: A reading is missing once the loop has had none for this time; the loop itself reports it sooner.
+#: Timeout for a reading; the control loop itself reports a missing frame sooner.
 _READING_S = 2.0
 
 
 class Grip:
-    """An object in the hand, or an attempt that ended; what `Rig.grasp` returns.
+    """Result of `Rig.grasp`: a held object, or an attempt that has ended.
 
-    While `is_holding`, the loop reads every frame in a thread of its own, and ends the grasp as
-    `palpate.grasp.safety` states on a fault.
+    While `is_holding`, the control loop reads every frame in its own thread. On a fault it ends the
+    grasp as described in `palpate.grasp.safety`.
     """
 
     def __init__(
@@ -41,10 +41,10 @@ class Grip:
         recorder: AbstractContextManager[GraspRecorder | None],
     ) -> None:
         self._rig, self._plan, self._reader, self._recorder = rig, plan, reader, recorder
-        self._requests, self._known = Requests(), threading.Event()
+        self._requests, self._ready = Requests(), threading.Event()
         self._array: PacedArray | None = None
         if rig.is_simulated:
-            # Simulated time runs ahead until the object is held, then with the clock on the wall.
+            # Simulated time runs at full speed until the object is held, then in real time.
             self._array = PacedArray(rig.array, speed=math.inf)
         self._result = GraspResult(outcome=Outcome.STOPPED)
         self._failure: BaseException | None = None
@@ -53,14 +53,14 @@ class Grip:
         self._thread = threading.Thread(target=self._run, name="palpate-grip", daemon=True)
 
     def start(self) -> None:
-        """Grasp, and return when the object is held or the attempt has ended.
+        """Grasp, and return once the object is held or the attempt has ended.
 
-        Ctrl-C stops the attempt and is raised again.
+        Ctrl-C stops the attempt; `KeyboardInterrupt` is raised again.
         """
         self._thread.start()
         try:
-            # A wait without end would keep Ctrl-C out on some systems.
-            while not self._known.wait(0.1):
+            # On some systems, a wait without a timeout blocks Ctrl-C.
+            while not self._ready.wait(0.1):
                 pass
         except KeyboardInterrupt:
             self.stop()
@@ -75,12 +75,12 @@ class Grip:
 
     @property
     def result(self) -> GraspResult:
-        """What is known of the grasp; final once it is no longer held."""
+        """The result so far; final once the object is no longer held."""
         return self._result
 
     @property
     def outcome(self) -> Outcome:
-        """`held`, or how the attempt ended."""
+        """`held`, or the end of the attempt."""
         return self._result.outcome
 
     @property
@@ -90,12 +90,12 @@ class Grip:
 
     @property
     def stiffness_n_per_mm(self) -> Measurement | None:
-        """The object's own secant stiffness, pads and fingers taken out."""
+        """The object's own secant stiffness, without the compliance of pads and fingers."""
         return self._result.stiffness_n_per_mm
 
     @property
     def firmness(self) -> Measurement | None:
-        """Index from 0 to 100; also where the stiffness is only bounded."""
+        """Firmness index from 0 to 100, also available if the stiffness is only bounded."""
         return self._result.firmness
 
     @property
@@ -105,32 +105,32 @@ class Grip:
 
     @property
     def force_n(self) -> Measurement | None:
-        """Grip force now; the settled force once the object is no longer held."""
+        """Present grip force; the settled force once the object is no longer held."""
         if self.is_holding and self._reading is not None:
             return self._reading.force_n
         return self._result.force_n
 
     def read(self) -> Reading:
-        """Return the next frame that the loop reads.
+        """Return the reading of the next frame from the control loop.
 
-        Raises `DeviceTimeoutError` if none comes, `DeviceError` if the grasp ended meanwhile.
+        Raises `DeviceTimeoutError` if no frame arrives, `DeviceError` if the grasp has ended.
         """
         with self._frame:
             if not self._frame.wait(_READING_S):
                 raise DeviceTimeoutError(f"no frame in {_READING_S:g} s; check the sensor's cable")
             if not self.is_holding or self._reading is None:
-                raise DeviceError(f"the grasp ended: {self.outcome}")
+                raise DeviceError(f"the grasp has ended: {self.outcome}; grasp again")
             return self._reading
 
     def release(self) -> GraspResult:
-        """Open the hand, wait until it is open, and return the final result.
+        """Open the gripper, wait until it is open, and return the final result.
 
-        Does nothing more where the grasp has ended already.
+        After the end of the grasp, only return the result.
         """
         return self._end(self._requests.release)
 
     def stop(self) -> GraspResult:
-        """Stop at once: rigid fingers stand still, soft ones vent (`palpate.grasp.safety`)."""
+        """Stop at once: rigid fingers stay in place, soft fingers vent (`palpate.grasp.safety`)."""
         return self._end(self._requests.stop)
 
     def to_dict(self) -> dict[str, object]:
@@ -178,8 +178,10 @@ class Grip:
                     array=self._rig.array if self._array is None else self._array,
                     gripper=self._rig.gripper,
                     clock=self._rig.clock,
-                    subscribers=[self._see] if record is None else [record, self._see],
-                    watchers=[self._watch],
+                    subscribers=[self._store_reading]
+                    if record is None
+                    else [record, self._store_reading],
+                    watchers=[self._update_hold],
                     requests=self._requests,
                 )
                 if record is not None:
@@ -187,20 +189,20 @@ class Grip:
         except BaseException as error:
             self._failure = error
         finally:
-            self._known.set()
+            self._ready.set()
             with self._frame:
                 self._frame.notify_all()
 
-    def _see(self, observation: Observation) -> None:
+    def _store_reading(self, observation: Observation) -> None:
         reading = self._reader.read(observation.frame)
         with self._frame:
             self._reading = reading
             self._frame.notify_all()
 
-    def _watch(self, grasp_state: GraspState) -> None:
+    def _update_hold(self, grasp_state: GraspState) -> None:
         if grasp_state.estimate.rest_ohm is not None:
             self._reader.rest_ohm = grasp_state.estimate.rest_ohm
-        if grasp_state.phase is Phase.HOLD and not self._known.is_set():
+        if grasp_state.phase is Phase.HOLD and not self._ready.is_set():
             self._result = replace(
                 grasp_state.result,
                 outcome=Outcome.HELD,
@@ -208,4 +210,4 @@ class Grip:
             )
             if self._array is not None:
                 self._array.speed = 1.0
-            self._known.set()
+            self._ready.set()

@@ -1,4 +1,4 @@
-"""One frame as an engineer reads it: resistances, change from rest, force and contact."""
+"""Readings: resistances, change from rest, force and contact of one frame."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Reading:
     Attributes
     ----------
     time_s : float
-        When it was scanned, on the rig's clock.
+        Scan time on the rig's clock.
     resistance_ohm : ndarray, shape (rows, cols)
-        Of each pixel; NaN where one does not read.
+        Resistance of each pixel; NaN for an open pixel.
     change_percent : ndarray, shape (rows, cols)
-        Relative to rest (equation 1).
+        Change relative to rest (equation 1).
     force_n : Measurement or None
-        Force now; None where the calibration has no force law.
+        Present force; None if the calibration has no force law.
     contact : bool
-        Whether a pixel has changed as far as a touch does (paper, section 4.1).
+        Whether a pixel's change exceeds the contact threshold (paper, section 4.1).
     """
 
     time_s: float
@@ -51,9 +51,9 @@ class Reading:
 
 
 class Reader:
-    """Turns frames into readings, in the order in which they come.
+    """Converts successive frames to readings.
 
-    `calibration`: of the sensor; its rest values count until `rest_ohm` is set to newer ones.
+    `calibration`: calibration of the sensor; `rest_ohm` may be set to newer rest values.
     """
 
     def __init__(self, calibration: Calibration) -> None:

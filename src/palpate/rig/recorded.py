@@ -1,4 +1,4 @@
-"""A recording of what a rig gives, with a description of its origin."""
+"""Recording of a rig, with a description of its origin."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ class GraspRecorder:
         self._writer.add_observation(observation.frame, gripper=observation.gripper)
 
     def end(self, result: GraspResult, requests: Requests | None = None) -> None:
-        """Write the time of the release or stop, so that a replay decides it then.
+        """Write the time of the release or stop for a replay.
 
-        `requests`: those of the grasp; without them there was no release.
+        `requests`: user requests during the grasp; None if a release was not possible.
         """
         released = requests is not None and not requests.stop.is_set()
         names = {Outcome.HELD: "release", Outcome.STOPPED: "release" if released else "stop"}
         name = names.get(result.outcome)
         at_s = [one.time_s for one in result.moments if one.name == result.outcome.value]
-        # A grasp that was stopped before its first frame has no time.
+        # A grasp stopped before its first frame has no time.
         if name is not None and result.frames and at_s:
             self._writer.add(Event(time_s=at_s[-1], name=name))
 
@@ -49,12 +49,13 @@ class GraspRecorder:
 def record_grasp(
     path: Path, *, rig: Rig, plan: Plan, damage: str | None
 ) -> Iterator[GraspRecorder]:
-    """Yield the recorder of one grasp, to a new recording with its decisions' inputs.
+    """Yield a recorder of one grasp to a new file.
 
-    So a replay can decide it again.
+    The file contains all inputs that a replay needs to repeat the decisions.
 
-    `damage`: text of the damage file that the plan uses.
-    Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
+    `damage`: text of the plan's damage file.
+    Raises `RecordingError` if the file exists or can't be created; `DeviceError` if the board is
+    lost.
     """
     info = replace(
         recording_info(rig, seed=rig.seed or 0),
@@ -70,11 +71,11 @@ def record_grasp(
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
-    """Return a description for a recording of a rig, whose replay decides nothing.
+    """Return the description of a rig for a recording without a grasp.
 
-    `seed` counts for simulated rigs.
+    `seed` is stored only for simulated rigs.
 
-    Raises `DeviceError` if the board is gone.
+    Raises `DeviceError` if the board is lost.
     """
     return RecordingInfo(
         layout=rig.array.layout,
@@ -94,12 +95,14 @@ def clock_zero_unix_ns() -> int:
 
 
 def firmware_version(array: PressureArray) -> str | None:
-    """Return the version that the board reported, None without a board.
+    """Return the firmware version reported by the board, None without a board.
 
-    Raises `DeviceError` if the board is gone.
+    Raises `DeviceError` if the board is lost.
     """
     if not isinstance(array, SerialArray):
         return None
     if array.identity is None:
-        raise DeviceError("the board was unplugged before the recording began")
+        raise DeviceError(
+            "the board was unplugged before the recording began; connect it and start again"
+        )
     return ".".join(map(str, array.identity.version))

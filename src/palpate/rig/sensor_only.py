@@ -1,4 +1,4 @@
-"""A sensor without a gripper: what `palpate init --gripper none` describes."""
+"""A sensor without a gripper, as described by a file of `palpate init --gripper none`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
 from palpate.rig import Rig, open_rig
-from palpate.rig.file import check_layout, open_stated, read_stated
+from palpate.rig.file import check_layout, open_device, read_rig_table
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorRig:
-    """An open array with its clock; it has a `Rig`'s fields but no gripper."""
+    """An open array with its clock; the fields are those of `Rig`, without a gripper."""
 
-    #: As asked for.
+    #: Name or file as passed to `open_rig_or_sensor`.
     name: str
     array: PressureArray
     clock: Clock
-    #: Made with this sensor; None before the rest was calibrated.
+    #: Calibration of this sensor; None before its rest is calibrated.
     calibration: Calibration | None
     origin: Origin = "hardware"
     gripper: None = None
@@ -32,7 +32,7 @@ class SensorRig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any of it is simulated."""
+        """Whether the sensor is simulated."""
         return self.origin != "hardware"
 
     def close(self) -> None:
@@ -41,12 +41,12 @@ class SensorRig:
 
 
 def open_rig_or_sensor(name: str, *, object_name: str | None = None, seed: int) -> Rig | SensorRig:
-    """Open a rig as `open_rig` does, or the sensor of a rig file without gripper."""
+    """Open a rig as `open_rig` does, or the sensor of a rig file without a gripper."""
     path = Path(name)
-    stated = read_stated(path) if name.endswith(".toml") else {"use": name}
+    stated = read_rig_table(path) if name.endswith(".toml") else {"use": name}
     if "use" in stated or "gripper" in stated:
         return open_rig(name, object_name=object_name, seed=seed)
-    array: PressureArray = open_stated(path, "array", stated.get("array"))
+    array: PressureArray = open_device(path, "array", stated.get("array"))
     file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:
         if file.is_file():

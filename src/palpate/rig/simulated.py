@@ -1,4 +1,4 @@
-"""Rigs on the twin: rigid fingers, soft fingers, and rigid ones on the real firmware."""
+"""Simulated rigs: rigid fingers, soft fingers, and rigid fingers with the real firmware."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, pairs_at
-from palpate.calibrate.servo_current import measure_current, measure_gears
+from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.force import PowerForceLaw
 from palpate.rig import Rig
@@ -26,7 +26,7 @@ from palpate.twin.stage import Stage
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import GripperKind, World
 
-#: What the load cell is faced with in turn: flat and round, soft and stiff.
+#: Faces mounted on the load cell in turn: flat and round, soft and stiff.
 FACES = (
     "ball-44lbs",
     "dragonskin-20",
@@ -37,25 +37,25 @@ FACES = (
     "springs-4",
     "ecoflex-10",
 )
-#: This many of the bench's faces are used.
-_FACED = 6
-#: Added to the seed of a grasp for that of the session in which its rig was calibrated.
-ANOTHER_SESSION = 1_000_003
+#: Number of these faces used in the calibration of a built-in rig.
+_FACE_COUNT = 6
+#: Offset from the seed of a grasp to the seed of the session that calibrates its rig.
+CALIBRATION_SEED_OFFSET = 1_000_003
 _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 
 
 class Workplace(Stage, Protocol):
-    """A simulated world for calibrations, where the object between the fingers is changed."""
+    """A simulated world for calibration, in which the object can be replaced."""
 
     def place(self, obj: TwinObject | None) -> None:
-        """Take the object away and put another (or none) between the open fingers."""
+        """Replace the object between the open fingers by another object or none."""
         ...
 
 
-#: How each kind of hand is calibrated: width or pressure at which no face is touched yet (none is
-#: larger than 51 mm), and the forces to hold at in each placement of the cell, small ones and large
-#: ones mixed, within what the hand can do.
-_START: dict[GripperKind, float] = {"rigid": 51.0, "soft": 15.0}
+#: Calibration of each kind of gripper: width or pressure before contact with any face (none is
+#: larger than 51 mm), and the forces of the holds in each placement of the cell, small and large
+#: mixed, within the range of the gripper.
+_START_POSITION: dict[GripperKind, float] = {"rigid": 51.0, "soft": 15.0}
 _HOLDS_N: dict[GripperKind, tuple[tuple[float, ...], ...]] = {
     "rigid": ((0.5, 2.5), (1, 5), (0.8, 3.5), (1.5, 9), (1.2, 4), (2.5, 15), (0.4, 1.8)),
     "soft": ((0.4, 3), (0.8, 5), (0.3, 2), (1.5, 6), (1.2, 4), (2.5, 7), (0.5, 1.8)),
@@ -65,12 +65,12 @@ _LEVEL = "lab"
 
 
 def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
-    """Open fingers on the twin, with an object between them.
+    """Open a simulated rig with an object between its fingers.
 
-    `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft ones, driven by
-        pressure; rigid ones, read by the firmware on the AVR simulator.
-    Raises `InputError` if there is no such object; `DeviceNotFoundError` if firmware or simulator
-    have not been built.
+    `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft fingers, driven by
+        pressure; rigid fingers, read by the firmware on the AVR simulator.
+    Raises `InputError` if the object is unknown; `DeviceNotFoundError` if the firmware or the
+    simulator has not been built.
     """
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
@@ -97,41 +97,41 @@ def calibrate_twin(
     level: str,
     apart_from: str,
     kind: GripperKind = "rigid",
-    remade: Callable[[Sheet], Sheet] | None = None,
+    replace_sheet: Callable[[Sheet], Sheet] | None = None,
 ) -> Calibration:
-    """Calibrate the sensor and gripper of a seed in another session than the grasp's.
+    """Calibrate the sensor and gripper of a seed in a session separate from the grasp.
 
-    The steps are a user's: rest, a load cell with changing faces, a rigid block. Nothing is taken
-    from the twin's own values, and the object to be grasped is not among the faces. `remade`: as in
-    `World`.
+    The steps are those of a user: rest, a load cell with several faces, a rigid block. The
+    calibration uses no true values of the twin. The object to be grasped (`apart_from`) is not
+    among the faces. `replace_sheet`: as in `World`.
     """
     world = World(
         None,
-        seed=seed + ANOTHER_SESSION,
+        seed=seed + CALIBRATION_SEED_OFFSET,
         sheet_seed=seed,
         level=level,
         gripper=kind,
-        remade=remade,
+        replace_sheet=replace_sheet,
     )
     return calibrate_world(world, seed=seed, apart_from=apart_from, sensor_id=f"twin-{seed}")
 
 
 def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: str) -> Calibration:
-    """Calibrate the sensor and gripper of a world by a user's steps (`calibrate_twin`).
+    """Calibrate the sensor and gripper of a world with a user's steps (`calibrate_twin`).
 
-    `world`: where, with nothing between the fingers.
-    `seed`: of the faces that the load cell gets.
-    `apart_from`: name of an object that is not among them.
-    `sensor_id`: what the calibration is for.
+    `world`: a world without an object between the fingers.
+    `seed`: seed of the load cell's faces.
+    `apart_from`: name of an object to exclude from the faces.
+    `sensor_id`: name of the sensor in the calibration.
     """
     rng = np.random.default_rng([seed, 11])
-    faces = [name for name in FACES[:_FACED] if name != apart_from]
+    faces = [name for name in FACES[:_FACE_COUNT] if name != apart_from]
 
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
     array = TwinArray(world)
-    bench = _bench(world, array, start=_START[world.gripper])
+    bench = _bench(world, array, start=_START_POSITION[world.gripper])
     rest = measure_rest(bench)
     force = measure_force(
         bench,
@@ -140,7 +140,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
     )
-    # What follows reads the load cell, the width and the current.
+    # The remaining steps read only the load cell, the width and the current.
     array.blank_frames()
     world.place(draw_object(rng, "rigid-block"))
     closing = partial(
@@ -149,7 +149,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
     block = closing(block_mm=_BLOCK_MM)
     current = None
     if world.gripper == "rigid":
-        current = _current(bench, world)
+        current = _calibrate_current(bench, world)
     else:
         larger = draw_object(rng, "rigid-block")
         world.place(replace(larger, size_mm=larger.size_mm + _LARGER_MM - _BLOCK_MM))
@@ -170,18 +170,18 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
     )
 
 
-def _current(bench: Bench, world: Workplace) -> CurrentPairs | None:
-    """Close on the block that carries the load cell, then with the hand empty."""
+def _calibrate_current(bench: Bench, world: Workplace) -> CurrentPairs | None:
+    """Measure the current on the block with the load cell, then with the gripper empty."""
     on_block = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
     world.place(None)
-    empty = measure_gears(bench)
+    empty = measure_gear_friction(bench)
     return None if on_block is None or empty is None else join_currents(on_block, empty)
 
 
 def read_through_firmware(world: World) -> PressureArray:
     """Return the array of a world, read by the firmware on the AVR simulator.
 
-    Raises `DeviceNotFoundError` if firmware or simulator have not been built.
+    Raises `DeviceNotFoundError` if the firmware or the simulator has not been built.
     """
     divider = world.layout.divider
     count_mv = 1e3 * divider.supply_v / divider.full_scale
@@ -194,44 +194,44 @@ def read_through_firmware(world: World) -> PressureArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuidedBench:
-    """A bench with a load cell, and the hands of its user."""
+    """A bench with a load cell, and the manual actions of its user."""
 
     #: The devices.
     bench: Bench
-    #: Puts the load cell with the face of a run between the fingers.
+    #: Places the load cell with the face for a run between the fingers.
     reseat: Callable[[int], None]
-    #: Puts the rigid block there.
+    #: Places the rigid block between the fingers.
     place_block: Callable[[], None]
-    #: Takes away what lies between the fingers.
-    take_away: Callable[[], None]
-    #: Whether all that is the twin.
+    #: Removes the object between the fingers.
+    remove_object: Callable[[], None]
+    #: Whether the bench is simulated.
     simulated: bool
 
 
 def open_twin_bench(rig: str, seed: int) -> GuidedBench:
     """Open the bench of a simulated rig.
 
-    Raises `DeviceError` if the rig isn't one of the simulated ones with rigid fingers.
+    Raises `DeviceError` for any other rig than `sim-rigid`.
     """
     if rig != "sim-rigid":
         raise DeviceError(
-            f"rig {rig!r} has no load cell that palpate can read (a rig file names its own in "
-            "[load_cells]). Force alone goes with dead weights (`palpate calibrate force "
-            "--loads`); --rig sim-rigid shows every step"
+            f"rig {rig!r} has no load cell that palpate can read (a rig file describes load cells "
+            "in [load_cells]). Force alone can be calibrated with dead weights (`palpate "
+            "calibrate force --loads`); --rig sim-rigid demonstrates every step"
         )
     rng = np.random.default_rng([seed, 12])
     world = World(None, seed=seed + 2_000_003, sheet_seed=seed)
     return GuidedBench(
-        bench=twin_bench(world, start=_START["rigid"]),
+        bench=twin_bench(world, start=_START_POSITION["rigid"]),
         reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
         place_block=lambda: world.place(draw_object(rng, "rigid-block")),
-        take_away=lambda: world.place(None),
+        remove_object=lambda: world.place(None),
         simulated=True,
     )
 
 
 def twin_bench(world: Stage, *, start: float) -> Bench:
-    """Return the devices of a world; `start` as in `Bench`.
+    """Return a bench with the devices of a world; `start` as in `Bench`.
 
     >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
     True

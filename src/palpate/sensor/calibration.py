@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.files import atomic_path, structure
+from palpate.files import atomic_path, load_dataclass
 from palpate.sensor.array import ArrayLayout
 
 FORMAT = "palpate-calibration"
@@ -246,7 +246,7 @@ class Calibration:
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
         ignored = ("format", "version", *_OBSOLETE_KEYS)
-        return structure(cls, {k: v for k, v in document.items() if k not in ignored})
+        return load_dataclass(cls, {k: v for k, v in document.items() if k not in ignored})
 
 
 def _is_date(value: object) -> bool:

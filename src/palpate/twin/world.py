@@ -46,7 +46,7 @@ class World:
     `clock`: the clock that the devices move; its own by default.
     `family`: relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
     `environment`: temperature, humidity and earlier use.
-    `remade`: takes the drawn sheet and returns the one to use, such as a sheet of another law.
+    `replace_sheet`: returns the sheet to use instead of the drawn sheet, such as another law.
     `soft_mm_per_n`: compliance of soft fingers.
 
     >>> import numpy as np
@@ -77,7 +77,7 @@ class World:
         oversampling: int = 1,
         family: str | None = None,
         environment: Environment | None = None,
-        remade: Callable[[Sheet], Sheet] | None = None,
+        replace_sheet: Callable[[Sheet], Sheet] | None = None,
         soft_mm_per_n: float = SOFT_MM_PER_N,
     ) -> None:
         self.seed = seed
@@ -92,7 +92,7 @@ class World:
         ranges = ranges_of(level)
         rng = np.random.default_rng([self.sheet_seed, 0])
         sheet = draw_sheet(rng, layout=layout, level=level, family=family)
-        self.sheet = sheet if remade is None else remade(sheet)
+        self.sheet = sheet if replace_sheet is None else replace_sheet(sheet)
         finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
         self.compliance = HandCompliance(
             finger_mm_per_n=finger_mm_per_n + (soft_mm_per_n if gripper == "soft" else 0.0),

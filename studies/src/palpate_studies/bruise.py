@@ -213,7 +213,7 @@ def examine(
     *,
     levels: Sequence[str],
     seed: int,
-    remade: Callable[[Apple], Apple] | None = None,
+    replace_sheet: Callable[[Apple], Apple] | None = None,
 ) -> list[Examined]:
     """Draw this many apples for each purpose and level, half of them bruised; grasp them.
 
@@ -225,7 +225,7 @@ def examine(
         Levels of the twin.
     seed : int
         Seed of everything.
-    remade : callable, optional
+    replace_sheet : callable, optional
         Makes the apples of another generator out of those that are drawn.
     """
     batches = [
@@ -234,7 +234,7 @@ def examine(
             level=level,
             sensor=_FIRST_SENSOR[purpose] + 1000 * seed + first // APPLES_PER_SENSOR,
             apples=min(apples - first, APPLES_PER_SENSOR),
-            remade=remade,
+            replace_sheet=replace_sheet,
         )
         for purpose, apples in purposes.items()
         for level in levels
@@ -251,7 +251,7 @@ class _Batch:
     level: str
     sensor: int
     apples: int
-    remade: Callable[[Apple], Apple] | None
+    replace_sheet: Callable[[Apple], Apple] | None
 
 
 def _examine_batch(batch: _Batch) -> list[Examined]:
@@ -277,7 +277,7 @@ def _examine(session: Session, batch: _Batch, index: int, *, sound: LoadShape) -
     rng = np.random.default_rng([batch.sensor, 2, index])
     near = replace(BRUISES, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
     apple = draw_apple(rng, bruises=near if index % 2 == 1 else None)
-    apple = apple if batch.remade is None else batch.remade(apple)
+    apple = apple if batch.replace_sheet is None else batch.replace_sheet(apple)
     angle_deg = rng.uniform(0.0, 360.0)
     if apple.bruise is not None:
         beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)
@@ -537,11 +537,11 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
     }
     rows, ways = list[dict[str, Any]](), list[dict[str, Any]]()
     _, known = load_simulated_sides()
-    for name, remade in remakes.items():
+    for name, replace_sheet in remakes.items():
         found = [
             one
             for seed in seeds
-            for one in examine({"test": 24}, levels=["lab"], seed=seed, remade=remade)
+            for one in examine({"test": 24}, levels=["lab"], seed=seed, replace_sheet=replace_sheet)
         ]
         scores = score_all(found, default_model(), known=known)
         counts = {"apples": len(found), "sensors": len({one.sensor for one in found})}

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from palpate.estimate.force_law import Population, load_population
-from palpate.files import atomic_path, check_place
+from palpate.files import atomic_path, check_writable
 from palpate_studies import force_ladders as ladder_study
 from palpate_studies import presses as press_study
 from palpate_studies import strokes as stroke_study
@@ -44,7 +44,7 @@ def report(
     Example: palpate study force-population --strokes s.csv.gz --presses p.csv.gz --ladders l.csv
     """
     if write is not None:
-        check_place(write)
+        check_writable(write)
     touches = [one for one in stroke_study.read_strokes(strokes) if one.scored.sum() > 1]
     weights = [ladder_study.make_known_contact(one) for one in ladder_study.read_ladders(ladders)]
     parts: dict[str, Sequence[KnownContact]] = {

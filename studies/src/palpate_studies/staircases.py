@@ -148,15 +148,17 @@ def follow_staircases(
     *,
     level: str,
     staircases: int,
-    remade: Callable[[Sheet], Sheet] | None = None,
+    replace_sheet: Callable[[Sheet], Sheet] | None = None,
     trees: Learned[Answer] | None = None,
 ) -> Mapping[str, list[FollowedForce]]:
     """Calibrate a sheet with a user's steps and track staircases on other objects.
 
-    Returns method -> staircases. `remade`: as in `World`. `trees`: trained on other sheets; they
+    Returns method -> staircases. `replace_sheet`: as in `World`. `trees`: trained on other sheets; they
     have no interval.
     """
-    pairs, runs = _run_staircases(sensor, level=level, staircases=staircases, remade=remade)
+    pairs, runs = _run_staircases(
+        sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
+    )
     laws = laws_with_memory(pairs)
     assert laws.memory is not None
     found: dict[str, list[FollowedForce]] = {}
@@ -200,13 +202,15 @@ def learn_from_staircases(
     *,
     level: str,
     staircases: int,
-    remade: Callable[[Sheet], Sheet] | None = None,
+    replace_sheet: Callable[[Sheet], Sheet] | None = None,
 ) -> Learned[Answer]:
     """Train trees on the staircases of some sheets; skip sheets that fail calibration."""
     rows, force_n, sheets = list[FloatArray](), list[float](), list[str]()
     for sensor in sensors:
         try:
-            pairs, runs = _run_staircases(sensor, level=level, staircases=staircases, remade=remade)
+            pairs, runs = _run_staircases(
+                sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
+            )
         except CalibrationError:
             continue
         for time_s, excess, true_n in runs:
@@ -218,13 +222,17 @@ def learn_from_staircases(
 
 
 def _run_staircases(
-    sensor: int, *, level: str, staircases: int, remade: Callable[[Sheet], Sheet] | None
+    sensor: int, *, level: str, staircases: int, replace_sheet: Callable[[Sheet], Sheet] | None
 ) -> tuple[ForcePairs, list[Run]]:
     """Calibrate a sheet and run its staircases."""
-    pairs = calibrate_twin(seed=sensor, level=level, apart_from="", remade=remade).force
+    pairs = calibrate_twin(
+        seed=sensor, level=level, apart_from="", replace_sheet=replace_sheet
+    ).force
     rng = np.random.default_rng([sensor, 7])
     names = rng.choice(GRASPED, staircases, replace=False).tolist()
-    world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level, remade=remade)
+    world = World(
+        None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level, replace_sheet=replace_sheet
+    )
     bench, runs = twin_bench(world, start=_START_MM), list[Run]()
     for name in names:
         rest_ohm = np.array(measure_rest(bench, duration_s=1.0).ohm)
@@ -279,14 +287,20 @@ def report(
     Example: palpate study staircases --sheets 2
     """
     runs: Runs = {level: {name: [] for name in METHODS} for level in LEVELS}
-    remade, first = (other_sheet, SECOND_SHEET) if second else (None, FIRST_SHEET)
+    replace_sheet, first = (other_sheet, SECOND_SHEET) if second else (None, FIRST_SHEET)
     training = range(LEARNING_SHEET, LEARNING_SHEET + LEARNED_FROM)
     for level in LEVELS:
-        trees = learn_from_staircases(training, level=level, staircases=staircases, remade=remade)
+        trees = learn_from_staircases(
+            training, level=level, staircases=staircases, replace_sheet=replace_sheet
+        )
         for sensor in range(first, first + sheets):
             try:
                 each = follow_staircases(
-                    sensor, level=level, staircases=staircases, remade=remade, trees=trees
+                    sensor,
+                    level=level,
+                    staircases=staircases,
+                    replace_sheet=replace_sheet,
+                    trees=trees,
                 )
             except CalibrationError as error:
                 # The guided steps refuse a sheet with a pixel at the end of its converter.

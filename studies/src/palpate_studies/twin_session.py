@@ -86,7 +86,7 @@ class Session:
         Layout of the pixels; the paper's by default.
     environment : Environment, optional
         Climate and earlier use.
-    remade : callable, optional
+    replace_sheet : callable, optional
         As in `World`.
     """
 
@@ -98,7 +98,7 @@ class Session:
         trial: int = 0,
         layout: ArrayLayout | None = None,
         environment: Environment | None = None,
-        remade: Callable[[Sheet], Sheet] | None = None,
+        replace_sheet: Callable[[Sheet], Sheet] | None = None,
     ) -> None:
         self.world = World(
             None,
@@ -107,7 +107,7 @@ class Session:
             level=level,
             layout=layout,
             environment=environment,
-            remade=remade,
+            replace_sheet=replace_sheet,
         )
         self.gripper, self.cell = TwinGripper(self.world), TwinLoadCell(self.world)
 

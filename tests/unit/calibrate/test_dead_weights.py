@@ -1,4 +1,4 @@
-"""Dead weights: loads that can't be meant are refused; readings that don't settle too."""
+"""Dead weights: invalid loads and unsettled readings are refused."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibrate.dead_weights import check_loads, has_hysteresis, read_loads, weigh
+from palpate.calibrate.dead_weights import check_loads, has_unloading, measure_loads, read_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.gripper.interface import GripperCommand
@@ -17,7 +17,7 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
-def written(path: Path, text: str) -> Path:
+def write_file(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
 
@@ -36,20 +36,20 @@ def written(path: Path, text: str) -> Path:
         ("", "the file is empty"),
     ],
 )
-def test_bad_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_read_loads_invalid_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        read_loads(written(tmp_path / "loads.csv", text))
+        read_loads(write_file(tmp_path / "loads.csv", text))
 
 
-def test_loads_keep_their_order(tmp_path: Path) -> None:
-    path = written(tmp_path / "loads.csv", "load_n\n1\n5\n10\n5\n1\n")
+def test_read_loads_preserves_order(tmp_path: Path) -> None:
+    path = write_file(tmp_path / "loads.csv", "load_n\n1\n5\n10\n5\n1\n")
     assert read_loads(path) == [1, 5, 10, 5, 1]
-    assert has_hysteresis([1, 5, 10, 5, 1])
-    assert not has_hysteresis([1, 5, 10])
+    assert has_unloading([1, 5, 10, 5, 1])
+    assert not has_unloading([1, 5, 10])
 
 
 class Bench:
-    """A user who presses the twin's fingers until the scale shows the load."""
+    """A user who closes the twin until the scale shows the load."""
 
     def __init__(self) -> None:
         obj = draw_object(np.random.default_rng(1), "ecoflex-10")
@@ -68,9 +68,9 @@ class Bench:
             self.world.clock.sleep_s(0.05)
 
 
-def test_weights_are_read_when_settled() -> None:
+def test_measure_loads_reads_settled_values() -> None:
     bench = Bench()
-    found = weigh(
+    found = measure_loads(
         bench.array, loads_n=[1.0, 3.0, 6.0, 9.0, 3.0], place=bench.place, clock=bench.world.clock
     )
     assert found.refused_n == ()
@@ -79,26 +79,28 @@ def test_weights_are_read_when_settled() -> None:
 
 
 @pytest.mark.slow
-def test_loads_that_never_settle_are_refused() -> None:
+def test_measure_loads_unsettled_loads_are_refused() -> None:
     bench = Bench()
 
     def place(load_n: float) -> None:
         bench.place(load_n)
-        # The user goes on pressing: the fingers creep in for the whole step.
+        # The user continues to press: the fingers creep in for the whole step.
         bench.width_mm -= 5.0
         bench.gripper.command(GripperCommand(target=bench.width_mm, rate=0.1))
 
     with pytest.raises(CalibrationError, match="loads settled, at least 3"):
-        weigh(bench.array, loads_n=[2.0, 2.5, 3.0, 3.5], place=place, clock=bench.world.clock)
+        measure_loads(
+            bench.array, loads_n=[2.0, 2.5, 3.0, 3.5], place=place, clock=bench.world.clock
+        )
 
 
-def test_grams_and_newtons() -> None:
-    with pytest.raises(InputError, match="Newtons are grams"):
+def test_check_loads_suggests_conversion_from_grams() -> None:
+    with pytest.raises(InputError, match="grams, multiply"):
         check_loads([50, 100, 200, 500], where="--loads")
 
 
-class Pressed:
-    """A readout whose pixels follow the load up to the converter's end."""
+class SaturatingArray:
+    """A readout whose pixels follow the load up to saturation."""
 
     layout = RIGID_LAYOUT
 
@@ -114,17 +116,17 @@ class Pressed:
         return Frame(time_s=self.clock.now_s(), sequence=self.sent, counts=counts, oversampling=1)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing."""
 
     def place(self, load_n: float) -> None:
         self.load_n = load_n
 
 
-def test_a_pixel_at_the_end_of_its_converter_is_refused() -> None:
+def test_measure_loads_saturated_pixel_is_refused() -> None:
     clock = ManualClock()
-    array = Pressed(clock)
-    fine = weigh(array, loads_n=[1.0, 2.0, 3.0, 4.0], place=array.place, clock=clock)
+    array = SaturatingArray(clock)
+    fine = measure_loads(array, loads_n=[1.0, 2.0, 3.0, 4.0], place=array.place, clock=clock)
     assert len(fine.pairs.force_n) == 4
     array.place(0.0)
     with pytest.raises(CalibrationError, match="saturated at 9 N; use a smaller reference"):
-        weigh(array, loads_n=[1.0, 2.0, 4.0, 9.0], place=array.place, clock=clock)
+        measure_loads(array, loads_n=[1.0, 2.0, 4.0, 9.0], place=array.place, clock=clock)

@@ -1,4 +1,4 @@
-"""Calibration steps of both drives, current included, measured on the twin as a user would."""
+"""Guided calibration steps with both drives, including the current, on the twin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
-from palpate.calibrate.servo_current import measure_current, measure_gears
+from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.planning import plan_grasp
@@ -21,8 +21,8 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
-class Failing(TwinArray):
-    """Falls silent once the hand presses."""
+class FailingArray(TwinArray):
+    """An array that becomes silent once the gripper presses."""
 
     def read(self, *, timeout_s: float) -> Any:
         if self.world.force_n(self.world.clock.now_s()) > 0.5:
@@ -34,7 +34,7 @@ class Failing(TwinArray):
         self.world = world
 
 
-def bench_of(world: World, array: TwinArray | None = None) -> Bench:
+def open_bench(world: World, array: TwinArray | None = None) -> Bench:
     soft = world.gripper == "soft"
     return Bench(
         array=array or TwinArray(world),
@@ -46,9 +46,9 @@ def bench_of(world: World, array: TwinArray | None = None) -> Bench:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_sensor_that_fails_leaves_the_hand_open(kind: Any) -> None:
+def test_measure_force_failing_sensor_leaves_gripper_open(kind: Any) -> None:
     world = World(None, seed=3, gripper=kind)
-    bench = bench_of(world, Failing(world))
+    bench = open_bench(world, FailingArray(world))
     measure_rest(bench)
     obj = draw_object(np.random.default_rng(1), "springs-8")
     with pytest.raises(DeviceTimeoutError, match="check the cable") as raised:
@@ -63,11 +63,9 @@ def test_sensor_that_fails_leaves_the_hand_open(kind: Any) -> None:
     ("readings", "words"),
     [((0, 0), "no signal from r0c0"), ((100, 600), "does not come to rest in 120 s")],
 )
-def test_sensor_that_can_not_rest_is_broken_equipment(
-    readings: tuple[int, int], words: str
-) -> None:
+def test_measure_rest_faulty_sensor_is_device_error(readings: tuple[int, int], words: str) -> None:
     class Broken(TwinArray):
-        """Its first pixel is cut off, or has a loose contact."""
+        """An array whose first pixel is disconnected or has a loose contact."""
 
         def read(self, *, timeout_s: float) -> Any:
             frame = super().read(timeout_s=timeout_s)
@@ -77,14 +75,14 @@ def test_sensor_that_can_not_rest_is_broken_equipment(
 
     world = World(None, seed=3)
     with pytest.raises(DeviceError, match=words) as raised:
-        measure_rest(bench_of(world, Broken(world)))
+        measure_rest(open_bench(world, Broken(world)))
     assert raised.value.exit_status == 3
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_block_pairs_are_of_the_drive(kind: Any) -> None:
+def test_measure_block_pairs_contain_only_drive_quantity(kind: Any) -> None:
     world = World(None, seed=3, gripper=kind)
-    bench = bench_of(world)
+    bench = open_bench(world)
     world.place(draw_object(np.random.default_rng(1), "rigid-block"))
     block = measure_block(bench, block_mm=40.0, up_to_n=4.0, repeats=1, dwell_s=0.1)
     used, unused = block.width_mm, block.pressure_kpa
@@ -97,7 +95,7 @@ def test_block_pairs_are_of_the_drive(kind: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_calibration_fits_its_own_kind_of_hand() -> None:
+def test_calibration_is_refused_for_other_gripper_kind() -> None:
     rigid = calibrate_twin(seed=3, level="lab", apart_from="apple")
     with pytest.raises(CalibrationError, match="driven by pressure: its calibration needs 4"):
         plan_grasp(rigid, gripper=TwinGripper(World(None, seed=3, gripper="soft")))
@@ -122,7 +120,7 @@ def rigid() -> Calibration:
 
 
 @pytest.mark.slow
-def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:
+def test_current_law_of_closing_matches_twin_ranges(rigid: Calibration) -> None:
     assert rigid.current is not None
     law = CurrentLaw.fit(rigid.current)
     # 14 mA/N of grip and 5 to 25 % friction on top; gears take 20 to 60 mA (twin's ranges).
@@ -133,46 +131,44 @@ def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:
     assert min(rigid.current.force_n) < 0.1 < 12.0 < max(rigid.current.force_n)
 
 
-def test_empty_hand_shows_its_gears_over_the_whole_way_and_one_that_is_not_empty_is_refused() -> (
-    None
-):
+def test_measure_gear_friction_covers_travel_and_refuses_object() -> None:
     world = World(None, seed=6)
-    found = measure_gears(bench_of(world), sweeps=1)
+    found = measure_gear_friction(open_bench(world), sweeps=1)
     assert min(found.width_mm) < 10.0 < 70.0 < max(found.width_mm)
     assert len(set(found.movement)) > 30
     world.place(draw_object(np.random.default_rng(1), "dragonskin-10"))
     with pytest.raises(CalibrationError, match="close empty"):
-        measure_gears(bench_of(world), sweeps=1)
-    assert measure_gears(bench_of(World(None, seed=6, gripper="soft")), sweeps=1) is None
+        measure_gear_friction(open_bench(world), sweeps=1)
+    assert measure_gear_friction(open_bench(World(None, seed=6, gripper="soft")), sweeps=1) is None
 
 
-def test_hand_is_open_afterwards_and_one_without_current_measures_none() -> None:
+def test_measure_current_opens_gripper_and_returns_none_without_current() -> None:
     for kind in ("rigid", "soft"):
         world = World(None, seed=6, gripper=kind)
         world.place(draw_object(np.random.default_rng(1), "rigid-block"))
-        bench = bench_of(world)
+        bench = open_bench(world)
         found = measure_current(bench, up_to_n=4.0, repeats=1)
         assert (found is None) == (kind == "soft")
         assert bench.gripper.limits.closure(bench.gripper.state()) == pytest.approx(0.0, abs=0.5)
 
 
-def test_plan_uses_a_calibrated_current(rigid: Calibration) -> None:
+def test_plan_grasp_uses_calibrated_current(rigid: Calibration) -> None:
     gripper: Any = TwinGripper(World(None, seed=4))
     assert plan_grasp(rigid, gripper=gripper).current is not None
     assert plan_grasp(replace(rigid, current=None), gripper=gripper).current is None
 
 
 @pytest.mark.slow
-def test_two_blocks_calibrate_the_closing_of_soft_fingers() -> None:
+def test_calibrate_twin_two_blocks_calibrate_soft_fingers() -> None:
     made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
     assert made.current is None
     plan = plan_grasp(made, gripper=TwinGripper(World(None, seed=7, gripper="soft")))
-    assert plan.compliance is None, "their pressure tells no size"
+    assert plan.compliance is None, "the pressure contains no information on size"
     assert plan.bend.mm_per_kpa == pytest.approx(1.4, rel=0.05)
     assert plan.bend.compliance.slope_mm_per_n == pytest.approx(3.7, rel=0.1)
 
 
-def test_file_keeps_the_current_and_older_files_lack_it(rigid: Calibration) -> None:
+def test_calibration_file_stores_current_and_older_files_open_without(rigid: Calibration) -> None:
     text = rigid.as_text()
     assert Calibration.from_text(text).current == rigid.current
     older = json.loads(text)

@@ -1,4 +1,4 @@
-"""Force pairs are chosen by when they were read."""
+"""Selection of force pairs by their reading time, and force laws."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ PAIRS = ForcePairs(
 )
 
 
-def test_only_pairs_of_that_time_are_taken() -> None:
+def test_pairs_at_selects_pairs_of_the_given_time() -> None:
     excess, force_n = pairs_at(PAIRS, since_move_s=20.0)
     assert excess.tolist() == [2.0, 3.0]
     assert force_n.tolist() == [1.0, 1.5]
 
 
-def test_a_calibration_read_at_other_times_says_which() -> None:
+def test_pairs_at_missing_time_error_lists_available_times() -> None:
     with pytest.raises(CalibrationError, match=r"no pairs read 0\.7 s .*0\.42, 20 s"):
         pairs_at(PAIRS, since_move_s=0.7)
 
 
-def test_a_calibration_without_forces_says_how_to_get_them() -> None:
+def test_pairs_at_without_forces_error_names_command() -> None:
     none = ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=())
     with pytest.raises(CalibrationError, match=r"rest values only.*palpate calibrate force"):
         pairs_at(none, since_move_s=0.7)
 
 
-def test_laws_of_a_sheet_that_takes_many_iterations_are_fitted() -> None:
-    """SciPy's default number of iterations ends without weights on this sheet."""
+def test_laws_of_sheet_needing_many_iterations_converge() -> None:
+    """The default iteration limit of SciPy is too low for this sheet."""
     calibration = calibrate_twin(seed=1477554, level="field", apart_from="")
     assert calibration.force is not None
     assert laws_of(calibration.force).settled.residual_sd < 0.5

@@ -75,7 +75,7 @@ def test_damage_of_too_few_closings_is_refused(tmp_path: Path, palpate: Command)
 def test_damage_file_does_not_overwrite_its_inputs(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
     error = palpate("calibrate", "damage", *options, "--out", tmp_path / "index.csv", status=2).err
-    assert "index.csv is read here" in error
+    assert "index.csv is an input" in error
     shown = palpate("calibrate", "damage", *options, "--out", tmp_path / "damage.json").out
     assert "kiwi: too few to be judged with some left out (12)" in shown
 

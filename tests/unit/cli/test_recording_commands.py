@@ -138,7 +138,7 @@ def test_replay_of_a_recording_without_a_grasp_prints_frames(
         ["inspect", "gone.mcap", "--recover", "whole.mcap"],
     ],
 )
-def test_a_missing_file_is_one_line(
+def test_reader_missing_file_is_refused_in_one_line(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -45,7 +45,7 @@ def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
         printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
     began, failed = printed.err.splitlines()
     assert began.startswith("recording sim-rigid")
-    assert failed.startswith(f"palpate: {path}: File too large. The file lacks at most the last")
+    assert failed.startswith(f"palpate: {path}: File too large. At most the last second")
     assert "then run `palpate inspect --recover` on it" in failed
     assert frames_of(path)[0] > 0
 

@@ -139,7 +139,7 @@ def test_calibrate_force_without_load_cell_and_weights_is_refused(
     order = CalibrateForce(file=tmp_path / "calibration.json")
     with pytest.raises(DeviceError, match="use dead weights"):
         calibrate_force(order, context=pad.context)
-    with pytest.raises(InputError, match="are the loads in grams"):
+    with pytest.raises(InputError, match="if the loads are in grams"):
         calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), context=pad.context)
 
 
@@ -149,15 +149,15 @@ def test_calibrate_rest_without_gripper_and_file_creates_a_calibration(
     context, devices = pad.context, cast("PressureArray", pad)
     assert context is not None
     context.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
-    weigh = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
+    measure_loads = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     with pytest.raises(DeviceError, match="no rest values"):
-        calibrate_force(weigh, context=context)
+        calibrate_force(measure_loads, context=context)
     assert context.source().rest_ohm is None
-    made = calibrate_rest(CalibrateRest(file=weigh.file), context=context)
+    made = calibrate_rest(CalibrateRest(file=measure_loads.file), context=context)
     assert made.rest_ohm == pytest.approx(np.full((4, 2), REST_OHM), rel=1e-3)
     assert np.array_equal(made.change_percent, np.zeros((4, 2)))
-    calibrate_force(weigh, context=context)
-    saved = Calibration.load(weigh.file)
+    calibrate_force(measure_loads, context=context)
+    saved = Calibration.load(measure_loads.file)
     assert saved.force.force_n == LOADS
     assert saved.rest_ohm == pytest.approx(made.rest_ohm)
     context.stop_hand()

@@ -1,4 +1,4 @@
-"""A small recording with everything in it."""
+"""A small recording with every type of message."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def info() -> RecordingInfo:
 
 @pytest.fixture
 def messages() -> list[RecordedMessage]:
-    """Four seconds at 50 frames/s: closing 1 s, still 2 s, opening 1 s."""
+    """Return 4 s at 50 frames/s: 1 s of closing, a hold of 2 s, 1 s of opening."""
     rng = np.random.default_rng(0)
     made: list[RecordedMessage] = []
     for k in range(200):

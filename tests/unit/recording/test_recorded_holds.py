@@ -1,4 +1,4 @@
-"""Holds cut out of recordings, and recordings as tables."""
+"""Holds cut from recordings, and export of recordings to tables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from palpate.signal.circuit import resistance_ohm
 def grasp(
     *, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0
 ) -> list[RecordedMessage]:
-    """Rest 1 s, close 0.5 s, hold, open 0.5 s, rest 1.5 s; 50 frames/s."""
+    """Return 1 s of rest, 0.5 s of closing, a hold, 0.5 s of opening, 1.5 s of rest."""
     made: list[RecordedMessage] = []
     opened_s = 1.5 + seconds
     for k in range(int((opened_s + 2.0) * 50)):
@@ -53,7 +53,7 @@ def write(path: Path, messages: list[RecordedMessage]) -> Path:
     return path
 
 
-def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None:
+def test_cut_recorded_holds_span_stop_to_next_movement(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
     holds = {hold.channel: hold for hold in cut_recorded_holds(recording, name="run")}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
@@ -65,7 +65,7 @@ def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None
     assert mean.values == pytest.approx(100 * (held / rest - 1))
 
 
-def test_holds_in_ohm_have_no_mean(tmp_path: Path) -> None:
+def test_cut_recorded_holds_in_ohm_have_no_mean_channel(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
     holds = cut_recorded_holds(recording, unit="ohm")
     assert holds[0].channel == "r0c1"
@@ -73,7 +73,7 @@ def test_holds_in_ohm_have_no_mean(tmp_path: Path) -> None:
     assert holds[0].values == pytest.approx(expected)
 
 
-def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
+def test_cut_recorded_holds_position_step_between_states_is_movement(tmp_path: Path) -> None:
     messages = [
         replace(message, moving=False) if isinstance(message, GripperState) else message
         for message in grasp()
@@ -82,7 +82,7 @@ def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
-def test_without_a_gripper_holds_begin_at_contacts(tmp_path: Path) -> None:
+def test_cut_recorded_holds_without_gripper_begin_at_contacts(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
     (hold, *_) = holds = cut_recorded_holds(recording)
     assert {one.hold_id for one in holds} == {"hold-1"}
@@ -95,11 +95,11 @@ def test_without_a_gripper_holds_begin_at_contacts(tmp_path: Path) -> None:
     [
         (grasp(counts_held=301), "no hold found"),
         (grasp(seconds=0.8), "no hold found"),
-        (grasp()[:12], "only 6 frames"),
+        (grasp()[:12], "6 frames are too few"),
         (grasp()[140:], "no rest at the beginning"),
     ],
 )
-def test_recordings_without_holds_say_why(
+def test_cut_recorded_holds_without_hold_raises_reason(
     tmp_path: Path, messages: list[RecordedMessage], fault: str
 ) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", messages))
@@ -108,7 +108,7 @@ def test_recordings_without_holds_say_why(
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
-def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
+def test_exported_holds_file_roundtrip(tmp_path: Path, to: str) -> None:
     holds = cut_recorded_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
     target = tmp_path / f"holds.{to}"
     rows = write_export(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
@@ -119,7 +119,7 @@ def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
     assert np.array_equal(back[0].values, holds[0].values)
 
 
-def test_the_table_has_one_row_per_frame(tmp_path: Path) -> None:
+def test_exported_table_has_one_row_per_frame(tmp_path: Path) -> None:
     messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp()]
     path = write(tmp_path / "run.mcap", messages)
     with RecordingReader(path) as reader:
@@ -133,7 +133,7 @@ def test_the_table_has_one_row_per_frame(tmp_path: Path) -> None:
     assert [row["moving"] for row in table].count("True") == 50
 
 
-def test_export_of_impossible_counts_is_one_line(tmp_path: Path) -> None:
+def test_export_invalid_counts_are_refused(tmp_path: Path) -> None:
     first, *rest = grasp()
     frame = next(one for one in (first, *rest) if isinstance(one, Frame))
     wrong = replace(frame, counts=np.full((4, 2), -1), time_s=frame.time_s - 1.0)
@@ -145,7 +145,7 @@ def test_export_of_impossible_counts_is_one_line(tmp_path: Path) -> None:
         cut_recorded_holds(load_recording(path))
 
 
-def test_exported_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path) -> None:
+def test_exported_csv_escapes_spreadsheet_formulas(tmp_path: Path) -> None:
     messages = [Event(time_s=0.0, name="=1+1", text=""), *grasp()]
     with RecordingReader(write(tmp_path / "run.mcap", messages)) as reader:
         write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
@@ -156,7 +156,7 @@ def test_exported_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path) -> Non
     assert parquet.read_table(tmp_path / "run.parquet")["events"][0].as_py() == "=1+1"
 
 
-def test_parquet_keeps_types_without_any_value(tmp_path: Path) -> None:
+def test_exported_parquet_columns_without_values_have_types(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = write(tmp_path / "run.mcap", grasp(gripper=False))
     with RecordingReader(path) as reader:

@@ -1,4 +1,4 @@
-"""A recording's figure shows every pixel, gripper, load cells and events."""
+"""The figure of a recording: pixels, gripper, load cells and events."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ def _labels(figure):
     return [axes.get_ylabel() for axes in figure.axes]
 
 
-def test_each_pixel_has_a_line_in_kilohm(recording):
+def test_recording_figure_has_one_line_per_pixel_in_kilohm(recording):
     pixels = recording_figure(recording, title="run").axes[0]
     lines = {line.get_label(): line for line in pixels.lines}
     assert {f"r{row}c{col}" for row in range(4) for col in range(2)} <= set(lines)
@@ -29,14 +29,14 @@ def test_each_pixel_has_a_line_in_kilohm(recording):
     assert first == pytest.approx(solve_resistance_ohm(recording)[:, 0, 0] / 1000)
 
 
-def test_gripper_cells_and_events_are_drawn_where_recorded(recording):
+def test_recording_figure_draws_gripper_load_cells_and_events(recording):
     figure = recording_figure(recording, title="run")
     assert "width (mm)" in _labels(figure)
     assert any("load cell" in label or label == "force (N)" for label in _labels(figure))
     assert [text.get_text() for text in figure.axes[0].texts] == ["note"]
 
 
-def test_what_was_not_recorded_has_no_panel(recording):
+def test_recording_figure_omits_panels_without_data(recording):
     nothing = np.empty(0)
     track = dataclasses.replace(
         recording.gripper,
@@ -50,7 +50,7 @@ def test_what_was_not_recorded_has_no_panel(recording):
     assert len(recording_figure(bare, title="run").axes) == 1
 
 
-def test_the_title_says_simulated_unless_it_was_hardware(recording):
+def test_recording_figure_title_marks_simulated_recordings(recording):
     def title(shown):
         return recording_figure(shown, title="run").get_suptitle()
 
@@ -62,7 +62,7 @@ def test_the_title_says_simulated_unless_it_was_hardware(recording):
 
 
 @pytest.mark.slow
-def test_a_silence_after_the_last_frame_is_in_the_picture(recording, tmp_path):
+def test_recording_figure_includes_event_after_last_frame(recording, tmp_path):
     silent = Event(time_s=float(recording.time_s[-1]) + 30.0, name="silent")
     cut = dataclasses.replace(recording, events=(silent,))
     figure = recording_figure(cut, title="run")
@@ -73,7 +73,7 @@ def test_a_silence_after_the_last_frame_is_in_the_picture(recording, tmp_path):
     check_fonts(tmp_path / "run.pdf")
 
 
-def test_a_large_matrix_has_no_legend_that_nobody_reads(recording):
+def test_recording_figure_of_large_array_has_no_legend(recording):
     few = recording_figure(recording, title="run").axes[0].get_legend()
     assert few is not None
     layout = dataclasses.replace(recording.info.layout, rows=8, cols=8, finger_of_row=(0,) * 8)

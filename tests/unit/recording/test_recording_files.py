@@ -1,4 +1,4 @@
-"""Recordings written, read, cut short, filled up and recovered."""
+"""Recordings: writing, reading, truncation, full disks and recovery."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ for path in sys.argv[1:]:
             k = 0
             while True:
                 writer.add(Frame(time_s=k / 500, sequence=k, counts=counts + k % 500))
-                # Long lines: a pipe keeps 64 kB, and the writer must not run far ahead.
+                # Long lines: a pipe buffers 64 kB, and the writer must not run far ahead.
                 os.write(1, f"{k / 500:<1000}\\n".encode())
                 k += 1
     os.waitpid(child, 0)
@@ -56,7 +56,7 @@ for path in sys.argv[1:]:
 """
 
 
-def same(first: RecordedMessage, second: RecordedMessage) -> bool:
+def is_same(first: RecordedMessage, second: RecordedMessage) -> bool:
     """Compare two messages exactly, arrays and NaN included."""
     return type(first) is type(second) and repr(first) == repr(second)
 
@@ -85,32 +85,36 @@ def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
         writer.add(Frame(time_s=k / 500, sequence=k, counts=count))
 
 
-def test_everything_comes_back_exactly(
+def test_recording_roundtrip_preserves_all_messages(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
 ) -> None:
     read, state = read_all(recorded)
     assert state.intact
     assert len(read) == len(messages)
-    assert all(map(same, read, messages))
+    assert all(map(is_same, read, messages))
     with RecordingReader(recorded) as reader:
         assert reader.info == info
 
 
-def test_strict_readers_accept_it(recorded: Path, messages: list[RecordedMessage]) -> None:
+def test_recording_is_valid_for_strict_mcap_readers(
+    recorded: Path, messages: list[RecordedMessage]
+) -> None:
     assert strict_count(recorded) == len(messages)
 
 
-def test_the_same_messages_give_the_same_bytes(
+def test_recording_same_messages_give_identical_bytes(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
 ) -> None:
-    again = tmp_path / "again.mcap"
-    with RecordingWriter(again, info=info) as writer:
+    copy = tmp_path / "again.mcap"
+    with RecordingWriter(copy, info=info) as writer:
         for message in messages:
             writer.add(message)
-    assert again.read_bytes() == recorded.read_bytes()
+    assert copy.read_bytes() == recorded.read_bytes()
 
 
-def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[RecordedMessage]) -> None:
+def test_load_recording_arrays_match_messages(
+    recorded: Path, messages: list[RecordedMessage]
+) -> None:
     recording = load_recording(recorded)
     frames = [message for message in messages if isinstance(message, Frame)]
     states = [message for message in messages if isinstance(message, GripperState)]
@@ -126,7 +130,7 @@ def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[RecordedM
         recording.counts[0, 0, 0] = 1
 
 
-def test_log_times_are_unix_times_on_hardware(
+def test_recording_of_hardware_has_unix_log_times(
     tmp_path: Path, messages: list[RecordedMessage]
 ) -> None:
     path = tmp_path / "bench.mcap"
@@ -139,24 +143,26 @@ def test_log_times_are_unix_times_on_hardware(
     assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.999])
-def test_a_cut_file_opens_and_is_recovered(
-    recorded: Path, messages: list[RecordedMessage], share: float
+@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8, 0.999])
+def test_truncated_recording_is_readable_and_recoverable(
+    recorded: Path, messages: list[RecordedMessage], fraction: float
 ) -> None:
-    whole = recorded.read_bytes()
-    recorded.write_bytes(whole[: int(len(whole) * share)])
+    content = recorded.read_bytes()
+    recorded.write_bytes(content[: int(len(content) * fraction)])
     read, state = read_all(recorded)
     assert not state.complete
-    assert all(map(same, read, messages))
+    assert all(map(is_same, read, messages))
     found = recover(recorded, recorded)
     assert not found.intact
     assert strict_count(recorded) == len(read)
-    again, state = read_all(recorded)
+    reread, state = read_all(recorded)
     assert state.intact
-    assert all(map(same, again, read))
+    assert all(map(is_same, reread, read))
 
 
-def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[RecordedMessage]) -> None:
+def test_damaged_chunk_loses_only_its_own_messages(
+    recorded: Path, messages: list[RecordedMessage]
+) -> None:
     with recorded.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -171,7 +177,7 @@ def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[Record
 
 
 @pytest.mark.slow
-def test_a_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
+def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
     rng = np.random.default_rng(20)
     paths = [tmp_path / f"{k}.mcap" for k in range(20)]
     with subprocess.Popen(
@@ -196,7 +202,7 @@ def test_a_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
             assert strict_count(path) == len(read)
 
 
-def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
+def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
     tmp_path: Path, info: RecordingInfo
 ) -> None:
     path = tmp_path / "full.mcap"
@@ -207,7 +213,7 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
         pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
     ):
         add_frames(writer, counts)
-    with pytest.raises(RecordingError, match="writing failed before"):
+    with pytest.raises(RecordingError, match="after an earlier write error"):
         writer.add(Frame(time_s=99.0, sequence=99, counts=counts[0]))
     writer.close()
     writer.close()
@@ -218,25 +224,25 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
     assert strict_count(path) == len(read)
 
 
-def test_a_write_that_the_system_cuts_short_is_not_taken_for_whole(tmp_path: Path) -> None:
+def test_direct_file_partial_write_raises_os_error(tmp_path: Path) -> None:
     descriptor = os.open(tmp_path / "short", os.O_WRONLY | os.O_CREAT)
     with file_size_limit(1000), pytest.raises(OSError, match="File too large"):
         DirectFile(descriptor).write(bytes(1500))
     os.close(descriptor)
 
 
-def test_no_space_at_the_start_is_one_line(info: RecordingInfo) -> None:
+def test_writer_full_device_at_start_is_refused(info: RecordingInfo) -> None:
     with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
         RecordingWriter("/dev/full", info=info)
 
 
-def test_an_earlier_recording_is_not_overwritten(recorded: Path, info: RecordingInfo) -> None:
+def test_writer_existing_file_is_refused(recorded: Path, info: RecordingInfo) -> None:
     with pytest.raises(RecordingError, match="exists already"):
         RecordingWriter(recorded, info=info)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000)])
-def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+def test_reader_refuses_other_files_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
@@ -247,16 +253,16 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -> 
 
 
 @pytest.mark.parametrize("oversampling", [0, -1, 2**22, 2**40, True, 1.5, None])
-def test_frame_of_an_impossible_number_of_conversions_is_refused(oversampling: object) -> None:
+def test_decode_invalid_oversampling_is_refused(oversampling: object) -> None:
     frame = encode(Frame(time_s=0.0, sequence=0, counts=np.zeros((4, 2)), oversampling=64))
     assert decode("/frames", frame, layout=RIGID_LAYOUT) is not None
     damaged = json.dumps(json.loads(frame) | {"oversampling": oversampling}).encode()
-    with pytest.raises(RecordingError, match=r"oversampling|whole number"):
+    with pytest.raises(RecordingError, match=r"oversampling|integer of 64 bits"):
         decode("/frames", damaged, layout=RIGID_LAYOUT)
 
 
 @pytest.mark.parametrize("change", [{"fastest": 0.0}, {"highest": 5.0}, {"lowest": 99.0}])
-def test_metadata_of_a_gripper_that_cannot_move_is_refused(change: dict[str, float]) -> None:
+def test_decode_info_gripper_without_range_or_speed_is_refused(change: dict[str, float]) -> None:
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin", gripper=limits)
     assert decode_info(encode_info(info)).gripper == limits
@@ -264,14 +270,14 @@ def test_metadata_of_a_gripper_that_cannot_move_is_refused(change: dict[str, flo
         decode_info(encode_info(replace(info, gripper=replace(limits, **change))))
 
 
-def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+def test_reader_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
         RecordingReader(tmp_path / "gone.mcap")
     with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
 
 
-def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
+def test_finished_recording_is_synced_and_has_checksums(
     tmp_path: Path,
     info: RecordingInfo,
     messages: list[RecordedMessage],
@@ -284,7 +290,7 @@ def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
     with RecordingWriter(path, info=info) as writer:
         for message in messages:
             writer.add(message)
-    # The syncing at the side may be the last to be heard of.
+    # The parallel sync may be the last one to be recorded.
     assert path.stat().st_size in synced
     assert -1 in synced
     with path.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""A replay gives what was live."""
+"""A replay yields the frames, states and timeouts of the live sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.recording.channels import RecordedMessage
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
-def test_frames_states_and_times_are_the_recorded_ones(
+def test_replay_yields_recorded_frames_states_and_times(
     recorded: Path, messages: list[RecordedMessage]
 ) -> None:
     clock = ManualClock()
@@ -32,7 +32,7 @@ def test_frames_states_and_times_are_the_recorded_ones(
     replay.close()
 
 
-def test_a_gap_times_out_as_it_did_live(tmp_path: Path, info: RecordingInfo) -> None:
+def test_replay_gap_raises_timeout_as_live_sensor(tmp_path: Path, info: RecordingInfo) -> None:
     path = tmp_path / "gap.mcap"
     with RecordingWriter(path, info=info) as writer:
         for k, time_s in enumerate((0.0, 0.02, 1.0)):

@@ -1,4 +1,4 @@
-"""Layouts in files: the wiring goes along, and files older than its fields stay readable."""
+"""Layouts in files: wiring is stored, and older files without wiring stay readable."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ FLOATING = replace(
 )
 
 
-def test_the_wiring_goes_along() -> None:
+def test_recording_info_roundtrip_preserves_wiring() -> None:
     info = RecordingInfo(layout=FLOATING, origin="hardware")
     assert decode_info(encode_info(info)).layout == FLOATING
 
 
-def test_recordings_without_the_wiring_are_taken_as_isolated() -> None:
+def test_old_recording_without_wiring_is_read_as_isolated() -> None:
     texts = encode_info(RecordingInfo(layout=RIGID_LAYOUT, origin="hardware"))
     layout = json.loads(texts["layout"])
     for name in ("idle_lines", "line_ohm"):
@@ -39,7 +39,7 @@ def test_recordings_without_the_wiring_are_taken_as_isolated() -> None:
     assert decode_info({**texts, "layout": json.dumps(layout)}).layout == RIGID_LAYOUT
 
 
-def test_a_wiring_that_does_not_exist_is_one_line() -> None:
+def test_recording_info_unknown_wiring_is_refused() -> None:
     texts = encode_info(RecordingInfo(layout=RIGID_LAYOUT, origin="hardware"))
     layout = {**json.loads(texts["layout"]), "idle_lines": "grounded"}
     with pytest.raises(RecordingError, match="isolated, floating, held"):
@@ -47,18 +47,18 @@ def test_a_wiring_that_does_not_exist_is_one_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wiring", "said"),
+    ("wiring", "message"),
     [({"idle_lines": "grounded"}, "isolated, floating, held"), ({"line_ohm": -5.0}, "0 or more")],
 )
-def test_a_rig_file_s_wiring_is_checked(wiring: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_find_layout_invalid_wiring_is_refused(wiring: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         find_layout("4x2", **wiring)  # type: ignore[arg-type]
     assert find_layout("4x2", idle_lines="held", line_ohm=5.0).idle_lines == "held"
 
 
 @pytest.fixture
 def pressed(tmp_path: Path) -> tuple[Path, ArrayLayout, np.ndarray]:
-    """Rest, a second of closing, then one pixel pressed, read through floating lines."""
+    """Record rest, 1 s of closing and one pressed pixel, read through floating lines."""
     ohm = np.full((300, 4, 2), 3000.0)
     ohm[100:, 1, 1] = 700.0
     read = floating_readings_ohm(ohm) + FLOATING.line_ohm
@@ -74,7 +74,7 @@ def pressed(tmp_path: Path) -> tuple[Path, ArrayLayout, np.ndarray]:
     return path, FLOATING, ohm
 
 
-def test_exported_resistances_are_the_pixels_own(
+def test_exported_resistances_are_free_of_crosstalk(
     pressed: tuple[Path, ArrayLayout, np.ndarray],
 ) -> None:
     path, layout, ohm = pressed
@@ -89,7 +89,7 @@ def test_exported_resistances_are_the_pixels_own(
             assert column == pytest.approx(ohm[:, row, col], rel=0.01)
 
 
-def test_holds_show_the_pressed_pixel_alone(
+def test_recorded_holds_show_only_the_pressed_pixel(
     pressed: tuple[Path, ArrayLayout, np.ndarray],
 ) -> None:
     path, _, _ = pressed

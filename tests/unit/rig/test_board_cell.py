@@ -1,4 +1,4 @@
-"""Load cells on a board as reference, over a pseudo-terminal."""
+"""Load cells on a board as reference force, over a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tests.unit.sensor.test_serial_array import Bench, PtyBoard
 
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.bench import bench_of
-from palpate.rig.board_cell import BoardLoadCell, board_with_cells, mean_counts
+from palpate.rig.bench import open_bench
+from palpate.rig.board_cell import BoardLoadCell, measure_mean_counts, require_board
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING, CellSample, Contents, FrameMessage
@@ -21,7 +21,7 @@ from palpate.twin.world import World
 
 
 class WeighingBoard(PtyBoard):
-    """The board with two amplifiers; a cell's readings come at `reading_hz`."""
+    """A board with two amplifiers whose cells are read at `reading_hz`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -29,11 +29,11 @@ class WeighingBoard(PtyBoard):
         self.weighed: Callable[[], list[int]] = lambda: self.raw
         self.reading_hz = [80.0, 80.0]
         self.read_until_us: int | None = None
-        self.asked = True
+        self.sends_load_cells = True
 
     def frame(self) -> FrameMessage:
         message = super().frame()
-        if not self.asked:
+        if not self.sends_load_cells:
             return message
         now_us = message.time_us if self.read_until_us is None else self.read_until_us
         return replace(
@@ -46,7 +46,7 @@ class WeighingBoard(PtyBoard):
 
 
 class Desk:
-    """The board, the array that reads it and the clock of both."""
+    """A board, its array, and the clock of both."""
 
     def __init__(self) -> None:
         self.clock, self.board = Bench(), WeighingBoard()
@@ -74,7 +74,7 @@ def desk() -> Iterator[Desk]:
 
 
 @pytest.mark.slow
-def test_forces_are_the_mean_of_two_cells_above_their_zeros(desk: Desk) -> None:
+def test_board_cell_force_is_mean_of_two_tared_cells(desk: Desk) -> None:
     cell = desk.cell(1e-5, -2e-5)
     desk.board.raw = [40_000, -9_000]
     cell.tare()
@@ -84,7 +84,7 @@ def test_forces_are_the_mean_of_two_cells_above_their_zeros(desk: Desk) -> None:
     assert cell.read_n() == pytest.approx((6.0 + 4.0) / 2)
 
 
-def test_one_cell_alone_may_be_wired(desk: Desk) -> None:
+def test_board_cell_works_with_one_cell_connected(desk: Desk) -> None:
     cell = desk.cell(1e-5)
     desk.board.raw = [500, NO_READING]
     cell.tare()
@@ -93,10 +93,10 @@ def test_one_cell_alone_may_be_wired(desk: Desk) -> None:
     assert cell.read_n() == pytest.approx(2.0)
 
 
-def test_a_reading_is_of_now_after_a_pause_in_which_nobody_read(desk: Desk) -> None:
+def test_board_cell_reading_after_pause_is_current(desk: Desk) -> None:
     cell = desk.cell(1e-5, 1e-5)
     cell.tare()
-    # Meanwhile the port's buffer fills with frames without load, and the rest is lost.
+    # Meanwhile the buffer of the port fills with unloaded frames; later frames are lost.
     desk.clock.sleep_s(30.0)
     desk.board.raw = [100_000, 100_000]
     desk.clock.sleep_s(0.02)
@@ -104,14 +104,14 @@ def test_a_reading_is_of_now_after_a_pause_in_which_nobody_read(desk: Desk) -> N
 
 
 @pytest.mark.parametrize("cell", [0, 1])
-def test_a_cell_without_a_reading_is_refused(desk: Desk, cell: int) -> None:
+def test_board_cell_tare_without_reading_is_refused(desk: Desk, cell: int) -> None:
     desk.board.raw[cell] = NO_READING
     with pytest.raises(DeviceError, match=f"load cell {cell} gives no reading"):
         desk.cell(1e-5, 1e-5).tare()
 
 
 @pytest.mark.parametrize("raw", [-(2**23), 2**23 - 1])
-def test_a_saturated_cell_is_refused(desk: Desk, raw: int) -> None:
+def test_board_cell_saturated_cell_is_refused(desk: Desk, raw: int) -> None:
     cell = desk.cell(1e-5, 1e-5)
     cell.tare()
     desk.board.raw[1] = raw
@@ -120,28 +120,28 @@ def test_a_saturated_cell_is_refused(desk: Desk, raw: int) -> None:
         cell.read_n()
 
 
-def test_a_stuck_cell_is_refused_at_the_tare(desk: Desk) -> None:
+def test_board_cell_tare_with_stuck_cell_is_refused(desk: Desk) -> None:
     desk.board.reading_hz[1] = 0.0
     with pytest.raises(DeviceError, match="load cell 1 is stuck"):
         desk.cell(1e-5, 1e-5).tare()
 
 
-def read_on(cell: BoardLoadCell, desk: Desk, *, pause_s: float) -> None:
+def read_repeatedly(cell: BoardLoadCell, desk: Desk, *, pause_s: float) -> None:
     for _ in range(60):
         desk.clock.sleep_s(pause_s)
         cell.read_n()
 
 
 @pytest.mark.parametrize("pause_s", [0.02, 20.0])
-def test_a_cell_that_sticks_later_is_refused(desk: Desk, pause_s: float) -> None:
+def test_board_cell_stuck_during_reading_is_refused(desk: Desk, pause_s: float) -> None:
     cell = desk.cell(1e-5, 1e-5)
     cell.tare()
     desk.board.read_until_us = desk.board.device_us(desk.clock.now_s())
     with pytest.raises(DeviceError, match=r"load cell \d is stuck"):
-        read_on(cell, desk, pause_s=pause_s)
+        read_repeatedly(cell, desk, pause_s=pause_s)
 
 
-def test_a_cell_that_stuck_while_nobody_read_is_not_believed_even_once(desk: Desk) -> None:
+def test_board_cell_stuck_during_pause_is_refused_at_first_reading(desk: Desk) -> None:
     cell = desk.cell(1e-5, 1e-5)
     cell.tare()
     cell.read_n()
@@ -152,13 +152,13 @@ def test_a_cell_that_stuck_while_nobody_read_is_not_believed_even_once(desk: Des
         cell.read_n()
 
 
-def test_a_slow_cell_lags_and_is_refused(desk: Desk) -> None:
+def test_board_cell_slow_cell_is_refused(desk: Desk) -> None:
     desk.board.reading_hz[0] = 10.0
     with pytest.raises(DeviceError, match=r"load cell 0 gives (9|10) readings a second.*RATE"):
         desk.cell(1e-5, 1e-5).tare()
 
 
-def test_a_silent_board_is_named(desk: Desk) -> None:
+def test_board_cell_silent_board_is_refused(desk: Desk) -> None:
     cell = desk.cell(1e-5, 1e-5)
     cell.tare()
     desk.board.silent = True
@@ -167,18 +167,18 @@ def test_a_silent_board_is_named(desk: Desk) -> None:
         cell.read_n()
 
 
-def test_a_board_that_was_not_asked_says_what_to_put_into_the_rig_file(desk: Desk) -> None:
-    desk.board.asked = False
+def test_frames_without_load_cells_error_names_rig_file_setting(desk: Desk) -> None:
+    desk.board.sends_load_cells = False
     with pytest.raises(InputError, match="load_cells = true"):
-        mean_counts(desk.array, cells=(0,), clock=desk.clock)
+        measure_mean_counts(desk.array, cells=(0,), clock=desk.clock)
 
 
-def test_another_kind_of_array_has_no_load_cells() -> None:
+def test_require_board_refuses_other_arrays() -> None:
     with pytest.raises(InputError, match="open_board"):
-        board_with_cells(TwinArray(World(None, seed=1)))
+        require_board(TwinArray(World(None, seed=1)))
 
 
-def test_the_bench_opens_the_hand_and_leaves_it_open_whatever_happens(desk: Desk) -> None:
+def test_open_bench_opens_gripper_before_and_after_error(desk: Desk) -> None:
     world = World(None, seed=1, clock=desk.clock)
     gripper = TwinGripper(world)
     gripper.command(GripperCommand(target=30.0, rate=60.0))
@@ -186,8 +186,8 @@ def test_the_bench_opens_the_hand_and_leaves_it_open_whatever_happens(desk: Desk
     desk.board.raw = [40_000, -9_000]
     closed_mm = gripper.state().width_mm
 
-    def closes_and_fails() -> None:
-        with bench_of(
+    def close_and_fail() -> None:
+        with open_bench(
             desk.array, gripper=gripper, clock=desk.clock, newtons_per_count=(1e-5, 1e-5)
         ) as (bench, _):
             widths.append(gripper.state().width_mm)
@@ -199,7 +199,7 @@ def test_the_bench_opens_the_hand_and_leaves_it_open_whatever_happens(desk: Desk
 
     widths = list[float]()
     with pytest.raises(DeviceError, match="stuck"):
-        closes_and_fails()
+        close_and_fail()
     widths.append(gripper.state().width_mm)
     assert closed_mm < 35
     assert np.array(widths) == pytest.approx(gripper.limits.highest, abs=1.0)

@@ -1,4 +1,4 @@
-"""A rig as a script uses it: read, grasp, carry, release."""
+"""Use of a rig in a script: reading, grasping, holding and release."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def test_grasp_holds_until_released() -> None:
         grip = rig.grasp(target_force_n=2.0)
         assert grip.is_holding
         assert grip.outcome is palpate.Outcome.HELD
-        held = rig.read()
-        assert held.contact
-        assert held.force_n.low < 2.0 < held.force_n.high
+        reading = rig.read()
+        assert reading.contact
+        assert reading.force_n.low < 2.0 < reading.force_n.high
         assert grip.size_mm is not None
         result = grip.release()
         assert not grip.is_holding
@@ -37,7 +37,7 @@ def test_grasp_holds_until_released() -> None:
         assert grip.release() is result
 
 
-def test_leaving_the_block_releases_what_no_second_grasp_takes() -> None:
+def test_grasp_second_grasp_is_refused_and_block_end_releases() -> None:
     with open_tomato() as rig:
         grip = rig.grasp()
         with pytest.raises(palpate.InputError, match="release it first"):
@@ -46,7 +46,7 @@ def test_leaving_the_block_releases_what_no_second_grasp_takes() -> None:
     assert grip.outcome is palpate.Outcome.HELD
 
 
-def test_an_error_in_the_block_stops_and_does_not_drop_the_object() -> None:
+def test_rig_error_in_block_stops_without_dropping_object() -> None:
     grips: list[palpate.Grip] = []
 
     def grasp_and_fail(rig: palpate.Rig) -> None:
@@ -64,7 +64,7 @@ def test_an_error_in_the_block_stops_and_does_not_drop_the_object() -> None:
 
 @pytest.fixture(scope="module")
 def idle() -> Iterator[palpate.Rig]:
-    """A rig that nothing has moved."""
+    """Yield a rig whose gripper has not moved."""
     with open_tomato() as rig:
         yield rig
 
@@ -79,7 +79,7 @@ def idle() -> Iterator[palpate.Rig]:
         ({"kind": "kiwi"}, "needs damage=FILE, which defines the kinds"),
     ],
 )
-def test_grasp_refuses_what_the_command_refuses(
+def test_grasp_invalid_options_are_refused(
     options: dict[str, float], message: str, idle: palpate.Rig
 ) -> None:
     with pytest.raises(palpate.InputError, match=message):
@@ -87,14 +87,14 @@ def test_grasp_refuses_what_the_command_refuses(
     assert idle.read().time_s < 0.5
 
 
-def test_read_open_hand_shows_rest_and_no_contact(idle: palpate.Rig) -> None:
+def test_read_open_gripper_shows_rest_without_contact(idle: palpate.Rig) -> None:
     readings = [idle.read() for _ in range(3)]
     assert [reading.contact for reading in readings] == [False] * 3
     assert np.abs(readings[-1].change_percent).max() < 3.0
     assert readings[0].time_s < readings[1].time_s < readings[2].time_s
 
 
-def test_grasp_records_every_frame_and_prints_as_the_command(tmp_path: Path) -> None:
+def test_grasp_records_every_frame_and_document_matches_command(tmp_path: Path) -> None:
     file = tmp_path / "grasp.mcap"
     with open_tomato() as rig:
         grip = rig.grasp(target_force_n=2.0, record=file)
@@ -112,7 +112,7 @@ def test_grasp_records_every_frame_and_prints_as_the_command(tmp_path: Path) -> 
     assert all("\n" not in text and len(text) < 90 for text in texts)
 
 
-def test_grasp_of_nothing_ends_without_holding() -> None:
+def test_grasp_without_object_ends_without_holding() -> None:
     world = World(None, seed=4)
     calibration = open_tomato().calibration
     with palpate.Rig(

@@ -1,4 +1,4 @@
-"""What a recording says of the rig that it is of."""
+"""The description of a rig in a recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.rig.recorded import firmware_version, record_grasp, recording_info
 pytestmark = pytest.mark.slow
 
 
-def test_a_simulated_rig_gives_its_seed_and_no_time_of_day() -> None:
+def test_recording_info_of_simulated_rig_has_seed_and_no_unix_time() -> None:
     rig = open_rig("sim-rigid", seed=3)
     info = recording_info(rig, seed=3)
     assert (info.origin, info.rig, info.seed, info.clock_zero_unix_ns) == (
@@ -29,7 +29,7 @@ def test_a_simulated_rig_gives_its_seed_and_no_time_of_day() -> None:
     assert info.calibration == rig.calibration.as_text()
 
 
-def test_a_real_rig_gives_the_time_of_day_and_no_seed() -> None:
+def test_recording_info_of_real_rig_has_unix_time_and_no_seed() -> None:
     rig = replace(open_rig("sim-rigid", seed=3), origin="hardware")
     info = recording_info(rig, seed=3)
     assert info.seed is None
@@ -37,7 +37,7 @@ def test_a_real_rig_gives_the_time_of_day_and_no_seed() -> None:
     assert abs(now_ns - time.time_ns()) < 1e9
 
 
-def test_of_a_grasp_it_keeps_what_a_replay_needs_to_decide_again(tmp_path: Path) -> None:
+def test_record_grasp_stores_limits_and_target_for_replay(tmp_path: Path) -> None:
     rig = open_rig("sim-soft", seed=3)
     file = tmp_path / "grasp.mcap"
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=4.0)
@@ -47,9 +47,9 @@ def test_of_a_grasp_it_keeps_what_a_replay_needs_to_decide_again(tmp_path: Path)
     info = load_recording(file).info
     assert info.gripper == rig.gripper.limits
     assert info.target_force_n == 4.0
-    # What is only watched has neither: a replay would have nothing to decide.
+    # A recording without a grasp has neither, because a replay makes no decisions.
     assert recording_info(rig, seed=3).gripper is None
 
 
-def test_an_array_without_a_board_has_no_firmware() -> None:
+def test_firmware_version_without_board_is_none() -> None:
     assert firmware_version(open_rig("sim-rigid", seed=3).array) is None

@@ -1,4 +1,4 @@
-"""Rig files: what they may say, and one line for what they may not."""
+"""Rig files: valid contents, and one-line errors for invalid ones."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from palpate.rig.file import read_rig_file
         ("use = ", "Invalid value"),
         ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array. `palpate init` writes"),
         ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
-        ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "it knows no load_cell; there"),
+        (
+            "calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n",
+            "unknown key load_cell;",
+        ),
         ("use = 'sim-rigid'\nlevel = 'field'\n", "next to `use` only `calibration` may"),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )
-def test_rig_file_with_a_fault_is_refused_by_its_name(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_open_rig_invalid_file_error_names_fault(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
@@ -38,7 +39,7 @@ def test_rig_file_with_a_fault_is_refused_by_its_name(
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Make a calibration `pad.json`, openers that fit it, and a list of what was closed."""
+    """Save a calibration `pad.json`; return matching openers and a list of closed devices."""
     calibration = open_rig("sim-rigid", object_name="tomato", seed=5).calibration
     calibration.save(tmp_path / "pad.json")
     closed: list[str] = []
@@ -66,7 +67,9 @@ colour = 'red'
 
 
 @pytest.mark.slow
-def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) -> None:
+def test_open_rig_file_opens_devices_by_module_and_function(
+    bench: SimpleNamespace, tmp_path: Path
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(BENCH)
     opened = open_rig(str(path))
@@ -79,7 +82,7 @@ def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path) -> None:
+def test_open_rig_use_with_calibration_replaces_own_calibration(tmp_path: Path) -> None:
     other = open_rig("sim-rigid", object_name="tomato", seed=6).calibration
     other.save(tmp_path / "pad.json")
     path = tmp_path / "rig.toml"
@@ -93,13 +96,15 @@ def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_calibration_of_another_wiring_is_refused(bench: SimpleNamespace, tmp_path: Path) -> None:
+def test_open_rig_calibration_of_other_wiring_is_refused(
+    bench: SimpleNamespace, tmp_path: Path
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(
         BENCH.replace("[gripper]", "idle_lines = 'floating'\nline_ohm = 80.0\n[gripper]")
     )
-    said = r"idle_lines 'isolated' instead of 'floating', line_ohm 0\.0 instead of 80\.0"
-    with pytest.raises(CalibrationError, match=said) as caught:
+    message = r"idle_lines 'isolated' instead of 'floating', line_ohm 0\.0 instead of 80\.0"
+    with pytest.raises(CalibrationError, match=message) as caught:
         open_rig(str(path))
     assert "\n" not in str(caught.value)
     assert bench.closed == ["hand", "array"]
@@ -116,11 +121,14 @@ def test_a_calibration_of_another_wiring_is_refused(bench: SimpleNamespace, tmp_
         ("rate_hz = nan", "[array] rate_hz = nan: it must be a finite number"),
         ("pressure = 1", "[array] pressure = 1: it must be true or false"),
         ("taxel_leg = 'left'", "taxel_leg = 'left': it must be one of 'upper', 'lower'"),
-        ("rates_hz = 250", "[array] it knows no 'rates_hz'; there are port, layout, reference_ohm"),
+        (
+            "rates_hz = 250",
+            "[array] unknown option 'rates_hz'; available: port, layout",
+        ),
         ("port = '/dev/null'\nbaud = -1", "[array]: Not a valid baudrate: -1"),
     ],
 )
-def test_what_an_opener_can_not_take_is_named(tmp_path: Path, stated: str, message: str) -> None:
+def test_open_rig_invalid_opener_option_is_named(tmp_path: Path, stated: str, message: str) -> None:
     open_rig("sim-rigid", seed=5).calibration.save(tmp_path / "pad.json")
     path = tmp_path / "rig.toml"
     path.write_text(
@@ -144,13 +152,15 @@ def test_what_an_opener_can_not_take_is_named(tmp_path: Path, stated: str, messa
         ("[load_cells]\nnewtons_per_count = 1e-6\n", "found 1e-06"),
         ("[load_cells]\nnewtons_per_count = []\n", "1 or 2"),
         ("[load_cells]\nnewtons_per_count = [1e-6, 1e-6, 1e-6]\n", "1 or 2"),
-        ("[load_cells]\nnewtons_per_count = [1e-6, '1e-6']\n", "'1e-6' is no number"),
-        ("[load_cells]\nnewtons_per_count = [0.0]\n", "0.0 is no number"),
-        ("[load_cells]\nnewtons_per_count = [nan]\n", "nan is no number"),
-        ("[load_cells]\nnewtons_per_count = [true]\n", "True is no number"),
+        ("[load_cells]\nnewtons_per_count = [1e-6, '1e-6']\n", "'1e-6' is not a nonzero number"),
+        ("[load_cells]\nnewtons_per_count = [0.0]\n", "0.0 is not a nonzero number"),
+        ("[load_cells]\nnewtons_per_count = [nan]\n", "nan is not a nonzero number"),
+        ("[load_cells]\nnewtons_per_count = [true]\n", "True is not a nonzero number"),
     ],
 )
-def test_faults_of_the_load_cells_are_named(tmp_path: Path, table: str, message: str) -> None:
+def test_open_rig_invalid_load_cells_table_is_named(
+    tmp_path: Path, table: str, message: str
+) -> None:
     path = tmp_path / "rig.toml"
     head, tables = (table, "") if table.startswith("load_cells") else ("", table)
     path.write_text(f"calibration = 'a.json'\n{head}{tables}[array]\n[gripper]\n")
@@ -159,7 +169,7 @@ def test_faults_of_the_load_cells_are_named(tmp_path: Path, table: str, message:
     assert "\n" not in str(caught.value)
 
 
-def test_load_cells_count_newtons(tmp_path: Path) -> None:
+def test_read_rig_file_returns_newtons_per_count(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(
         "calibration = 'a.json'\n[array]\n[gripper]\n"
@@ -170,5 +180,5 @@ def test_load_cells_count_newtons(tmp_path: Path) -> None:
     assert read_rig_file(path).newtons_per_count is None
 
 
-def test_built_in_names_come_first() -> None:
+def test_rig_names_list_built_in_rigs_first() -> None:
     assert rig_names()[:3] == ("sim-rigid", "sim-soft", "sim-firmware")

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.rig import Rig
-from palpate.rig.simulated import ANOTHER_SESSION, calibrate_world
+from palpate.rig.simulated import CALIBRATION_SEED_OFFSET, calibrate_world
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate_mujoco.hand import SO101, WIDOWX, Hand
@@ -42,7 +42,9 @@ def _open_rig(name: str, hand: Hand, *, object_name: str | None, seed: int, leve
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
     world = MujocoWorld(obj, seed=seed, level=level, hand=hand)
-    bench = MujocoWorld(None, seed=seed + ANOTHER_SESSION, sheet_seed=seed, level=level, hand=hand)
+    bench = MujocoWorld(
+        None, seed=seed + CALIBRATION_SEED_OFFSET, sheet_seed=seed, level=level, hand=hand
+    )
     return Rig(
         name=name,
         array=TwinArray(world),

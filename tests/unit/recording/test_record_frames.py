@@ -1,4 +1,4 @@
-"""Capturing from a sensor, here a replayed one: what is captured is what was sensed."""
+"""Recording from a sensor (here a replay): the recorded frames equal the sensed frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.recording import (
     Replay,
     load_recording,
 )
-from palpate.recording.writer import capture
+from palpate.recording.writer import record_frames
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 INFO = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
@@ -32,18 +32,18 @@ def sensed(tmp_path: Path) -> Path:
     return path
 
 
-def test_every_frame_and_the_silence_are_captured(sensed: Path, tmp_path: Path) -> None:
-    clock, said = ManualClock(), list[str]()
+def test_record_frames_stores_all_frames_and_silence_events(sensed: Path, tmp_path: Path) -> None:
+    clock, reports = ManualClock(), list[str]()
     array = Replay(sensed, clock=clock)
     with RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer:
         cells = LoadCells(time_s=5.0, raw=(1, 2))
-        count = capture(
+        count = record_frames(
             array,
             writer=writer,
             clock=clock,
             duration_s=5.85,
             load_cells=lambda: cells,
-            report=said.append,
+            report=reports.append,
         )
     array.close()
     captured, was = load_recording(tmp_path / "captured.mcap"), load_recording(sensed)
@@ -53,28 +53,28 @@ def test_every_frame_and_the_silence_are_captured(sensed: Path, tmp_path: Path) 
     assert [event.name for event in captured.events] == ["silent", "back"]
     assert [event.time_s for event in captured.events] == pytest.approx([2.0, 4.0])
     assert captured.load_cells == (cells,) * 30
-    assert said[1] == "frames come again"
+    assert reports[1] == "frames are arriving again"
 
 
-def test_a_sensor_that_stays_silent_is_said_to_be_lost(sensed: Path, tmp_path: Path) -> None:
+def test_record_frames_silent_sensor_at_end_raises_timeout(sensed: Path, tmp_path: Path) -> None:
     clock = ManualClock()
     array = Replay(sensed, clock=clock)
     with (
-        pytest.raises(DeviceTimeoutError, match="silent at the end: 11 frames are recorded"),
+        pytest.raises(DeviceTimeoutError, match="silent at the end: 11 frames were recorded"),
         RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
     ):
-        capture(array, writer=writer, clock=clock, duration_s=3.5)
+        record_frames(array, writer=writer, clock=clock, duration_s=3.5)
     array.close()
     assert len(load_recording(tmp_path / "captured.mcap").time_s) == 11
 
 
-def test_a_lost_sensor_ends_it_with_the_file_kept(sensed: Path, tmp_path: Path) -> None:
+def test_record_frames_lost_sensor_preserves_recorded_frames(sensed: Path, tmp_path: Path) -> None:
     clock = ManualClock()
     array = Replay(sensed, clock=clock)
     with (
         pytest.raises(DeviceError, match="has ended"),
         RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
     ):
-        capture(array, writer=writer, clock=clock)
+        record_frames(array, writer=writer, clock=clock)
     array.close()
     assert len(load_recording(tmp_path / "captured.mcap").time_s) == 31
