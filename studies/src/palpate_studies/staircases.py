@@ -153,8 +153,8 @@ def follow_staircases(
 ) -> Mapping[str, list[FollowedForce]]:
     """Calibrate a sheet with a user's steps and track staircases on other objects.
 
-    Returns method -> staircases. `replace_sheet`: as in `World`. `trees`: trained on other sheets; they
-    have no interval.
+    Returns method -> staircases. `replace_sheet`: as in `World`. `trees`: trained on other sheets,
+    without an interval.
     """
     pairs, runs = _run_staircases(
         sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
