@@ -29,7 +29,7 @@ BOOT_LOADER = Path(
     "/usr/share/arduino/hardware/arduino/avr/bootloaders/stk500v2/stk500boot_v2_mega2560.hex"
 )
 _STEP_S = 0.005
-#: Events of the trace: begin, seconds, and what happens.
+#: Events of the trace: start in seconds, and label.
 EVENTS = (
     (0.0, "power-up"),
     (1.5, "port opened"),
@@ -50,7 +50,7 @@ _ARM: tuple[Command, ...] = (
 
 
 def main() -> None:
-    """Run the events once; draw."""
+    """Run the events once and draw the traces."""
     board = FirmwareBoard(boot_loader=BOOT_LOADER)
     actions = {
         1.5: board.reset,

@@ -1,8 +1,8 @@
 """Screenshots of the dashboard for docs/images: `python docs/generate_dashboard.py`.
 
-A simulated strawberry is grasped and held; the whole page and the operator view are pictured,
-light and dark, with the bin that a rule gives it, then the page after a force calibration that was
-stopped. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+The script grasps a simulated strawberry and takes screenshots of the page and the operator view,
+light and dark, with the bin from a rule. It then takes a screenshot after a stopped force
+calibration. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 CHROMIUM = "/usr/bin/chromium"
 VIEWS = {"dashboard-wide": "", "operate-wide": "operate"}
 SIZE = {"width": 1280, "height": 800}
-#: Bins by size; the strawberry of the pictures is of 37 mm.
+#: Bins by size; the strawberry in the screenshots has 37 mm.
 RULES = """default = "by hand"
 [[rule]]
 bin = "large"
@@ -31,7 +31,7 @@ size_mm = [35, 60]
 
 @contextmanager
 def serve_rig(folder: Path) -> Iterator[str]:
-    """Serve a simulated rig; yield the address."""
+    """Serve a simulated rig and yield the address."""
     command = [
         sys.executable,
         "-c",
@@ -55,8 +55,8 @@ def serve_rig(folder: Path) -> Iterator[str]:
             process.terminate()
 
 
-def pictures(browser: Browser, address: str, out: Path) -> None:
-    """Grasp once, then picture both views in both shades."""
+def take_screenshots(browser: Browser, address: str, out: Path) -> None:
+    """Grasp once, then save both views in both color schemes."""
     pages: dict[str, Page] = {}
     for view, path in VIEWS.items():
         for shade in ("light", "dark"):
@@ -84,18 +84,18 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
         expect(page.locator("#calibrated .result")).to_be_visible()
         page.evaluate("document.activeElement.blur()")
         page.mouse.move(640, 20)
-        # The tab's line slides, and where it was pressed there is a ring.
+        # The tab's underline moves, and the press leaves a ring for a moment.
         page.wait_for_timeout(1000)
         page.screenshot(path=out / f"calibration-stopped-{shade}.png")
 
 
 def calibrate_and_stop(driver: Page) -> None:
-    """Begin a force calibration by the simulated load cell, and stop it at a placement."""
+    """Start a force calibration with the simulated load cell, and stop at a placement."""
     driver.get_by_role("tab", name="Calibrate").click()
     button = driver.locator("#calibrate-force")
     expect(button).to_be_enabled(timeout=60_000)
     button.click()
-    # On a fast machine a placement is over before a slower look sees it.
+    # On a fast machine a placement may end before a slower check detects it.
     driver.wait_for_function("/[2-5] of 6/.test(document.querySelector('#guide').textContent)")
     driver.locator("#stop").click()
     expect(driver.locator("#verdict-text")).to_have_text("calibration stopped", timeout=60_000)
@@ -111,7 +111,7 @@ def main() -> None:
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
-        pictures(browser, address, out)
+        take_screenshots(browser, address, out)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The picture of a report for docs/images: `python docs/generate_report.py`.
+"""Screenshot of a report for docs/images: `python docs/generate_report.py`.
 
-Simulated items are taught and a few sorted; the report of that day is pictured. It takes minutes
-and needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+The script sorts a few simulated items after training and takes a screenshot of the day's report. It
+takes minutes and needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ VIEW = {"width": 1120, "height": 860}
 
 
 def palpate(*arguments: str) -> None:
-    """Run the command."""
+    """Run a palpate command."""
     call = [sys.executable, "-c", "from palpate.cli import main; main()", *arguments]
     subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
 
 
 def main() -> None:
-    """Sort, report, picture."""
+    """Sort items, write the report and save its screenshot."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
     parser.add_argument("--items", type=int, default=5)

@@ -1,9 +1,9 @@
-"""Run a study and keep the figures that claims quote, with what made them.
+"""Run a study and store the figures that pages quote, with command and code hash.
 
 Usage: python docs/keep_result.py NAME real|simulated KEY[,KEY...] [NOTE] -- study [OPTIONS]
 
-NOTE: seeds, looks, and what was cut short. KEYs are names in the study's JSON document; rows of
-single cases stay out. Example:
+NOTE states seeds, number of evaluations on the test set, and any shortcuts. KEYs are keys of the
+study's JSON document; omit rows of single cases. Example:
 
     python docs/keep_result.py rupture real tradeoff,compared -- rupture --curves C --index I
 """
@@ -18,17 +18,17 @@ from pathlib import Path
 from palpate_studies.scoreboard import store_result
 from palpate_studies.study_code import code_hash
 
-#: `palpate` of this interpreter, installed or not on the path.
+#: The command of this interpreter's palpate, which need not be on the path.
 RUN = "import sys; from palpate.cli import main; sys.exit(main())"
 
 
 def main() -> None:
-    """Run, pick, write."""
+    """Run the study and store the selected figures."""
     end = sys.argv.index("--")
     name, origin, keys, *note = sys.argv[1:end]
     arguments = ["study", *sys.argv[end + 1 :]]
-    # Before the study runs: the code may change while it does.
-    ran = code_hash(arguments[1])
+    # Computed before the run, because the code may change meanwhile.
+    code_sha256 = code_hash(arguments[1])
     done = subprocess.run(
         [sys.executable, "-c", RUN, *arguments, "--json"],
         check=True,
@@ -44,7 +44,7 @@ def main() -> None:
         origin=origin,
         figures={key: document[key] for key in keys.split(",")},
         note=" ".join(note),
-        code_sha256=ran,
+        code_sha256=code_sha256,
     )
 
 

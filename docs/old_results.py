@@ -1,8 +1,9 @@
-"""Name the kept results whose study's code has changed since they were made.
+"""List the stored results whose study's code has changed since the run.
 
 Usage: python docs/old_results.py
 
-A changed file need not change a figure: run the printed command again with docs/keep_result.py.
+A changed file does not always change a figure. To update a result, run the printed command with
+docs/keep_result.py.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from palpate_studies.study_code import code_hash
 
 
 def main() -> None:
-    """Print name, date and command of each."""
+    """Print name, date and command of each outdated result."""
     sys.stdout.writelines(
         f"{name}, made on {one['made_on']}: {one['command']}\n"
         for name, one in read_stored_results(Path(__file__).parent).items()
