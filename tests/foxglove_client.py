@@ -15,7 +15,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import ClientConnection, connect
 
 SUBPROTOCOL = "foxglove.sdk.v1"
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 _MESSAGE = 1
 _HEAD = struct.Struct("<BIQ")
 
@@ -37,7 +37,7 @@ class FoxgloveClient:
         self.server: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}
         while len(self.channels) == 0:
-            self._take(json.loads(socket.recv(timeout=PATIENCE_S)))
+            self._take(json.loads(socket.recv(timeout=TIMEOUT_S)))
 
     def subscribe(self, *topics: str) -> None:
         """Subscribe to topics; to all without any."""
@@ -45,7 +45,7 @@ class FoxgloveClient:
         subscriptions = [{"id": number, "channelId": number} for number in wanted]
         self._socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
 
-    def messages(self, *, for_s: float = PATIENCE_S) -> Iterator[Received]:
+    def messages(self, *, for_s: float = TIMEOUT_S) -> Iterator[Received]:
         """Yield messages as they come, until the time is up."""
         topics = {channel["id"]: topic for topic, channel in self.channels.items()}
         classes = {

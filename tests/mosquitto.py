@@ -17,7 +17,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 #: Debian puts it where users have no path to.
 PROGRAM = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 class BrokerProcess:
@@ -91,7 +91,7 @@ class Subscriber:
         self._client.on_message = self._hear
         self._client.connect_async("127.0.0.1", port)
         self._client.loop_start()
-        self._subscribed.get(timeout=PATIENCE_S)
+        self._subscribed.get(timeout=TIMEOUT_S)
 
     def _hear(self, client: object, data: object, message: paho.MQTTMessage) -> None:
         name = message.topic.rpartition("/")[2]
@@ -100,7 +100,7 @@ class Subscriber:
     def until(self, name: str, fits: Callable[[Any], bool] = lambda document: True) -> Any:
         """Return the next document of a topic that fits."""
         while True:
-            heard, document, _ = self.heard.get(timeout=PATIENCE_S)
+            heard, document, _ = self.heard.get(timeout=TIMEOUT_S)
             if heard == name and fits(document):
                 return document
 

@@ -21,7 +21,7 @@ from palpate.dashboard.transport import BoundedConnection
 
 STOP = b"POST /stop HTTP/1.1\r\nHost: robot\r\nContent-Length: 2\r\n\r\n{}"
 #: Time limit of each operation, seconds.
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 async def stop(request: Request) -> PlainTextResponse:
@@ -63,7 +63,7 @@ class Client:
     async def ask(self, sent: bytes) -> bytes:
         """Send a request; return the status line, empty if the server closed the connection."""
         self._writer.write(sent)
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIMEOUT_S):
             status = await self._reader.readline()
             while (await self._reader.readline()).strip():
                 pass
@@ -73,7 +73,7 @@ class Client:
     async def is_closed(self) -> bool:
         """Wait until the server closes the connection."""
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 return await self._reader.read(1) == b""
         except ConnectionError:
             return True
