@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 from tests.loop.test_dashboard import SIMULATED, served
-from tests.loop.test_dashboard_api import EVERY_S, Machine
+from tests.loop.test_dashboard_api import POLL_PERIOD_S, Machine
 
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
@@ -88,7 +88,7 @@ def test_replay_of_a_served_grasp_reproduces_the_stored_result(
         machine.until(lambda at: at["phase"] == "hold" and at["answered"])
         # At ten times the speed, the hold is longer than with `palpate grasp`.
         looks = itertools.count()
-        machine.until(lambda _: EVERY_S * next(looks) > HOLD_S)
+        machine.until(lambda _: POLL_PERIOD_S * next(looks) > HOLD_S)
         machine.ask("POST", "/release")
         machine.until(lambda at: machine.ask("GET", "/result")[0] == 200)
         served_grasp = machine.ask("GET", "/result")[1]
