@@ -26,7 +26,7 @@ from palpate.produce.records import Item
 #: Driver name shared by all API clients; every client with access is trusted, as on the page.
 DRIVER = "machine"
 _SCHEMAS = Path(palpate.__file__).parent / "schemas"
-_KNOWN = ("measurement", "grasp", "state", "items", "item")
+_SCHEMA_NAMES = ("measurement", "grasp", "state", "items", "item")
 
 
 class GraspRequest(BaseModel):
@@ -142,10 +142,10 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the command routes, with the same rules as on the page."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
-    async def grasp(wanted: GraspRequest) -> GraspBegun:
+    async def grasp(body: GraspRequest) -> GraspBegun:
         """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
-            return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
+            return GraspBegun(recording=await app_state.grasp(DRIVER, **body.model_dump()))
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:
@@ -219,7 +219,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
         servers=[{"url": "/api"}],
     )
     components = found["components"]
-    components["schemas"] |= {name: _publish(name) for name in _KNOWN}
+    components["schemas"] |= {name: _publish(name) for name in _SCHEMA_NAMES}
     for operation in (one for path in found["paths"].values() for one in path.values()):
         if 422 in map(int, operation["responses"]):
             refused = operation["responses"]["422"]["content"]["application/json"]
@@ -235,7 +235,9 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
 def _publish(name: str) -> dict[str, Any]:
     """Return a published schema with its references adapted to the OpenAPI components."""
     text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
-    for known in _KNOWN:
-        text = text.replace(f'"$ref": "{known}.json"', f'"$ref": "#/components/schemas/{known}"')
+    for schema_name in _SCHEMA_NAMES:
+        text = text.replace(
+            f'"$ref": "{schema_name}.json"', f'"$ref": "#/components/schemas/{schema_name}"'
+        )
     schema: dict[str, Any] = json.loads(text)
     return {key: value for key, value in schema.items() if key not in ("$schema", "$id")}

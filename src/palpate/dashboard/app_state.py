@@ -448,14 +448,14 @@ class AppState:
         if not (isinstance(order, GraspOrder) and progress.decided and progress.phase == "hold"):
             return
         answer = replace(progress.answer, outcome=Outcome.HELD)
-        asked = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
-        if asked == self._predicted_for:
+        key = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
+        if key == self._predicted_for:
             return
-        self._predicted_for = asked
+        self._predicted_for = key
 
         def show(placement: asyncio.Future[dict[str, Any]]) -> None:
             """Show the bin, unless the grasp has ended in the meantime."""
-            if devices.live.generation == asked[0] and devices.grasped is None:
+            if devices.live.generation == key[0] and devices.grasped is None:
                 devices.placement = placement.result()
 
         place = partial(self.item_store.sort_grasp, answer, item_id=order.item_id, source=source)

@@ -241,9 +241,9 @@ class History:
 
 
 def _parse_entry(values: dict[str, Any]) -> Entry | None:
-    known = {name: value for name, value in values.items() if name in _FIELDS}
+    fields_by_name = {name: value for name, value in values.items() if name in _FIELDS}
     try:
-        entry = Entry(**known | {"curve": tuple(known.get("curve", ()))})
+        entry = Entry(**fields_by_name | {"curve": tuple(fields_by_name.get("curve", ()))})
         datetime.fromisoformat(entry.ended_at)
     except (TypeError, ValueError):
         return None

@@ -249,8 +249,10 @@ def _operator_word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return "contact" if devices.live.touching_fingers else "Ready"
     if progress is None:
         return "Ready" if devices.live.is_hand_open is not False else "Hand closed"
-    known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
-    if known and firmness:
+    is_measured = (
+        progress.decided and progress.phase == "hold" and headline["on_target"] is not False
+    )
+    if is_measured and firmness:
         return str(firmness)
     if progress.phase in PHASES:
         return PHASES[progress.phase][1]

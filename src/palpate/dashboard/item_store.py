@@ -117,16 +117,16 @@ class ItemStore:
 
         rules = self._rules
         try:
-            known = (
+            stored = (
                 self._read(lambda store: _StoredItem.read(store, item_id, rules=rules))
                 or _StoredItem()
             )
-            placement: dict[str, Any] = {"item": known.facts(item_id)} if item_id else {}
+            placement: dict[str, Any] = {"item": stored.facts(item_id)} if item_id else {}
             if rules is None:
                 return placement
-            grasps = known.grasps if is_stored else (*known.grasps, grasp)
+            grasps = stored.grasps if is_stored else (*stored.grasps, grasp)
             evidence = evidence_of(
-                grasps, identifier=known.identifier, kind=known.kind, verdicts=known.verdicts
+                grasps, identifier=stored.identifier, kind=stored.kind, verdicts=stored.verdicts
             )
             decision = decide(rules, evidence)
             if grasp.outcome is not Outcome.HELD:
@@ -150,7 +150,7 @@ class ItemStore:
                 "rule": None if decision.rule is None else decision.rule.line,
                 "probability": decision.probability,
                 "again": decision.again,
-                "why": f"{decision.why} ({known.away})" if known.away else decision.why,
+                "why": f"{decision.why} ({stored.away})" if stored.away else decision.why,
             }
         }
 

@@ -297,8 +297,8 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationR
         else _measure_rest_with_gripper(rig, context)
     )
     # A rig without a calibration is hardware, because simulated rigs always have one.
-    made = replace_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
-    return _store_calibration(made, file=order.file, context=context)
+    calibration = replace_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
+    return _store_calibration(calibration, file=order.file, context=context)
 
 
 def _measure_rest_with_gripper(rig: Rig, context: JobContext) -> RestValues:
@@ -345,8 +345,8 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibratio
         pairs = _calibrate_with_load_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: use dead weights")
-    made = replace(add_force_law(replace(before, force=pairs)), made_at=format_now())
-    return _store_calibration(made, file=order.file, context=context)
+    calibration = replace(add_force_law(replace(before, force=pairs)), made_at=format_now())
+    return _store_calibration(calibration, file=order.file, context=context)
 
 
 def _calibrate_with_load_cell(guided: GuidedBench, context: JobContext) -> ForcePairs:
@@ -386,18 +386,20 @@ def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForceP
     return measure_loads(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
-def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> CalibrationRenewed:
+def _store_calibration(
+    calibration: Calibration, *, file: Path, context: JobContext
+) -> CalibrationRenewed:
     """Save the calibration to its file and use it from now on."""
     before = context.rig.calibration
-    before_ohm = made.rest_ohm if before is None else before.rest_ohm
+    before_ohm = calibration.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)
-    made.save(file)
-    context.rig = replace(context.rig, calibration=made)
+    calibration.save(file)
+    context.rig = replace(context.rig, calibration=calibration)
     return CalibrationRenewed(
         file=file,
-        rest_ohm=made.rest_ohm,
-        change_percent=100.0 * (made.rest_ohm / before_ohm - 1.0),
-        held_out=made.held_out.get("error_percent", {}),
+        rest_ohm=calibration.rest_ohm,
+        change_percent=100.0 * (calibration.rest_ohm / before_ohm - 1.0),
+        held_out=calibration.held_out.get("error_percent", {}),
     )
 
 

@@ -140,8 +140,8 @@ def _add_header(
         was_driver[0] = is_driver
         others = len(app_state.session.viewers) - 1 if is_driver else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
-        nobody = "no driver" if app_state.session.driver is None else "you watch"
-        who.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else nobody)
+        status = "no driver" if app_state.session.driver is None else "you watch"
+        who.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else status)
         take.set_visibility(not is_driver)
 
     viewer.on_refresh(show_driver)

@@ -224,11 +224,11 @@ def _pads(
 
 def _past_moments(live: Live) -> list[dict[str, Any]]:
     """Return thinned past readings of pads and hand, for a newly opened page."""
-    known = [point for point in live.points_after(-math.inf) if point.ohm.size]
-    if not known:
+    points = [point for point in live.points_after(-math.inf) if point.ohm.size]
+    if not points:
         return []
     released_s = next((at_s for at_s, phase in live.phases if phase == Phase.RELEASE), math.inf)
-    most = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // known[0].ohm.size, 1))
+    max_moments = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // points[0].ohm.size, 1))
     return [
         {
             **_pads(live, point.time_s, percent, point.ohm, point.force),
@@ -240,7 +240,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
                 released=point.time_s >= released_s,
             ),
         }
-        for point in known[:: math.ceil(len(known) / most)]
+        for point in points[:: math.ceil(len(points) / max_moments)]
         if (percent := live.percent_at(point.ohm)) is not None
     ]
 
@@ -295,8 +295,8 @@ def _horizon_document(live: Live) -> dict[str, Any] | None:
 def _measurement_document(measured: Measurement | None, true: object) -> dict[str, Any] | None:
     if measured is None:
         return None
-    known = {"status": str(measured.status), "truth": true}
+    content = {"status": str(measured.status), "truth": true}
     if not measured.has_value:
-        return known | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
+        return content | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
     value, low, high = finite_or_none([measured.middle, measured.low, measured.high])
-    return known | {"value": value, "low": low, "high": high}
+    return content | {"value": value, "low": low, "high": high}

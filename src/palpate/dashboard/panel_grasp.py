@@ -87,8 +87,8 @@ def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> Non
         if viewer.is_driver:
             form.kind = kind
 
-    known = {"": "not given", **{kind: kind for kind in damage.kinds}}
-    kind = ui.select(known, value=form.kind, on_change=lambda event: choose(event.value))
+    options = {"": "not given", **{kind: kind for kind in damage.kinds}}
+    kind = ui.select(options, value=form.kind, on_change=lambda event: choose(event.value))
     kind.props("outlined dense behavior=dialog").classes("w-full")
     kind.props["label"] = "Kind (for its damage limit)"
     viewer.enable_for_driver(kind)
@@ -146,23 +146,25 @@ def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
 
 
 def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
-    settings, asked = app_state.settings, app_state.session.rig
-    name = ui.select(list(settings.rigs), value=asked.name if asked else settings.rigs[0])
+    settings, requested = app_state.settings, app_state.session.rig
+    name = ui.select(list(settings.rigs), value=requested.name if requested else settings.rigs[0])
     name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = "Rig"
     with ui.element("div").classes("form") as simulated:
-        known = asked.object_name if asked else None
+        object_name = requested.object_name if requested else None
         named = {name: name for name in settings.objects}
         object_choice = ui.select(
-            {_DRAWN_BY_SEED: "random, from the seed", **named}, value=known or _DRAWN_BY_SEED
+            {_DRAWN_BY_SEED: "random, from the seed", **named}, value=object_name or _DRAWN_BY_SEED
         )
         object_choice.props("outlined dense behavior=dialog")
         object_choice.props["label"] = "Object between the fingers"
         with ui.element("div").classes("two"):
-            seed = ui.number("Seed", value=asked.seed if asked else 0, min=0, step=1, format="%d")
+            seed = ui.number(
+                "Seed", value=requested.seed if requested else 0, min=0, step=1, format="%d"
+            )
             seed.props("outlined dense")
             speed = ui.toggle(
                 SPEEDS,
-                value=asked.speed if asked and asked.speed in SPEEDS else 1.0,
+                value=requested.speed if requested and requested.speed in SPEEDS else 1.0,
                 on_change=lambda event: viewer.request(SetSpeed(event.value)),
             ).props("unelevated no-caps")
             speed.props["aria-label"] = "Speed of simulated time"

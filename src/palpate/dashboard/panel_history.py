@@ -30,8 +30,8 @@ def add_items_panel(
     """Fill the panel, optionally with an item; return a function that shows items."""
     with ui.element("div").classes("form"):
         add_heading("Items and their ripening")
-        known = {item_id: item_id} if item_id else {}
-        choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
+        options = {item_id: item_id} if item_id else {}
+        choice = ui.select(options, value=item_id, on_change=lambda event: choose(event.value))
         choice.classes("w-full")
         choice.props("outlined dense use-input clearable behavior=dialog")
         choice.props["label"] = "Item"
@@ -53,10 +53,10 @@ def add_items_panel(
             found = await run.io_bound(app_state.item_store.page, item_id)
             if found is None or box.is_deleted:  # the server is closing, or the viewer has left
                 return
-            known = (item_id, len(found.grasps), len(found.verdicts))
-            if known != drawn[0]:
+            version = (item_id, len(found.grasps), len(found.verdicts))
+            if version != drawn[0]:
                 figures[0] = await run.io_bound(app_state.item_store.figures_html, found) or ""
-                drawn[0] = known
+                drawn[0] = version
         except PalpateError as error:
             box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
             return
@@ -87,8 +87,8 @@ def add_items_panel(
 
     def open_item(item_id: str) -> None:
         """Select an item, which may be missing in the list."""
-        known = choice.options if isinstance(choice.options, dict) else {}
-        choice.set_options({item_id: item_id} | known, value=item_id)
+        options = choice.options if isinstance(choice.options, dict) else {}
+        choice.set_options({item_id: item_id} | options, value=item_id)
 
     ui.timer(3.0, refresh_items)
     return open_item

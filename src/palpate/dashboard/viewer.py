@@ -52,13 +52,13 @@ class Viewer:
         """Whether this viewer is the driver."""
         return self._session.driver == self._id
 
-    def record_press(self, known: object) -> None:
+    def record_press(self, state: object) -> None:
         """Record stop count and server time of the page at a press.
 
         A press before a STOP may arrive after it, because STOP has a faster route; the stop count
         reveals this. After a network failure, buffered presses arrive late; the time reveals this.
         """
-        match known:
+        match state:
             case {"stops": int(stops), "at_s": int() | float() as at_s}:
                 self._known_stops, self._pressed_s = stops, float(at_s)
 

@@ -104,9 +104,9 @@ def _pixel_names(layout: ArrayLayout) -> list[str]:
 
 
 def _encode(time_s: float, fields: dict[str, Any]) -> bytes:
-    known = {
+    finite = {
         name: value
         for name, value in fields.items()
         if not (isinstance(value, float) and not math.isfinite(value))
     }
-    return _compact({"time_s": time_s, **known}).encode()
+    return _compact({"time_s": time_s, **finite}).encode()

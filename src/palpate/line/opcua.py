@@ -174,7 +174,7 @@ class OpcUaStation:
                     space, name, _INITIAL_VALUES[kind], varianttype=kind
                 )
                 self._nodes[name] = node, kind
-        for name, method, inputs, given in (
+        for name, method, inputs, outputs in (
             (
                 "Grasp",
                 self._grasp,
@@ -191,7 +191,7 @@ class OpcUaStation:
             ("TakeOver", self._take_over, [], []),
             ("Leave", self._leave, [], []),
         ):
-            await station.add_method(space, name, method, inputs, given)
+            await station.add_method(space, name, method, inputs, outputs)
 
     async def _write(self, name: str, value: Any) -> None:
         shown = self._shown.get(name)
@@ -204,8 +204,8 @@ class OpcUaStation:
 
     # -- OPC UA methods: each returns its output arguments as variants --------------------------
 
-    async def _grasp(self, parent: Any, *given: ua.Variant) -> _Answer:
-        values = [variant.Value for variant in given]
+    async def _grasp(self, parent: Any, *arguments: ua.Variant) -> _Answer:
+        values = [variant.Value for variant in arguments]
         if len(values) != len(_GRASP_TYPES):
             return _status(StatusCodes.BadArgumentsMissing)
         if not all(isinstance(*pair) for pair in zip(values, _GRASP_TYPES, strict=True)):
