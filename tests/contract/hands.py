@@ -42,10 +42,10 @@ class Hand:
     gripper: Gripper
     clock: ManualClock
     wait: Callable[[float], None]
-    where: Callable[[], float]
+    read_position: Callable[[], float]
 
 
-def on_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
+def open_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
     """Return the real driver, connected to a simulated servo."""
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     return DynamixelGripper(line, clock=world.clock, fingers=CrankFingers(), **options)
@@ -56,7 +56,7 @@ JAW, CLOSED_TICK = HingedJaw(jaw_mm=70.0), 1000
 JAW_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 
 
-def on_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
+def open_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
     """Return the real driver, connected to a simulated Feetech servo."""
     line = ServoLine(bus.name, servo_id=6, baud=BAUD, reply_s=REPLY_S, packets=PROTOCOL_1)
     return FeetechGripper(
@@ -64,7 +64,7 @@ def on_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
     )
 
 
-def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, PneumaticGripper]:
+def open_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, PneumaticGripper]:
     """Return the real drivers of array and fingers, connected to a simulated board."""
     array = SerialArray(
         board, clock=world.clock, layout=world.layout, rate_hz=15.0, contents=Contents.PRESSURE
@@ -72,33 +72,33 @@ def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, Pneumati
     return array, PneumaticGripper(array, clock=world.clock)
 
 
-def object_of(name: str) -> TwinObject:
+def make_object(name: str) -> TwinObject:
     """Return the object of this name, equal in all worlds of these tests."""
     return draw_object(np.random.default_rng(3), name)
 
 
-def world_of(kind: str, name: str | None = None) -> World:
+def make_world(kind: str, name: str | None = None) -> World:
     """Return a world with rigid or soft fingers and an optional object."""
-    obj = None if name is None else object_of(name)
+    obj = None if name is None else make_object(name)
     return World(obj, seed=5, gripper="soft" if kind == "soft" else "rigid")
 
 
 @contextmanager
 def twin_hand(kind: str) -> Iterator[Hand]:
-    world = world_of(kind)
+    world = make_world(kind)
     yield Hand(
         gripper=TwinGripper(world),
         clock=world.clock,
         wait=world.clock.sleep_s,
-        where=lambda: world.drive_value(world.now_s()),
+        read_position=lambda: world.drive_value(world.now_s()),
     )
 
 
 @contextmanager
 def servo_hand(model_number: int) -> Iterator[Hand]:
-    world = world_of("rigid")
+    world = make_world("rigid")
     bus = ServoBus(world, model_number=model_number)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
 
     def wait(duration_s: float) -> None:
         for _ in range(round(duration_s / 0.1)):
@@ -109,7 +109,7 @@ def servo_hand(model_number: int) -> Iterator[Hand]:
         gripper=gripper,
         clock=world.clock,
         wait=wait,
-        where=lambda: world.drive_value(world.now_s()),
+        read_position=lambda: world.drive_value(world.now_s()),
     )
     gripper.close()
     bus.close()
@@ -117,9 +117,9 @@ def servo_hand(model_number: int) -> Iterator[Hand]:
 
 @contextmanager
 def jaw_hand() -> Iterator[Hand]:
-    world = world_of("rigid")
+    world = make_world("rigid")
     bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
-    gripper = on_jaw(world, bus)
+    gripper = open_jaw(world, bus)
 
     def wait(duration_s: float) -> None:
         for _ in range(round(duration_s / 0.1)):
@@ -130,7 +130,7 @@ def jaw_hand() -> Iterator[Hand]:
         gripper=gripper,
         clock=world.clock,
         wait=wait,
-        where=lambda: world.drive_value(world.now_s()),
+        read_position=lambda: world.drive_value(world.now_s()),
     )
     gripper.close()
     bus.close()
@@ -138,16 +138,16 @@ def jaw_hand() -> Iterator[Hand]:
 
 @contextmanager
 def board_hand() -> Iterator[Hand]:
-    world = world_of("soft")
+    world = make_world("soft")
     board = RegulatorBoard(world)
-    array, gripper = on_board(world, board)
+    array, gripper = open_board(world, board)
 
-    def where() -> float:
+    def read_position() -> float:
         board.run()
         return board.pressure_kpa
 
     wait = _reading(array, gripper, world.clock)
-    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, read_position=read_position)
     gripper.close()
     array.close()
 
@@ -156,7 +156,7 @@ def board_hand() -> Iterator[Hand]:
 TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 
 
-def on_hobby_servo(world: World, board: FirmwareBoard) -> tuple[SerialArray, HobbyServoGripper]:
+def open_hobby_servo(world: World, board: FirmwareBoard) -> tuple[SerialArray, HobbyServoGripper]:
     """Return the array and fingers of a simulated board with a hobby servo."""
     array = SerialArray(
         FirmwareStream(world, board=board, travel=TRAVEL),
@@ -170,26 +170,26 @@ def on_hobby_servo(world: World, board: FirmwareBoard) -> tuple[SerialArray, Hob
 
 @contextmanager
 def hobby_hand(kind: str) -> Iterator[Hand]:
-    world = world_of("rigid")
+    world = make_world("rigid")
     try:
         board = FirmwareBoard(kind, seed=1)
     except DeviceNotFoundError as error:
         skip(str(error))
-    array, gripper = on_hobby_servo(world, board)
+    array, gripper = open_hobby_servo(world, board)
     wait = _reading(array, gripper, world.clock)
     wait(0.3)
 
-    def where() -> float:
+    def read_position() -> float:
         array.read(timeout_s=1.0)
         return world.drive_value(world.now_s())
 
-    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, read_position=read_position)
     array.close()
 
 
 @contextmanager
 def firmware_hand() -> Iterator[Hand]:
-    world = world_of("soft")
+    world = make_world("soft")
     try:
         board = FirmwareBoard(seed=1)
     except DeviceNotFoundError as error:
@@ -200,12 +200,12 @@ def firmware_hand() -> Iterator[Hand]:
     )
     gripper = PneumaticGripper(array, clock=world.clock)
 
-    def where() -> float:
+    def read_position() -> float:
         array.read(timeout_s=1.0)
         return board.pressure_kpa
 
     wait = _reading(array, gripper, world.clock)
-    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, read_position=read_position)
     gripper.close()
     array.close()
 

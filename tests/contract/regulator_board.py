@@ -56,7 +56,7 @@ class RegulatorBoard:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._now_s = self._heard_s = world.clock.now_s()
+        self._now_s = self._last_packet_s = world.clock.now_s()
         self._out, self._pending = bytearray(), b""
         self._unplugged = self._cut = self._lost = self._silent = False
         self._contents, self._period_s = Contents.PIXELS, 1 / world.frame_rate_hz
@@ -91,8 +91,8 @@ class RegulatorBoard:
         for packet in packets:
             command = unpack(packet)
             if command is not None:
-                self._heard_s = self._now_s
-                self._obey(*command)
+                self._last_packet_s = self._now_s
+                self._execute(*command)
 
     def close(self) -> None:
         """Release the port; calling it again does nothing."""
@@ -115,7 +115,10 @@ class RegulatorBoard:
             raise DeviceError(f"{self.name} is gone: the cable was pulled")
 
     def _regulate(self) -> None:
-        if self._now_s - self._heard_s > _HEARTBEAT_S and self._target_kpa + self._output_kpa > 0:
+        if (
+            self._now_s - self._last_packet_s > _HEARTBEAT_S
+            and self._target_kpa + self._output_kpa > 0
+        ):
             self._target_kpa = self._output_kpa = 0.0
             self._lost, self.vented_s = True, self._now_s
         step = self._slew * _STEP_S
@@ -127,7 +130,7 @@ class RegulatorBoard:
             self._driven_kpa = self.pressure_kpa
             self.world.drive(self._driven_kpa, rate=change / _STEP_S, time_s=self._now_s)
 
-    def _obey(self, kind: int, payload: bytes) -> None:
+    def _execute(self, kind: int, payload: bytes) -> None:
         tag, result = payload[0], Result.OK
         if kind == Identify.kind:
             self._out += encode_message(self._identity(tag))

@@ -55,13 +55,13 @@ class ServoBus:
     and waits for each answer.
 
     `silent`: whether the servo ignores all requests.
-    `spoilt`: number of following replies with a wrong CRC.
+    `damaged_replies`: number of following replies with a wrong CRC.
     `cut_at`: number of bytes to which each reply is truncated; None for complete replies.
     `late_s`: delay of the replies in real time, seconds; they keep their order. With `inf` requests
         are executed without a reply.
-    `deaf`: whether new position goals are acknowledged but not executed.
+    `ignores_goals`: whether new position goals are acknowledged but not executed.
     `position_error`: error of the reported position, steps.
-    `forgetful`: registers whose writes are acknowledged but not stored.
+    `failing_registers`: registers whose writes are acknowledged but not stored.
     """
 
     def __init__(
@@ -75,11 +75,11 @@ class ServoBus:
         self._world, self._hand = world, TwinGripper(world)
         self._fingers = fingers or CrankFingers()
         self._id = servo_id
-        self.silent, self.spoilt = False, 0
+        self.silent, self.damaged_replies = False, 0
         self.cut_at: int | None = None
-        self.late_s, self.deaf, self.position_error = 0.0, False, 0
-        self.forgetful = set[x.Register]()
-        self._heard_s = world.clock.now_s()
+        self.late_s, self.ignores_goals, self.position_error = 0.0, False, 0
+        self.failing_registers = set[x.Register]()
+        self._last_packet_s = world.clock.now_s()
         self._table = bytearray(x.STATE[1])
         self._put(x.MODEL_NUMBER, model_number)
         self._put(x.OPERATING_MODE, x.Mode.POSITION)
@@ -87,9 +87,9 @@ class ServoBus:
         self._put(x.CURRENT_LIMIT, 1193)
         self._put(_MAX_POSITION_LIMIT, 4095)
         self._start()
-        self._lock, self._looking = threading.RLock(), False
-        world.watchers.insert(0, self._look)
-        self._line = LineEnd(self._take)
+        self._lock, self._is_updating = threading.RLock(), False
+        world.watchers.insert(0, self._update)
+        self._line = LineEnd(self._receive)
         self.name = self._line.name
 
     def value(self, register: x.Register) -> int:
@@ -116,33 +116,33 @@ class ServoBus:
     def close(self) -> None:
         """Remove the servo and its line; repeatable."""
         self.unplug()
-        if self._look in self._world.watchers:
-            self._world.watchers.remove(self._look)
+        if self._update in self._world.watchers:
+            self._world.watchers.remove(self._update)
 
     # -- the line ---------------------------------------------------------------------------------
 
-    def _take(self, waiting: bytes) -> bytes:
+    def _receive(self, waiting: bytes) -> bytes:
         while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 7:
             end = begin + 7 + int.from_bytes(waiting[begin + 5 : begin + 7], "little")
             if len(waiting) < end:
                 break
             packet, waiting = waiting[begin:end], waiting[end:]
-            self._hear(packet)
+            self._handle_packet(packet)
         return waiting
 
-    def _hear(self, packet: bytes) -> None:
+    def _handle_packet(self, packet: bytes) -> None:
         if packet[4] != self._id or self.silent:
             return
         with self._lock:
-            self._look(self._world.clock.now_s())
-            self._heard_s = self._world.clock.now_s()
+            self._update(self._world.clock.now_s())
+            self._last_packet_s = self._world.clock.now_s()
             if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
                 self._reply(x.PacketError.CRC)
                 return
             body = packet[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-            self._obey(body[0], body[1:])
+            self._execute(body[0], body[1:])
 
-    def _obey(self, instruction: int, given: bytes) -> None:
+    def _execute(self, instruction: int, given: bytes) -> None:
         if instruction == _PING:
             self._reply(0, bytes(self._table[0:2]) + b"\x2d")
         elif instruction == _READ:
@@ -150,7 +150,7 @@ class ServoBus:
             self._refresh()
             self._reply(0, bytes(self._table[begin : begin + size]))
         elif instruction == _WRITE:
-            self._reply(self._written(int.from_bytes(given[0:2], "little"), given[2:]))
+            self._reply(self._write_table(int.from_bytes(given[0:2], "little"), given[2:]))
         elif instruction == _REBOOT:
             self._reply(0)
             self._start()
@@ -164,8 +164,8 @@ class ServoBus:
         )
         packet = _HEADER + bytes([self._id]) + (len(body) + 2).to_bytes(2, "little") + body
         crc = crc16(packet)
-        if self.spoilt:
-            self.spoilt, crc = self.spoilt - 1, crc ^ 1
+        if self.damaged_replies:
+            self.damaged_replies, crc = self.damaged_replies - 1, crc ^ 1
         packet += crc.to_bytes(2, "little")
         self._line.send(packet[: self.cut_at], late_s=self.late_s)
 
@@ -177,7 +177,7 @@ class ServoBus:
         self._put(x.GOAL_PWM, self._get(x.PWM_LIMIT))
         self._put(x.GOAL_CURRENT, self._get(x.CURRENT_LIMIT))
 
-    def _written(self, address: int, data: bytes) -> int:
+    def _write_table(self, address: int, data: bytes) -> int:
         """Write to the table; return the error code."""
         locked = address < _EEPROM_END and self._get(x.TORQUE_ENABLE)
         failed = address == x.TORQUE_ENABLE.address and self._get(x.HARDWARE_ERROR)
@@ -189,17 +189,17 @@ class ServoBus:
             goal = int.from_bytes(data, "little", signed=True)
             if not self._get(_MIN_POSITION_LIMIT) <= goal <= self._get(_MAX_POSITION_LIMIT):
                 return x.PacketError.DATA_LIMIT
-        if address not in {register.address for register in self.forgetful}:
+        if address not in {register.address for register in self.failing_registers}:
             self._table[address : address + len(data)] = data
-        if address == x.GOAL_POSITION.address and not self.deaf:
-            self._go()
+        if address == x.GOAL_POSITION.address and not self.ignores_goals:
+            self._move()
         return 0
 
-    def _go(self) -> None:
+    def _move(self) -> None:
         if not self._get(x.TORQUE_ENABLE):
             return
         turned = self._get(x.GOAL_POSITION) - x.CENTRE_TICK
-        goal_rad = self._turns() * turned * x.RAD_PER_TICK
+        goal_rad = self._direction() * turned * x.RAD_PER_TICK
         target_mm = self._fingers.width_mm(goal_rad)
         now_mm = self._world.drive_value(self._world.clock.now_s())
         velocity = self._get(x.PROFILE_VELOCITY) or _FASTEST
@@ -211,7 +211,7 @@ class ServoBus:
                 takes_s = max(self._get(x.PROFILE_VELOCITY), 1) / 1e3
             self._hand.command(GripperCommand(target=target_mm, rate=way_mm / takes_s))
 
-    def _turns(self) -> int:
+    def _direction(self) -> int:
         """Return 1 if positions increase as the fingers open, -1 in reverse mode."""
         return -1 if self._get(x.DRIVE_MODE) & x.REVERSE else 1
 
@@ -221,20 +221,20 @@ class ServoBus:
         self._put(x.MOVING, state.moving)
         self._put(x.MOVING_STATUS, x.PROFILE_ONGOING if state.moving else 1)
         # The twin's current is positive for closing, which is towards smaller positions.
-        current = 0 if unit is None else -self._turns() * round(state.current_ma / unit)
+        current = 0 if unit is None else -self._direction() * round(state.current_ma / unit)
         self._put(x.PRESENT_CURRENT, current)
-        turned = self._turns() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
+        turned = self._direction() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
 
-    def _look(self, time_s: float) -> None:
+    def _update(self, time_s: float) -> None:
         """Update the servo: stop it at a watchdog timeout or at its current limit."""
         with self._lock:
-            if self._looking or not self._get(x.TORQUE_ENABLE):
+            if self._is_updating or not self._get(x.TORQUE_ENABLE):
                 return
-            self._looking = True
+            self._is_updating = True
             try:
                 watchdog_s = self._get(x.BUS_WATCHDOG) * x.WATCHDOG_STEP_S
-                if watchdog_s > 0 and time_s > self._heard_s + watchdog_s:
+                if watchdog_s > 0 and time_s > self._last_packet_s + watchdog_s:
                     self._put(x.BUS_WATCHDOG, -1)
                     self._world.halt(time_s=time_s)
                 unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
@@ -244,7 +244,7 @@ class ServoBus:
                     if self._hand.state().current_ma > limit_ma:
                         self._world.halt(time_s=time_s)
             finally:
-                self._looking = False
+                self._is_updating = False
 
     def _get(self, register: x.Register) -> int:
         run = self._table[register.address : register.address + register.size]
@@ -265,8 +265,8 @@ class LineEnd:
     """
 
     def __init__(self, take: Callable[[bytes], bytes]) -> None:
-        self._take = take
-        self._held = list[tuple[float, bytes]]()
+        self._receive = take
+        self._delayed = list[tuple[float, bytes]]()
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.name = os.ttyname(self._slave)
@@ -278,9 +278,9 @@ class LineEnd:
         """Send bytes after a delay of `late_s` (real time), in order; `inf` discards them."""
         if late_s == math.inf:
             return
-        if late_s or self._held:
-            behind_s = self._held[-1][0] if self._held else 0.0
-            self._held.append((max(time.monotonic() + late_s, behind_s), data))
+        if late_s or self._delayed:
+            behind_s = self._delayed[-1][0] if self._delayed else 0.0
+            self._delayed.append((max(time.monotonic() + late_s, behind_s), data))
         else:
             os.write(self._master, data)
 
@@ -296,13 +296,13 @@ class LineEnd:
     def _serve(self) -> None:
         waiting = b""
         while True:
-            until_s = self._held[0][0] - time.monotonic() if self._held else None
+            until_s = self._delayed[0][0] - time.monotonic() if self._delayed else None
             ready = select.select(
                 [self._master, self._wake], [], [], until_s and max(until_s, 0.0)
             )[0]
             if self._wake in ready:
                 return
-            while self._held and self._held[0][0] <= time.monotonic():
-                os.write(self._master, self._held.pop(0)[1])
+            while self._delayed and self._delayed[0][0] <= time.monotonic():
+                os.write(self._master, self._delayed.pop(0)[1])
             if self._master in ready:
-                waiting = self._take(waiting + os.read(self._master, 4096))
+                waiting = self._receive(waiting + os.read(self._master, 4096))

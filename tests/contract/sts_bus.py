@@ -57,11 +57,11 @@ class StsBus:
     ----------
     silent : bool
         Whether the servo ignores all requests.
-    spoilt : int
+    damaged_replies : int
         Number of following replies with a wrong checksum.
     state : State
         Protection states, reported in every reply.
-    forgetful : set of Register
+    failing_registers : set of Register
         Registers whose writes are acknowledged but not stored.
     """
 
@@ -76,14 +76,14 @@ class StsBus:
     ) -> None:
         self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
         self._closed, self._id = closed_tick, servo_id
-        self.silent, self.spoilt, self.state = False, 0, sts.State(0)
-        self.forgetful = set[Register]()
+        self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
+        self.failing_registers = set[Register]()
         self._table = bytearray(sts.STATE[1])
         self._put(sts.MODEL_NUMBER, model_number)
         self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
-        self._lock, self._looking = threading.RLock(), False
-        world.watchers.insert(0, self._look)
-        self._line = LineEnd(self._take)
+        self._lock, self._is_updating = threading.RLock(), False
+        world.watchers.insert(0, self._update)
+        self._line = LineEnd(self._receive)
         self.name = self._line.name
 
     def value(self, register: Register) -> int:
@@ -103,26 +103,26 @@ class StsBus:
     def close(self) -> None:
         """Remove the servo and its line; repeatable."""
         self.unplug()
-        if self._look in self._world.watchers:
-            self._world.watchers.remove(self._look)
+        if self._update in self._world.watchers:
+            self._world.watchers.remove(self._update)
 
     # -- the line ---------------------------------------------------------------------------------
 
-    def _take(self, waiting: bytes) -> bytes:
+    def _receive(self, waiting: bytes) -> bytes:
         while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 4:
             end = begin + 4 + waiting[begin + 3]
             if len(waiting) < end:
                 break
             body, waiting = waiting[begin + 2 : end], waiting[end:]
-            self._hear(body)
+            self._handle_packet(body)
         return waiting
 
-    def _hear(self, body: bytes) -> None:
+    def _handle_packet(self, body: bytes) -> None:
         is_valid = checksum(body[:-1]) == body[-1]
         if body[0] != self._id or self.silent or not is_valid:
             return
         with self._lock:
-            self._look(self._world.clock.now_s())
+            self._update(self._world.clock.now_s())
             instruction, given = body[2], body[3:-1]
             if instruction == _PING:
                 self._reply()
@@ -130,11 +130,11 @@ class StsBus:
                 self._refresh()
                 self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
             elif instruction == _WRITE:
-                if given[0] not in {register.address for register in self.forgetful}:
+                if given[0] not in {register.address for register in self.failing_registers}:
                     self._table[given[0] : given[0] + len(given) - 1] = given[1:]
                 # With torque on, the servo moves to its present goal.
                 if given[0] in (sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address):
-                    self._go()
+                    self._move()
                 self._reply()
             else:
                 self._reply(error=_BAD_INSTRUCTION)
@@ -142,13 +142,13 @@ class StsBus:
     def _reply(self, data: bytes = b"", *, error: int = 0) -> None:
         body = bytes([self._id, len(data) + 2, error | self.state]) + data
         check = checksum(body)
-        if self.spoilt:
-            self.spoilt, check = self.spoilt - 1, check ^ 1
+        if self.damaged_replies:
+            self.damaged_replies, check = self.damaged_replies - 1, check ^ 1
         self._line.send(_HEADER + body + bytes([check]))
 
     # -- the servo --------------------------------------------------------------------------------
 
-    def _go(self) -> None:
+    def _move(self) -> None:
         if not self._get(sts.TORQUE_ENABLE):
             return
         goal = self._get(sts.GOAL_POSITION)
@@ -168,18 +168,18 @@ class StsBus:
         self._put(sts.PRESENT_CURRENT, round(abs(state.current_ma) / sts.MA_PER_UNIT))
         self._put(sts.MOVING, state.moving)
 
-    def _look(self, time_s: float) -> None:
+    def _update(self, time_s: float) -> None:
         """Update the servo: stop it at its torque limit."""
         with self._lock:
-            if self._looking or time_s < self._world.clock.now_s():
+            if self._is_updating or time_s < self._world.clock.now_s():
                 return
-            self._looking = True
+            self._is_updating = True
             try:
                 limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
                 if self._world.is_moving(time_s) and self._world.force_n(time_s) > limit_n:
                     self._world.halt(time_s=time_s)
             finally:
-                self._looking = False
+                self._is_updating = False
 
     def _get(self, register: Register) -> int:
         run = self._table[register.address : register.address + register.size]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, on_jaw, world_of
+from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, make_world, open_jaw
 from tests.contract.sts_bus import StsBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -24,7 +24,7 @@ from palpate.twin.world import World
 
 @pytest.fixture
 def world() -> World:
-    return world_of("rigid", "strawberry")
+    return make_world("rigid", "strawberry")
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def bus(world: World) -> Iterator[StsBus]:
 
 @pytest.fixture
 def gripper(world: World, bus: StsBus) -> Iterator[FeetechGripper]:
-    found = on_jaw(world, bus)
+    found = open_jaw(world, bus)
     yield found
     found.close()
 
@@ -81,9 +81,9 @@ def test_feetech_opening_completes_without_the_host(gripper: FeetechGripper, wor
 
 
 def test_feetech_yields_at_its_torque_limit() -> None:
-    world = world_of("rigid", "rigid-block")
+    world = make_world("rigid", "rigid-block")
     bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
-    gripper = on_jaw(world, bus, torque_limit_percent=20.0)
+    gripper = open_jaw(world, bus, torque_limit_percent=20.0)
     gripper.command(GripperCommand(target=30.0, rate=20.0))
     for _ in range(200):
         world.clock.sleep_s(0.02)
@@ -97,7 +97,7 @@ def test_feetech_yields_at_its_torque_limit() -> None:
 def test_feetech_retries_damaged_replies_and_raises_without_a_reply(
     gripper: FeetechGripper, bus: StsBus
 ) -> None:
-    bus.spoilt = 2
+    bus.damaged_replies = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
     bus.silent = True
     for method in (gripper.state, gripper.stop):
@@ -118,7 +118,7 @@ def test_feetech_setup_does_not_move_to_an_old_goal(world: World, bus: StsBus) -
     line = ServoLine(bus.name, servo_id=6, baud=1_000_000, reply_s=REPLY_S, packets=PROTOCOL_1)
     line.write(sts.GOAL_POSITION, CLOSED_TICK)
     line.close()
-    gripper = on_jaw(world, bus)
+    gripper = open_jaw(world, bus)
     pass_time(world, 1.0)
     assert world.drive_value(world.clock.now_s()) == pytest.approx(74.0, abs=0.1)
     gripper.close()
@@ -126,7 +126,7 @@ def test_feetech_setup_does_not_move_to_an_old_goal(world: World, bus: StsBus) -
 
 def test_feetech_setup_overwrites_settings_of_an_earlier_host(world: World, bus: StsBus) -> None:
     bus.set(sts.ACCELERATION, 50)
-    on_jaw(world, bus, torque_limit_percent=20.0).close()
+    open_jaw(world, bus, torque_limit_percent=20.0).close()
     wanted = {sts.ACCELERATION: 0, sts.TORQUE_LIMIT: 200, sts.TORQUE_ENABLE: 1}
     assert {register: bus.value(register) for register in wanted} == wanted
 
@@ -136,9 +136,9 @@ def test_feetech_setup_raises_if_a_register_does_not_keep_its_value(
     world: World, bus: StsBus, register: Register
 ) -> None:
     bus.set(sts.ACCELERATION, 50)
-    bus.forgetful.add(register)
+    bus.failing_registers.add(register)
     with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
-        on_jaw(world, bus)
+        open_jaw(world, bus)
     assert bus.value(sts.TORQUE_ENABLE) == 0
 
 
@@ -166,7 +166,7 @@ def test_feetech_state_on_a_lost_port_raises(gripper: FeetechGripper, bus: StsBu
 def test_feetech_unknown_model_is_refused(world: World) -> None:
     other = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, model_number=9)
     with pytest.raises(DeviceError, match="model number 9, which is not supported; use STS3215"):
-        on_jaw(world, other)
+        open_jaw(world, other)
     other.close()
 
 

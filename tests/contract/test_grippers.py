@@ -11,9 +11,9 @@ from tests.contract.hands import HANDS, Hand
 from palpate.gripper.interface import GripperCommand
 
 #: Tolerance of the reached target, mm or kPa.
-NEAR = {"width": 0.3, "pressure": 0.6}
+TOLERANCE = {"width": 0.3, "pressure": 0.6}
 #: A target in range, a target further closed, and a rate.
-PLACES = {"width": (60.0, 50.0, 10.0), "pressure": (10.0, 20.0, 8.0)}
+TARGETS = {"width": (60.0, 50.0, 10.0), "pressure": (10.0, 20.0, 8.0)}
 
 
 @pytest.fixture(params=HANDS)
@@ -26,7 +26,7 @@ def reported(hand: Hand) -> float:
     return hand.gripper.limits.drive_reading(hand.gripper.state())
 
 
-def go(hand: Hand, target: float, rate: float) -> GripperCommand:
+def move(hand: Hand, target: float, rate: float) -> GripperCommand:
     return hand.gripper.command(GripperCommand(target=target, rate=rate))
 
 
@@ -38,31 +38,31 @@ def test_gripper_limits_are_ordered_and_positive(hand: Hand) -> None:
 
 def test_gripper_reaches_the_commanded_target_and_reports_it(hand: Hand) -> None:
     drive = hand.gripper.limits.drive
-    target, _, rate = PLACES[drive]
-    sent = go(hand, target, rate)
+    target, _, rate = TARGETS[drive]
+    sent = move(hand, target, rate)
     assert sent.target == pytest.approx(target, abs=0.05)
     assert 0 < sent.rate <= rate * 1.001
     assert hand.gripper.state().moving
     hand.wait(4.0)
     assert not hand.gripper.state().moving
-    assert reported(hand) == pytest.approx(sent.target, abs=NEAR[drive])
+    assert reported(hand) == pytest.approx(sent.target, abs=TOLERANCE[drive])
 
 
 def test_gripper_does_not_exceed_the_commanded_rate(hand: Hand) -> None:
     drive = hand.gripper.limits.drive
-    target, _, rate = PLACES[drive]
+    target, _, rate = TARGETS[drive]
     before = reported(hand)
-    sent = go(hand, target, rate / 4)
+    sent = move(hand, target, rate / 4)
     hand.wait(1.0)
     # At constant servo speed the finger speed varies, up to the commanded rate.
-    assert abs(reported(hand) - before) <= rate / 4 * 1.3 + NEAR[drive]
+    assert abs(reported(hand) - before) <= rate / 4 * 1.3 + TOLERANCE[drive]
     assert sent.rate <= rate / 4 * 1.001
 
 
 @pytest.mark.parametrize("beyond", [-1e3, 1e3])
 def test_gripper_command_is_clamped_and_returned_as_sent(hand: Hand, beyond: float) -> None:
     limits = hand.gripper.limits
-    sent = go(hand, beyond, 1e6)
+    sent = move(hand, beyond, 1e6)
     end = limits.lowest if beyond < 0 else limits.highest
     assert sent.target == pytest.approx(end, abs=0.05)
     assert sent.rate <= limits.fastest * 1.001
@@ -79,37 +79,37 @@ def test_gripper_state_reports_only_its_controlled_quantity(hand: Hand) -> None:
 @pytest.mark.slow
 def test_gripper_stop_does_not_close_further(hand: Hand) -> None:
     limits = hand.gripper.limits
-    target, further, rate = PLACES[limits.drive]
-    go(hand, target, 4 * rate)
+    target, further, rate = TARGETS[limits.drive]
+    move(hand, target, 4 * rate)
     hand.wait(4.0)
-    go(hand, further, rate / 2)
+    move(hand, further, rate / 2)
     hand.wait(0.5)
     hand.gripper.stop()
     at_stop = limits.closure(hand.gripper.state())
     hand.wait(1.0)
     state = hand.gripper.state()
-    assert limits.closure(state) <= at_stop + NEAR[limits.drive]
+    assert limits.closure(state) <= at_stop + TOLERANCE[limits.drive]
     assert not state.moving
 
 
 @pytest.mark.slow
 def test_gripper_release_opens_fully(hand: Hand) -> None:
-    target, _, rate = PLACES[hand.gripper.limits.drive]
-    go(hand, target, 4 * rate)
+    target, _, rate = TARGETS[hand.gripper.limits.drive]
+    move(hand, target, 4 * rate)
     hand.wait(4.0)
     hand.gripper.release()
     hand.wait(3.0)
     limits = hand.gripper.limits
-    assert limits.closure(hand.gripper.state()) == pytest.approx(0.0, abs=NEAR[limits.drive])
+    assert limits.closure(hand.gripper.state()) == pytest.approx(0.0, abs=TOLERANCE[limits.drive])
 
 
 @pytest.mark.slow
 def test_gripper_close_keeps_the_position_or_vents(hand: Hand) -> None:
     limits = hand.gripper.limits
-    target, _, rate = PLACES[limits.drive]
-    go(hand, target, 4 * rate)
+    target, _, rate = TARGETS[limits.drive]
+    move(hand, target, 4 * rate)
     hand.wait(4.0)
-    before = hand.where()
+    before = hand.read_position()
     hand.gripper.close()
     first = [_wait_for_position(hand) for _ in range(2)][-1]
     hand.gripper.close()
@@ -123,5 +123,5 @@ def test_gripper_close_keeps_the_position_or_vents(hand: Hand) -> None:
 def _wait_for_position(hand: Hand) -> float:
     for _ in range(20):
         hand.clock.sleep_s(0.1)
-        now = hand.where()
+        now = hand.read_position()
     return now

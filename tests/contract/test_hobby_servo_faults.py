@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from tests.conftest import skip
-from tests.contract.hands import TRAVEL, on_hobby_servo, world_of
+from tests.contract.hands import TRAVEL, make_world, open_hobby_servo
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel, open_gripper
@@ -38,12 +38,12 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    world = world_of("rigid")
+    world = make_world("rigid")
     try:
         board = FirmwareBoard(seed=2)
     except DeviceNotFoundError as error:
         skip(str(error))
-    array, gripper = on_hobby_servo(world, board)
+    array, gripper = open_hobby_servo(world, board)
     bench = Bench(world=world, board=board, array=array, gripper=gripper)
     bench.follow(0.3)
     yield bench
@@ -95,7 +95,7 @@ def test_hobby_servo_state_raises_after_a_board_reset(bench: Bench) -> None:
 def test_hobby_servo_state_with_stale_frames_raises(bench: Bench) -> None:
     bench.board.hang()
     bench.world.clock.sleep_s(0.2)
-    bench.array.newest()
+    bench.array.read_newest()
     bench.world.clock.sleep_s(0.6)
     with pytest.raises(DeviceTimeoutError, match=r"pulse is 0\.\d+ s old"):
         bench.gripper.state()
@@ -140,6 +140,6 @@ def test_servo_travel_is_linear_in_both_directions(travel: ServoTravel) -> None:
 
 
 def test_open_hobby_servo_without_a_board_raises() -> None:
-    array = TwinArray(world_of("rigid"))
+    array = TwinArray(make_world("rigid"))
     with pytest.raises(InputError, match="a board with palpate's firmware, not TwinArray"):
         open_gripper(array=array, open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)

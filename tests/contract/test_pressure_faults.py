@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.contract.hands import on_board, world_of
+from tests.contract.hands import make_world, open_board
 from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
@@ -32,12 +32,12 @@ from palpate.twin.objects import Truth
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="tomato", kind="soft")
-    return plan_grasp(calibration, gripper=TwinGripper(world_of("soft")))
+    return plan_grasp(calibration, gripper=TwinGripper(make_world("soft")))
 
 
 @pytest.fixture
 def board() -> RegulatorBoard:
-    return RegulatorBoard(world_of("soft", "tomato"))
+    return RegulatorBoard(make_world("soft", "tomato"))
 
 
 def follow(array: SerialArray, gripper: PneumaticGripper, duration_s: float) -> None:
@@ -48,7 +48,7 @@ def follow(array: SerialArray, gripper: PneumaticGripper, duration_s: float) -> 
 
 def test_pneumatic_fingers_vent_if_the_host_is_silent(board: RegulatorBoard) -> None:
     world = board.world
-    array, gripper = on_board(world, board)
+    array, gripper = open_board(world, board)
     gripper.command(GripperCommand(target=20.0, rate=60.0))
     follow(array, gripper, 1.0)
     assert board.pressure_kpa == pytest.approx(20.0, abs=0.3)
@@ -66,7 +66,7 @@ def test_pneumatic_fingers_vent_if_the_host_is_silent(board: RegulatorBoard) -> 
 
 
 def test_pneumatic_state_with_a_stale_pressure_raises(board: RegulatorBoard) -> None:
-    array, gripper = on_board(board.world, board)
+    array, gripper = open_board(board.world, board)
     follow(array, gripper, 0.2)
     board.silence()
     board.world.clock.sleep_s(0.6)
@@ -86,7 +86,7 @@ def test_pneumatic_state_without_pressure_in_the_frames_raises(board: RegulatorB
 def test_pneumatic_stop_on_an_unplugged_board_raises_and_the_board_vents(
     board: RegulatorBoard,
 ) -> None:
-    array, gripper = on_board(board.world, board)
+    array, gripper = open_board(board.world, board)
     gripper.command(GripperCommand(target=20.0, rate=60.0))
     follow(array, gripper, 1.0)
     board.unplug()
@@ -101,9 +101,9 @@ def test_pneumatic_stop_on_an_unplugged_board_raises_and_the_board_vents(
 
 def test_open_pneumatic_gripper_with_invalid_options_raises() -> None:
     with pytest.raises(InputError, match="board with a regulator, not TwinArray"):
-        open_gripper(array=TwinArray(world_of("soft")))
-    board = RegulatorBoard(world_of("soft"))
-    array, _ = on_board(board.world, board)
+        open_gripper(array=TwinArray(make_world("soft")))
+    board = RegulatorBoard(make_world("soft"))
+    array, _ = open_board(board.world, board)
     with pytest.raises(InputError, match="highest_kpa 80"):
         open_gripper(array=array, highest_kpa=80.0)
     assert open_gripper(array=array, highest_kpa=30.0).limits.highest == 30.0
@@ -116,7 +116,7 @@ def test_open_pneumatic_gripper_with_invalid_options_raises() -> None:
 def test_grasp_with_the_pneumatic_gripper_holds_the_object(
     plan: Plan, board: RegulatorBoard
 ) -> None:
-    array, gripper = on_board(board.world, board)
+    array, gripper = open_board(board.world, board)
     held: list[Truth] = []
 
     def look(grasp_state: GraspState) -> None:
@@ -152,7 +152,7 @@ def test_grasp_ends_and_vents_after_a_fault(
     plan: Plan, board: RegulatorBoard, strike: str, tmp_path: Path
 ) -> None:
     world, path = board.world, tmp_path / "fault.mcap"
-    array, gripper = on_board(world, board)
+    array, gripper = open_board(world, board)
     struck_s: list[float] = []
 
     def striker(grasp_state: GraspState) -> None:

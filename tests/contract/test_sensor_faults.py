@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.contract.faulty import FailingArray, NoisyLine, RecordingGripper, replace_first_pixel
-from tests.contract.hands import object_of, world_of
+from tests.contract.hands import make_object, make_world
 from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.clock import ManualClock
@@ -41,7 +41,7 @@ GAP_MM, BEGINS_S = 14.0, 1.0
 
 
 @dataclass(kw_only=True)
-class Struck:
+class FaultyGrasp:
     """A grasp with a fault during the hold or before contact."""
 
     world: World
@@ -49,7 +49,7 @@ class Struck:
     hand: RecordingGripper
     early: bool
     struck_s: float = math.nan
-    strike: Callable[[Struck], None]
+    strike: Callable[[FaultyGrasp], None]
 
     def watch(self, grasp_state: GraspState) -> None:
         now_s = self.world.clock.now_s()
@@ -67,7 +67,7 @@ class Struck:
 class Row:
     """A fault, with the expected outcome, message and detection time."""
 
-    strike: Callable[[Struck], None]
+    strike: Callable[[FaultyGrasp], None]
     outcome: Outcome
     words: str
     known_s: float
@@ -76,15 +76,15 @@ class Row:
     opens: bool = False
 
 
-def _removed(grasp: Struck) -> None:
+def _remove_object(grasp: FaultyGrasp) -> None:
     grasp.world.place(None)
 
 
-def _kill(number: int) -> Callable[[Struck], None]:
+def _kill(number: int) -> Callable[[FaultyGrasp], None]:
     return lambda _: os.kill(os.getpid(), number)
 
 
-def _pixel(counts: int | None) -> Callable[[Struck], None]:
+def _pixel(counts: int | None) -> Callable[[FaultyGrasp], None]:
     return lambda grasp: setattr(grasp.array, "spoil", replace_first_pixel(counts))
 
 
@@ -124,7 +124,7 @@ ROWS = {
         early=True,
     ),
     "object removed": Row(
-        strike=_removed, outcome=Outcome.SLIPPED, words="", known_s=1.0, opens=True
+        strike=_remove_object, outcome=Outcome.SLIPPED, words="", known_s=1.0, opens=True
     ),
     "Ctrl-C": Row(strike=_kill(signal.SIGINT), outcome=Outcome.STOPPED, words="", known_s=0.0),
     "SIGTERM": Row(strike=_kill(signal.SIGTERM), outcome=Outcome.STOPPED, words="", known_s=0.0),
@@ -132,7 +132,7 @@ ROWS = {
 
 
 def world_for(kind: str) -> World:
-    world, obj = world_of(kind, OBJECTS[kind]), object_of(OBJECTS[kind])
+    world, obj = make_world(kind, OBJECTS[kind]), make_object(OBJECTS[kind])
     if kind == "rigid":
         world.drive(obj.size_mm + GAP_MM, rate=60.0)
     world.clock.sleep_s(BEGINS_S)
@@ -142,7 +142,7 @@ def world_for(kind: str) -> World:
 @cache
 def plan_for(kind: str) -> Plan:
     calibration = calibrate_twin(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
-    return plan_grasp(calibration, gripper=TwinGripper(world_of(kind)))
+    return plan_grasp(calibration, gripper=TwinGripper(make_world(kind)))
 
 
 def run(
@@ -170,10 +170,10 @@ def run(
         )
 
 
-def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
+def run_with_fault(kind: str, row: Row, path: Path) -> tuple[FaultyGrasp, GraspResult]:
     world = world_for(kind)
     hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
-    grasp = Struck(
+    grasp = FaultyGrasp(
         world=world, array=FailingArray(world), hand=hand, early=row.early, strike=row.strike
     )
     return grasp, run(kind, world, path, grasp.array, hand, watchers=[grasp.watch])
@@ -186,7 +186,7 @@ def test_grasp_ends_safely_in_time_after_a_sensor_object_or_user_event(
     name: str, kind: str, tmp_path: Path
 ) -> None:
     row, path = ROWS[name], tmp_path / "fault.mcap"
-    grasp, result = struck(kind, row, path)
+    grasp, result = run_with_fault(kind, row, path)
     world, limits = grasp.world, grasp.hand.limits
     assert result.outcome is row.outcome
     assert row.words in " ".join(result.faults)

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.contract.hands import BAUD, REPLY_S, on_servo, world_of
+from tests.contract.hands import BAUD, REPLY_S, make_world, open_servo
 from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -36,7 +36,7 @@ from palpate.twin.world import World
 
 @pytest.fixture
 def world() -> World:
-    return world_of("rigid", "strawberry")
+    return make_world("rigid", "strawberry")
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def bus(world: World) -> Iterator[ServoBus]:
 
 @pytest.fixture
 def gripper(world: World, bus: ServoBus) -> Iterator[DynamixelGripper]:
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     yield gripper
     gripper.close()
 
@@ -68,9 +68,9 @@ def test_dynamixel_without_a_reply_raises_a_timeout(
 
 
 def test_dynamixel_retries_damaged_replies(gripper: DynamixelGripper, bus: ServoBus) -> None:
-    bus.spoilt = 2
+    bus.damaged_replies = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
-    bus.spoilt = 3
+    bus.damaged_replies = 3
     with pytest.raises(DeviceError, match="replies are damaged") as raised:
         gripper.state()
     assert not isinstance(raised.value, DeviceTimeoutError)
@@ -96,14 +96,14 @@ def test_servo_line_does_not_use_a_late_reply_for_the_next_request(
     gripper = DynamixelGripper(line, clock=world.clock, fingers=CrankFingers())
     close_slowly(gripper)
     world.clock.sleep_s(1.0)
-    where_mm = world.drive_value(world.clock.now_s())
+    position_mm = world.drive_value(world.clock.now_s())
     for late_now_s in (late_s, 0.0):
         bus.late_s, answered, silent = late_now_s, 0, 0
         requests = 10 * [(x.CURRENT_LIMIT, 1193), (x.MODEL_NUMBER, 1020), (x.GOAL_PWM, 885)]
         for register, value in requests[: 6 if late_now_s else None]:
             try:
                 assert line.read(register) == value
-                assert gripper.state().width_mm == pytest.approx(where_mm, abs=0.1)
+                assert gripper.state().width_mm == pytest.approx(position_mm, abs=0.1)
                 answered += 1
             except DeviceTimeoutError:
                 silent += 1
@@ -133,7 +133,7 @@ def test_dynamixel_stop_raises_if_the_servo_still_moves(
     gripper: DynamixelGripper, bus: ServoBus
 ) -> None:
     close_slowly(gripper)
-    bus.deaf = True
+    bus.ignores_goals = True
     with pytest.raises(DeviceError, match="got a stop but still moves"):
         gripper.stop()
 
@@ -178,7 +178,7 @@ def test_dynamixel_limits_out_of_range_are_refused(
 ) -> None:
     bus = ServoBus(world, model_number=model_number)
     with pytest.raises(InputError, match=words):
-        on_servo(world, bus, **options)
+        open_servo(world, bus, **options)
     bus.close()
 
 
@@ -221,7 +221,7 @@ def test_dynamixel_overload_raises_until_clear_errors(
 
 def test_dynamixel_can_be_opened_with_a_hardware_error(world: World, bus: ServoBus) -> None:
     bus.fail(x.HardwareError.OVERLOAD)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     with pytest.raises(DeviceError, match="overload"):
         gripper.state()
     gripper.close()
@@ -249,7 +249,7 @@ def test_dynamixel_setup_writes_limits_and_watchdog(
 ) -> None:
     bus = ServoBus(world, model_number=model_number)
     bus.set(x.PROFILE_ACCELERATION, 30)
-    gripper = on_servo(world, bus, current_limit_ma=300.0, pwm_limit_percent=40.0, watchdog_s=0.2)
+    gripper = open_servo(world, bus, current_limit_ma=300.0, pwm_limit_percent=40.0, watchdog_s=0.2)
     wanted = {x.OPERATING_MODE: mode, register: value, x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: 10}
     wanted[x.PROFILE_ACCELERATION] = 0
     assert {written: bus.value(written) for written in wanted} == wanted
@@ -261,9 +261,9 @@ def test_dynamixel_setup_writes_limits_and_watchdog(
 @pytest.mark.parametrize("model_number", [1020, 1200])
 def test_dynamixel_closing_current_is_positive(model_number: int) -> None:
     """The register value is negative, because positions decrease as the fingers close."""
-    world = world_of("rigid", "rigid-block")
+    world = make_world("rigid", "rigid-block")
     bus = ServoBus(world, model_number=model_number)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     gripper.command(GripperCommand(target=30.0, rate=20.0))
     while world.force_n(world.clock.now_s()) < 5.0:
         world.clock.sleep_s(0.02)
@@ -281,7 +281,7 @@ def test_dynamixel_setup_switches_torque_off_to_change_the_mode(
     """An earlier host has left the torque on in another mode, which locks the mode."""
     bus.set(x.OPERATING_MODE, x.Mode.POSITION)
     bus.set(x.TORQUE_ENABLE, 1)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     assert bus.value(x.OPERATING_MODE) == x.Mode.CURRENT_BASED_POSITION
     assert bus.value(x.TORQUE_ENABLE) == 1
     gripper.close()
@@ -289,7 +289,7 @@ def test_dynamixel_setup_switches_torque_off_to_change_the_mode(
 
 def test_dynamixel_setup_replaces_a_time_based_profile(world: World, bus: ServoBus) -> None:
     bus.set(x.DRIVE_MODE, x.TIME_BASED)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     assert bus.value(x.DRIVE_MODE) == 0
     close_slowly(gripper)
     for _ in range(10):
@@ -302,7 +302,7 @@ def test_dynamixel_setup_replaces_a_time_based_profile(world: World, bus: ServoB
 def test_dynamixel_in_reverse_mode_is_refused(world: World, bus: ServoBus) -> None:
     bus.set(x.DRIVE_MODE, x.REVERSE | x.TIME_BASED)
     with pytest.raises(DeviceError, match=r"turns in reverse \(DRIVE_MODE 5\).*Wizard"):
-        on_servo(world, bus)
+        open_servo(world, bus)
     assert bus.value(x.TORQUE_ENABLE) == 0
 
 
@@ -322,9 +322,9 @@ def test_dynamixel_setup_raises_if_a_register_does_not_keep_its_value(
 ) -> None:
     bus.set(x.DRIVE_MODE, x.TIME_BASED)
     bus.set(x.PROFILE_ACCELERATION, 30)
-    bus.forgetful.add(register)
+    bus.failing_registers.add(register)
     with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
-        on_servo(world, bus)
+        open_servo(world, bus)
     if register not in (x.TORQUE_ENABLE, x.BUS_WATCHDOG):
         assert bus.value(x.TORQUE_ENABLE) == 0, "torque must stay off until the setup is confirmed"
 
@@ -338,9 +338,9 @@ def test_servo_line_locks_its_port(gripper: DynamixelGripper, bus: ServoBus) -> 
 
 
 def test_dynamixel_yields_at_its_current_limit() -> None:
-    world = world_of("rigid", "rigid-block")
+    world = make_world("rigid", "rigid-block")
     bus = ServoBus(world)
-    gripper = on_servo(world, bus, current_limit_ma=150.0)
+    gripper = open_servo(world, bus, current_limit_ma=150.0)
     gripper.command(GripperCommand(target=30.0, rate=20.0))
     for _ in range(120):
         world.clock.sleep_s(0.02)
@@ -428,7 +428,7 @@ def test_dynamixel_gripper_is_opened_from_a_rig_file(
 def test_dynamixel_unknown_model_is_refused(world: World, bus: ServoBus) -> None:
     other = ServoBus(world, model_number=0x1234)
     with pytest.raises(DeviceError, match="model number 4660, which is not supported"):
-        on_servo(world, other)
+        open_servo(world, other)
     other.close()
 
 
@@ -437,9 +437,9 @@ def test_dynamixel_unknown_model_is_refused(world: World, bus: ServoBus) -> None
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    world = world_of("rigid")
+    world = make_world("rigid")
     bus = ServoBus(world)
-    gripper = on_servo(world, bus)
+    gripper = open_servo(world, bus)
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     gripper.close()
@@ -480,7 +480,7 @@ def test_grasp_with_the_dynamixel_gripper_holds_and_measures(
 FAULTS: dict[str, tuple[Callable[[ServoBus], None], str]] = {
     "port vanishes": (lambda bus: bus.unplug(), "the port is gone"),
     "no reply": (lambda bus: setattr(bus, "silent", True), "does not reply"),
-    "wrong CRC": (lambda bus: setattr(bus, "spoilt", 10**6), "replies are damaged"),
+    "wrong CRC": (lambda bus: setattr(bus, "damaged_replies", 10**6), "replies are damaged"),
     "overload": (lambda bus: bus.fail(x.HardwareError.OVERLOAD), "overload"),
 }
 

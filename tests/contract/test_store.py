@@ -133,11 +133,11 @@ def test_store_returns_the_grasps_of_an_item_oldest_first(store: Store) -> None:
     late, early = grasp(hours=48, value=2.0), grasp(hours=0, value=3.0)
     store.add_grasps([late, early, grasp("B2", hours=1)])
     found = store.grasps_of("A17")
-    assert [one.measurements["stiffness_n_per_mm"] for one in found] == [
+    assert [grasped.measurements["stiffness_n_per_mm"] for grasped in found] == [
         stiffness(3.0),
         stiffness(2.0),
     ]
-    assert [one.grasp_id for one in found] == [early.grasp_id, late.grasp_id]
+    assert [grasped.grasp_id for grasped in found] == [early.grasp_id, late.grasp_id]
     assert found[0].taken_at == MORNING
     assert found[0].angle_deg == 90.0
 
@@ -145,7 +145,7 @@ def test_store_returns_the_grasps_of_an_item_oldest_first(store: Store) -> None:
 def test_store_returns_verdicts_unchanged(store: Store) -> None:
     taken = grasp()
     store.add_grasp(taken)
-    said = verdict(
+    predicted = verdict(
         probability=0.9,
         explanation="3.0 N/mm, and 5.1 on Monday",
         details={"days_to_ripe": 0.5, "stages": ["hard", "ripe"]},
@@ -153,11 +153,11 @@ def test_store_returns_verdicts_unchanged(store: Store) -> None:
     )
     label = verdict(text="overripe", source=Source.PERSON, given_at=MORNING + timedelta(days=1))
     soft = verdict(text="bruised", about=About.BRUISE, given_at=MORNING + timedelta(days=2))
-    for one in (soft, label, said):
-        assert store.add_verdict(one)
-    assert not store.add_verdict(said)
-    assert store.verdicts_of("A17") == (said, label, soft)
-    assert store.verdicts_of("A17", about=About.RIPENESS) == (said, label)
+    for given in (soft, label, predicted):
+        assert store.add_verdict(given)
+    assert not store.add_verdict(predicted)
+    assert store.verdicts_of("A17") == (predicted, label, soft)
+    assert store.verdicts_of("A17", about=About.RIPENESS) == (predicted, label)
     assert store.verdicts_of("A17", source=Source.PERSON) == (label,)
 
 
@@ -167,13 +167,13 @@ def test_store_returns_labels_of_a_kind_for_all_items(store: Store) -> None:
         store.add_verdict(verdict(name, source=Source.PERSON))
         store.add_verdict(verdict(name))
     found = store.verdicts(About.RIPENESS, source=Source.PERSON, kind="avocado")
-    assert [one.item_id for one in found] == ["a"]
+    assert [grasped.item_id for grasped in found] == ["a"]
     assert len(store.verdicts(About.RIPENESS)) == 4
     assert store.verdicts(About.BIN) == ()
 
 
 @pytest.mark.parametrize(
-    "homeless",
+    "add_orphan",
     [
         lambda store: store.add_verdict(verdict("nobody")),
         lambda store: store.add_grasp(replace(grasp(), calibration_id="0000")),
@@ -181,10 +181,10 @@ def test_store_returns_labels_of_a_kind_for_all_items(store: Store) -> None:
     ids=["verdict", "grasp"],
 )
 def test_store_refuses_a_record_without_its_item_and_adds_nothing(
-    store: Store, homeless: object
+    store: Store, add_orphan: object
 ) -> None:
     with pytest.raises(InputError, match="grasp or calibration that is not stored"):
-        homeless(store)  # type: ignore[operator]
+        add_orphan(store)  # type: ignore[operator]
     assert store.items() == ()
 
 
@@ -206,12 +206,12 @@ def test_store_returns_histories_in_the_order_of_the_names(
 ) -> None:
     monkeypatch.setattr("palpate.produce.store.reading._MOST_VALUES", 2)
     store.add_grasps([grasp(f"i{n % 3}", hours=-n) for n in range(9)])
-    said = verdict("i1")
-    store.add_verdict(said)
+    predicted = verdict("i1")
+    store.add_verdict(predicted)
     names = ["i2", "nobody", "i1", "i0"]
     found = list(store.histories(names))
     assert [grasps for grasps, _ in found] == [store.grasps_of(name) for name in names]
-    assert [verdicts for _, verdicts in found] == [(), (), (said,), ()]
+    assert [verdicts for _, verdicts in found] == [(), (), (predicted,), ()]
     assert [item.item_id for item in store.find_items(names)] == ["i2", "i1", "i0"]
 
 

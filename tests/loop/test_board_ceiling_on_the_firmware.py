@@ -166,7 +166,7 @@ def test_tripped_ceiling_persists_after_a_reset(rigid: Desk) -> None:
     rigid.board.reset()
     rigid.wait(3.0)
     assert rigid.array.read(timeout_s=1.0).ceiling_tripped
-    newest = rigid.array.newest()
+    newest = rigid.array.read_newest()
     assert newest.status & BoardStatus.CEILING_TRIPPED, "the board itself keeps it"
     assert not rigid.board.safe_line
     rigid.array.arm_ceiling(900)

@@ -120,7 +120,7 @@ def test_mega_continues_after_a_restart(how: str) -> None:
                 after_s = found_s if array.counters.restarts else math.nan
         assert shortest_s < after_s - before_s < longest_s
         assert array.counters.restarts == 1
-        newest = array.newest()
+        newest = array.read_newest()
         assert bool(newest.status & BoardStatus.WATCHDOG_RESET) == (how == "hang")
 
 

@@ -100,7 +100,7 @@ class HobbyServoGripper:
         )
         self._board, self._clock, self._travel = board, clock, travel
         self._sent_s = self._commanded_s = self._arrives_s = -math.inf
-        newest, self._rate = board.newest(), 1
+        newest, self._rate = board.read_newest(), 1
         self._pulse_us: float = (newest and newest.servo_us) or travel.open_us
         self._target_us: float = self._pulse_us
         self._send(SetServoTravel(open_us=travel.open_us, closed_us=travel.closed_us))
@@ -116,7 +116,7 @@ class HobbyServoGripper:
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= HEARTBEAT_S:
             self._send(Ping())
-        newest = self._board.newest()
+        newest = self._board.read_newest()
         if newest is not None:
             if newest.servo_us is None:
                 raise DeviceError(
@@ -147,7 +147,7 @@ class HobbyServoGripper:
         Raises `DeviceError` if the board is lost or its ceiling has tripped.
         """
         wanted = self.limits.clamp(wanted)
-        newest = self._board.newest()
+        newest = self._board.read_newest()
         is_tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
         if is_tripped and wanted.target < self.limits.highest:
             raise DeviceError(

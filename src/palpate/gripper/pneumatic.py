@@ -55,7 +55,7 @@ class PneumaticGripper:
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= HEARTBEAT_S:
             self._send(Ping())
-        newest = self._board.newest()
+        newest = self._board.read_newest()
         if newest is None:
             # The array was just opened: the fingers are vented.
             return GripperState(time_s=now_s, pressure_kpa=0.0, moving=now_s < self._arrives_s)
@@ -93,7 +93,7 @@ class PneumaticGripper:
         """
         wanted = self.limits.clamp(wanted)
         target_kpa, slew = round(wanted.target, 3), round(max(wanted.rate, 0.001), 3)
-        newest = self._board.newest()
+        newest = self._board.read_newest()
         is_tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
         if is_tripped and target_kpa > self.limits.lowest:
             raise DeviceError(

@@ -68,7 +68,7 @@ class BoardLoadCell:
 
     def _read_fresh_samples(self) -> tuple[CellSample, ...]:
         """Return the newest readings if they are recent and no load cell is stuck."""
-        self._array.newest()
+        self._array.read_newest()
         now_s, found = self._clock.now_s(), self._array.load_cells
         if not now_s - self._array.newest_s < _MAX_AGE_S or not found:
             return ()

@@ -137,7 +137,7 @@ class SerialArray(PortArray):
             drift_ppm=self._device_clock.drift_ppm,
         )
 
-    def newest(self) -> FrameMessage | None:
+    def read_newest(self) -> FrameMessage | None:
         """Return the newest frame as sent, with status and pressure; None before the first.
 
         The method receives waiting data without blocking. `read` still returns every frame.

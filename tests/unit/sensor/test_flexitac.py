@@ -45,7 +45,7 @@ def test_flexitac_marker_bytes_inside_a_frame_do_not_start_a_frame(board: Sendin
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "rejected", "lost"),
+    ("damage", "rejected", "lost"),
     [
         (lambda data: b"", 0, 1),
         (lambda data: data[:200], 1, 1),
@@ -57,9 +57,9 @@ def test_flexitac_marker_bytes_inside_a_frame_do_not_start_a_frame(board: Sendin
     ],
 )
 def test_flexitac_lost_or_damaged_frame_is_counted(
-    board: SendingBoard, spoilt: Callable[[bytes], bytes], rejected: int, lost: int
+    board: SendingBoard, damage: Callable[[bytes], bytes], rejected: int, lost: int
 ) -> None:
-    board.spoil = lambda number, data: spoilt(data) if number in (80, 120) else data
+    board.spoil = lambda number, data: damage(data) if number in (80, 120) else data
     array = board.array(FlexitacDecoder(rows=12))
     frames = [array.read(timeout_s=0.1) for _ in range(170)]
     missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}

@@ -16,7 +16,10 @@ REST_OHM = 8e3 * np.exp(np.random.default_rng(1).normal(0, 0.2, (4, 2)))
 
 
 def press_all(
-    wiring: Callable[[Pixel], Pixel], *, deaf: Pixel | None = None, rest_ohm: np.ndarray = REST_OHM
+    wiring: Callable[[Pixel], Pixel],
+    *,
+    unresponsive: Pixel | None = None,
+    rest_ohm: np.ndarray = REST_OHM,
 ) -> list[Finding]:
     """Press each requested pixel, with load on adjacent pixels and creep, at 50 Hz."""
     monitor = PressMonitor(rest_ohm, timeout_s=5.0)
@@ -27,7 +30,7 @@ def press_all(
         time_s = 0.02 * k
         if monitor.is_done:
             break
-        if monitor.next_pixel is None or monitor.next_pixel == deaf:
+        if monitor.next_pixel is None or monitor.next_pixel == unresponsive:
             load[:] = 0.0
             touch_s = time_s
         elif time_s - touch_s > 0.6:
@@ -40,7 +43,7 @@ def press_all(
     return order_findings(monitor.presses, layout=RIGID_LAYOUT)
 
 
-def named(findings: list[Finding]) -> list[tuple[str, str, str]]:
+def summarize(findings: list[Finding]) -> list[tuple[str, str, str]]:
     return [(found.code, found.where, found.text) for found in findings]
 
 
@@ -50,14 +53,14 @@ def test_press_check_with_correct_wiring_has_no_finding() -> None:
 
 def test_press_check_reports_swapped_rows() -> None:
     other = {0: 2, 2: 0, 1: 1, 3: 3}
-    assert named(press_all(lambda pixel: (other[pixel[0]], pixel[1]))) == [
+    assert summarize(press_all(lambda pixel: (other[pixel[0]], pixel[1]))) == [
         ("swapped", "row R0", "answers as row R2"),
         ("swapped", "row R2", "answers as row R0"),
     ]
 
 
 def test_press_check_reports_swapped_columns() -> None:
-    assert named(press_all(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
+    assert summarize(press_all(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
         ("swapped", "column C0", "answers as column C1"),
         ("swapped", "column C1", "answers as column C0"),
     ]
@@ -65,14 +68,14 @@ def test_press_check_reports_swapped_columns() -> None:
 
 def test_press_check_reports_swapped_pixels() -> None:
     crossed = {(1, 0): (3, 1), (3, 1): (1, 0)}
-    assert named(press_all(lambda pixel: crossed.get(pixel, pixel))) == [
+    assert summarize(press_all(lambda pixel: crossed.get(pixel, pixel))) == [
         ("swapped", "R1 C0", "answers as R3 C1"),
         ("swapped", "R3 C1", "answers as R1 C0"),
     ]
 
 
 def test_press_check_reports_a_pixel_without_response() -> None:
-    assert named(press_all(lambda pixel: pixel, deaf=(2, 1))) == [
+    assert summarize(press_all(lambda pixel: pixel, unresponsive=(2, 1))) == [
         ("silent", "R2 C1", "did not answer its press")
     ]
 

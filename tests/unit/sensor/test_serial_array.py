@@ -293,7 +293,7 @@ def test_serial_array_does_not_ping_a_silent_board(bench: Bench) -> None:
     count, until_s = len(board.seen), bench.now_s() + RESTART_S
     while bench.now_s() < until_s:
         bench.sleep_s(0.05)
-        array.newest()
+        array.read_newest()
         array.send(Ping())
         # Pings are still allowed shortly after the last frame.
         if bench.now_s() < until_s - RESTART_S + 0.11:

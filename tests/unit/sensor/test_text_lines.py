@@ -92,7 +92,7 @@ def test_line_decoder_reads_an_open_pixel_as_infinite(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "rejected"),
+    ("damage", "rejected"),
     [
         (lambda data: b"", 0),  # the complete line is lost
         (lambda data: data[: len(data) // 2], 2),  # its end is lost: it merges with the next line
@@ -104,12 +104,12 @@ def test_line_decoder_reads_an_open_pixel_as_infinite(text: str) -> None:
     ],
 )
 def test_line_decoder_lost_or_damaged_line_is_counted(
-    clock: SendingClock, spoilt: Callable[[bytes], bytes], rejected: int
+    clock: SendingClock, damage: Callable[[bytes], bytes], rejected: int
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     # Numbered from the first complete line, which is the board's second line.
     torn = {100, 200, 201}
-    board.spoil = lambda number, data: spoilt(data) if number - 1 in torn else data
+    board.spoil = lambda number, data: damage(data) if number - 1 in torn else data
     array = board.array(LineDecoder(PADS))
     frames = [array.read(timeout_s=0.1) for _ in range(250)]
     missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}

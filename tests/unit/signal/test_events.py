@@ -28,7 +28,7 @@ def kinds(events: list[tuple[float, str, int]]) -> list[tuple[str, int]]:
 
 
 def grasp() -> np.ndarray:
-    """Return a finger's change: contact at 2 s, settling to -50 %, release at 8 s."""
+    """Return a finger's change: contact at 2 s, -50 %, release at 8 s."""
     held = (TIME_S >= 2) & (TIME_S < 8)
     return np.where(held, -50 * (1 - 0.3 * np.exp(-(TIME_S - 2) / 2)), 0.0)
 
