@@ -1,4 +1,4 @@
-"""Whatever the sensor says, the controller stays within its bounds, and ends."""
+"""The controller keeps its limits and ends, for any sensor readings."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ plans = st.builds(
 def assert_bounded(
     grasp_state: GraspState, command: GripperCommand, *, plan: Plan, width: float
 ) -> None:
-    """Assert the invariant of every command: what it may add fits under ceiling and limit."""
+    """Assert that a command keeps the force below ceiling and damage limit."""
     assert LIMITS.lowest <= command.target <= LIMITS.highest
     assert 0 < command.rate <= LIMITS.fastest
     closing = width - command.target
@@ -70,8 +70,10 @@ def assert_bounded(
 @pytest.mark.slow
 @given(plan=plans, counts=st.lists(st.integers(0, 1023), min_size=1, max_size=40), data=st.data())
 @settings(max_examples=60, deadline=None)
-def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObject) -> None:
-    """Readings are noise on a gripper that obeys: commands are bounded, and the grasp ends."""
+def test_controller_with_random_readings_and_plans_stays_safe(
+    plan: Plan, counts: list[int], data: st.DataObject
+) -> None:
+    """With random readings, commands stay within limits and the grasp ends."""
     sticks = data.draw(st.booleans())
     controller, width, rest = GraspController(plan), LIMITS.highest, 350
     grasp_state = controller.state
@@ -92,7 +94,7 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
 
 @dataclass
 class Adversary:
-    """A gripper at the commanded rate, on an object that swells, stiffens and changes gain."""
+    """Gripper with an object that swells, stiffens and changes its gain."""
 
     rng: np.random.Generator
     size_mm: float = 35.0
@@ -133,7 +135,7 @@ CURRENT = CurrentLaw(
 
 
 def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
-    """Grasp what an adversary offers, assert the bound on every command; return the activities."""
+    """Grasp an adversarial object, check all commands, and return the activities."""
     world, controller = Adversary(np.random.default_rng(seed)), GraspController(plan)
     grasp_state, activities = controller.state, set[str]()
     for index in range(int((plan.longest_s + 15.0) * rate_hz)):
@@ -162,14 +164,14 @@ def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
     listens=st.booleans(),
 )
 @settings(max_examples=40, deadline=None)
-def test_no_command_exceeds_the_bound_whatever_is_gripped(
+def test_commands_stay_within_bound_for_any_object(
     plan: Plan, seed: int, rate_hz: float, listens: bool
 ) -> None:
     grasped(replace(plan, current=CURRENT if listens else None), seed=seed, rate_hz=rate_hz)
 
 
 @pytest.mark.slow
-def test_the_adversary_leads_through_every_activity() -> None:
+def test_adversary_reaches_every_activity() -> None:
     firm = replace(PLAN, target_force_n=4.0, tries=2, current=CURRENT)
     seen = set[str]().union(*(grasped(firm, seed=seed, rate_hz=15.0) for seed in range(24)))
     assert seen == {*Phase, *Activity} - {Activity.WAIT}
@@ -182,7 +184,7 @@ def test_the_adversary_leads_through_every_activity() -> None:
     damage=st.floats(0.1, 100) | st.just(float("inf")),
     rate=st.floats(0.1, 60),
 )
-def test_largest_step_keeps_the_invariant(
+def test_largest_step_satisfies_invariant(
     force: float, stiffness: float, ceiling: float, damage: float, rate: float
 ) -> None:
     limits = SafetyLimits(force_ceiling_n=ceiling)

@@ -1,4 +1,4 @@
-"""Laws of the force law: order of readings, causality, what a known force may do."""
+"""Properties of the force law: order of readings, causality, updates."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FORCE = st.floats(0.2, 40.0)
 
 
 @given(st.lists(st.tuples(EXCESS, FORCE), min_size=1, max_size=8), EXCESS)
-def test_the_interval_holds_its_value_and_is_finite(
+def test_force_law_interval_contains_value_and_is_finite(
     known: list[tuple[float, float]], excess: float
 ) -> None:
     law = ForceLaw.fit([x for x, _ in known], force_n=[f for _, f in known])
@@ -22,7 +22,7 @@ def test_the_interval_holds_its_value_and_is_finite(
 
 
 @given(EXCESS, FORCE)
-def test_a_known_force_narrows_the_interval_at_its_reading(excess: float, force_n: float) -> None:
+def test_force_law_measured_force_narrows_interval_there(excess: float, force_n: float) -> None:
     law = ForceLaw()
     before = law.force(excess)
     after = law.update(excess, force_n=force_n).force(excess)
@@ -31,7 +31,7 @@ def test_a_known_force_narrows_the_interval_at_its_reading(excess: float, force_
 
 
 @given(EXCESS, EXCESS, FORCE)
-def test_copies_do_not_share_what_they_learn(at: float, excess: float, force_n: float) -> None:
+def test_force_law_copy_is_independent(at: float, excess: float, force_n: float) -> None:
     law = ForceLaw()
     before = law.force(excess)
     law.copy().update(at, force_n=force_n)

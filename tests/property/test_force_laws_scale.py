@@ -1,4 +1,4 @@
-"""Laws of the force estimates: what scaling, order and batches must not change."""
+"""Properties of force estimates: invariance to scaling, order and batches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.estimate.force import PowerForceLaw
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.01, 100.0))
-def test_a_static_law_scales_with_force_and_ignores_order(seed: int, factor: float) -> None:
+def test_static_law_scales_with_force_and_ignores_order(seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)
     force = np.geomspace(0.5, 10, 10)
     excess = force**1.3 * np.exp(0.1 * rng.standard_normal(10))

@@ -1,4 +1,4 @@
-"""Size and stiffness from a closing curve, and their intervals under each uncertainty."""
+"""Size and stiffness from a closing curve, with their intervals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FORCE_N = np.array([0.0, 0.6, 1.2, 2.0, 3.0, 4.5, 6.0])
 def answer(
     n_per_mm: float, *, gain: float = 1.0, gain_sd: float = 0.03, touches: tuple[float, ...] = ()
 ) -> Measurement:
-    """Close on a spring; `gain` falsifies every force, `touches` are drift before the contact."""
+    """Close on a spring; `gain` scales all forces, `touches` are drift before contact."""
     opening = 40.0 - FORCE_N / n_per_mm - COMPLIANCE.deflection_mm(FORCE_N)
     before = 40.0 + np.arange(len(touches), 0, -1)
     curve = ClosingSteps(
@@ -41,38 +41,38 @@ def answer(
 
 
 @pytest.mark.parametrize("n_per_mm", [0.5, 1.5, 4.0])
-def test_soft_objects_are_found_within_a_tenth(n_per_mm: float) -> None:
+def test_stiffness_of_soft_object_is_within_a_tenth(n_per_mm: float) -> None:
     found = answer(n_per_mm)
     assert found.value == pytest.approx(n_per_mm, rel=0.1)
     assert found.low < n_per_mm < found.high
     assert found.high / found.low < 2
 
 
-def test_what_is_stiffer_than_the_gripper_is_told_less_well() -> None:
+def test_stiffness_interval_is_wider_above_gripper_stiffness() -> None:
     soft, stiff = answer(1.5), answer(30.0)
     assert np.log(stiff.high / stiff.low) > 3 * np.log(soft.high / soft.low)
     assert stiff.low < 30.0 < stiff.high
 
 
-def test_what_relaxed_unseen_is_inside_though_the_force_was_sure() -> None:
+def test_stiffness_interval_covers_undetected_relaxation() -> None:
     opening = 40.0 - FORCE_N / 2.0 - COMPLIANCE.deflection_mm(FORCE_N)
     curve = ClosingSteps(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
-    said = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
+    force = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
     answered = measure_closing(
-        curve, compliance=COMPLIANCE, opening_mm=float(opening[-1]), force=said
+        curve, compliance=COMPLIANCE, opening_mm=float(opening[-1]), force=force
     )
     assert answered is not None
     found = answered.stiffness
-    # A fruit lost 6 % of its force and nobody felt it; the fingers came that much nearer to it.
+    # A fruit lost 6 % of its force undetected; the fingers closed further accordingly.
     left_n = 0.94 * 6.0
     relaxed = left_n / float(40.0 - opening[-1] - COMPLIANCE.deflection_mm(left_n))
     assert found.low < relaxed < 0.95 * 2.0 < 2.0 < found.high
 
 
-def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
-    sure, unsure = answer(2.0, gain=1.3), answer(2.0, gain=1.3, gain_sd=0.3)
-    assert sure.low > 2.0
-    assert unsure.low < 2.0 < unsure.high
+def test_stiffness_interval_with_gain_uncertainty_covers_gain_error() -> None:
+    precise, uncertain = answer(2.0, gain=1.3), answer(2.0, gain=1.3, gain_sd=0.3)
+    assert precise.low > 2.0
+    assert uncertain.low < 2.0 < uncertain.high
 
 
 def read_as(
@@ -87,7 +87,7 @@ def read_as(
     return found.stiffness, curve
 
 
-def test_a_sheet_that_lags_behind_its_steps_is_seen_through() -> None:
+def test_stiffness_is_corrected_for_sheet_lag() -> None:
     straight, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
     lagging = np.zeros_like(STEPS_N)
     lagging[curve.is_certain] = 0.25 * (curve.rising - curve.rising[-1])
@@ -96,33 +96,33 @@ def test_a_sheet_that_lags_behind_its_steps_is_seen_through() -> None:
     assert behind.value == pytest.approx(straight.value, rel=0.15)
 
 
-def test_a_law_that_scatters_leaves_the_exponent_open() -> None:
+def test_stiffness_interval_widens_with_law_scatter() -> None:
     bent_n = STEPS_N * (STEPS_N / 8.0) ** 0.3
-    trusted, doubted = (read_as(bent_n, n_per_mm=2.0, law_sd=sd)[0] for sd in (0.05, 0.8))
-    assert doubted.low < 2.0 < doubted.high
-    assert doubted.high / doubted.low > 1.05 * trusted.high / trusted.low
+    narrow, wide = (read_as(bent_n, n_per_mm=2.0, law_sd=sd)[0] for sd in (0.05, 0.8))
+    assert wide.low < 2.0 < wide.high
+    assert wide.high / wide.low > 1.05 * narrow.high / narrow.low
 
 
-def test_samples_are_relative_to_the_forces_that_gave_the_gain() -> None:
+def test_curve_samples_are_relative_to_gain_reference() -> None:
     _, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
     samples = curve.samples
     share = samples.read_n / 8.0
-    told = np.where(share > 0.3, share**2, 0.0)
-    assert samples.above @ told == pytest.approx(0.0, abs=1e-9)
+    weight = np.where(share > 0.3, share**2, 0.0)
+    assert samples.above @ weight == pytest.approx(0.0, abs=1e-9)
     assert samples.lagging[-1] == 0.0
     assert samples.lagging[0] > 0.0
     assert samples.above[-1] > 0
 
 
-def test_drift_before_the_contact_is_not_taken_for_softness() -> None:
+def test_drift_before_contact_does_not_lower_stiffness() -> None:
     assert answer(20.0, touches=(0.12, 0.12)).high > 20.0
 
 
-def test_same_touch_same_answer() -> None:
+def test_measure_closing_is_deterministic() -> None:
     assert answer(3.0) == answer(3.0)
 
 
-def test_one_step_is_not_enough() -> None:
+def test_measure_closing_of_one_step_returns_none() -> None:
     curve = ClosingSteps(
         width_mm=np.array([41.0, 40.0]),
         force_n=np.array([0.0, 2.0]),
@@ -149,7 +149,7 @@ def size(
     law_sd: float = 0.1,
     floor_n: float = 0.05,
 ) -> Measurement:
-    """Return the size by a closing whose forces were read as given."""
+    """Return the size from a closing with the given forces."""
     curve = ClosingSteps(
         width_mm=width_mm, force_n=force_n, gain_sd=0.1, law_sd=law_sd, floor_n=floor_n
     )
@@ -164,7 +164,7 @@ def size(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
-def test_size_of_scattered_curves_is_covered(exponent: float) -> None:
+def test_size_interval_covers_scattered_curves(exponent: float) -> None:
     rng = np.random.default_rng(7)
     inside, errors = [], []
     for _ in range(60):
@@ -186,8 +186,8 @@ def test_size_does_not_depend_on_the_gain() -> None:
     assert weak == pytest.approx(strong, abs=0.01)
 
 
-def test_size_of_a_stiff_object_found_by_a_whole_step_is_near() -> None:
-    """Before the last step it was touched, but the gripper's give kept the force unfelt."""
+def test_size_of_stiff_object_after_full_step_is_accurate() -> None:
+    """Contact was before the last step, but gripper compliance kept the force too small."""
     true_mm, n_per_mm = 40.0, 36.0
     compliance = replace(HARD, slope_mm_per_n=0.35)
     width = np.array([40.9, 39.9, 38.9, 38.7, 38.5])
@@ -199,7 +199,7 @@ def test_size_of_a_stiff_object_found_by_a_whole_step_is_near() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 @pytest.mark.parametrize("law", [0.8, 0.92, 1.05])
-def test_size_by_a_law_whose_exponent_is_off_is_covered(exponent: float, law: float) -> None:
+def test_size_interval_covers_exponent_error(exponent: float, law: float) -> None:
     inside = []
     for true_mm in np.linspace(31.5, 32.5, 11):
         width = np.array([34.0, 33.0, 32.0, 31.0, 30.6, 30.3])
@@ -210,16 +210,16 @@ def test_size_by_a_law_whose_exponent_is_off_is_covered(exponent: float, law: fl
     assert np.mean(inside) >= 0.9
 
 
-def test_size_at_a_place_that_feels_late_is_covered() -> None:
+def test_size_interval_covers_late_threshold() -> None:
     true_mm, width = 32.14, np.array([34.0, 33.0, 32.0, 31.0, 30.6, 30.3])
-    # About the weakest force that the calibration felt, and nothing felt here.
+    # About the weakest force of the calibration, and not detected here.
     assert 2.0 * (true_mm - 32.0) ** 1.5 == pytest.approx(0.105, abs=0.001)
     true = 2.0 * np.maximum(true_mm - width, 0.0) ** 1.5
     found = size(width, np.where(true > 0.2, true**0.92, 0.0))
     assert found.low <= true_mm <= found.high
 
 
-def test_size_is_no_surer_than_the_zero_of_the_gripper() -> None:
+def test_size_interval_includes_uncertainty_of_zero() -> None:
     width = np.array([31.0, 30.5, 30.4, 30.3, 30.2, 30.1, 30.0])
     found = size(width, 200.0 * np.maximum(30.45 - width, 0.0), floor_n=0.01)
     # A block known to a tenth of a millimetre leaves a standard deviation of 0.06 mm.

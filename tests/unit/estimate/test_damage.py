@@ -1,4 +1,4 @@
-"""The damage limit: curve states, prediction and guard, on fruit made up here."""
+"""Damage model with synthetic fruit: curve states, prediction and limit."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def model() -> DamageModel:
     return fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
 
 
-def test_states_of_a_spring_give_its_stiffness() -> None:
+def test_closing_states_of_spring_have_its_stiffness() -> None:
     states = close_on(3.0, until_n=12.0)
     assert math.exp(states[-1].log_stiffness) == pytest.approx(3.0, rel=1e-3)
 
 
-def test_states_do_not_depend_on_where_closure_is_counted_from_or_on_sampling() -> None:
+def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     fine, coarse, shifted = ClosingCurve(), ClosingCurve(), ClosingCurve()
     x = np.linspace(0.1, 4.0, 4001)
     a = [s for c in x for s in fine.push(c, force_n=2 * c)]
@@ -58,7 +58,7 @@ def test_states_do_not_depend_on_where_closure_is_counted_from_or_on_sampling() 
     assert np.allclose(np.array(a), np.array(b), atol=1e-9)
 
 
-def test_unloading_and_reloading_adds_no_state() -> None:
+def test_closing_curve_unloading_adds_no_state() -> None:
     curve = ClosingCurve()
     for closure in np.linspace(0.1, 2.0, 200):
         curve.push(closure, force_n=2 * closure)
@@ -66,7 +66,7 @@ def test_unloading_and_reloading_adds_no_state() -> None:
         assert curve.push(closure, force_n=2 * closure - 0.5) == []
 
 
-def test_a_curve_that_bends_over_lowers_the_limit(model: DamageModel) -> None:
+def test_flattening_curve_lowers_predicted_rupture_force(model: DamageModel) -> None:
     curve = ClosingCurve()
     states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
     limits_n = [model.strengths[""].median_n(state) for state in states]
@@ -91,30 +91,30 @@ def test_prediction_at_half_load_is_near_the_rupture_force() -> None:
     assert strength.predict_n(state) == pytest.approx(6.0, rel=0.15)
 
 
-def test_prediction_is_never_below_the_force_already_borne(model: DamageModel) -> None:
+def test_prediction_is_at_least_the_force_withstood(model: DamageModel) -> None:
     for state in close_on(1.0, until_n=20.0):
         assert model.strengths[""].predict_n(state) >= state.force_n
 
 
-def test_an_unknown_kind_is_served_by_the_model_of_all(model: DamageModel) -> None:
+def test_unknown_kind_uses_model_of_all_kinds(model: DamageModel) -> None:
     state = close_on(3.0, until_n=4.0)[-1]
     assert model.predict(state, kind="durian") == model.predict(state)
     assert model.bound_n(felt(2.9, 3.0, 3.1), kind="durian") == model.bound_n(felt(2.9, 3.0, 3.1))
 
 
 @pytest.mark.parametrize("rate", [0.0, 1.0, -0.1])
-def test_a_rate_that_is_no_share_is_refused(model: DamageModel, rate: float) -> None:
+def test_damage_model_rate_outside_0_to_1_is_refused(model: DamageModel, rate: float) -> None:
     with pytest.raises(ValueError, match="between 0 and 1"):
         replace(model, rate=rate)
 
 
-def test_too_few_closings_are_refused() -> None:
+def test_fit_damage_model_too_few_closings_are_refused() -> None:
     paths, limits_n, kinds = orchard(3, seed=5)
     with pytest.raises(ValueError, match="are needed"):
         fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
 
 
-def test_levels_are_even_in_log_force() -> None:
+def test_closing_curve_levels_are_uniform_in_log_force() -> None:
     forces_n = [state.force_n for state in close_on(2.0, until_n=10.0)]
     assert np.allclose(np.diff(np.log(forces_n)), LEVEL_STEP)
 
@@ -125,7 +125,7 @@ def felt(low: float, value: float, high: float) -> Measurement:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.01, 0.1])
-def test_bound_lets_no_more_objects_be_damaged_than_it_says(rate: float) -> None:
+def test_damage_bound_keeps_its_rate(rate: float) -> None:
     """Fruit compliance is known to 0.07 mm/N, a fifth; the bound holds on average."""
     rng, damaged, count = np.random.default_rng(11), 0, 0
     for seed in (1, 2, 3, 4):
@@ -133,14 +133,14 @@ def test_bound_lets_no_more_objects_be_damaged_than_it_says(rate: float) -> None
         learned = fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds, rate=rate)
         for path, limit_n, _ in zip(*orchard(200, seed=20 + seed), strict=True):
             compliance = math.exp(-path[-1].log_stiffness)
-            seen, doubt = max(compliance + 0.07 * rng.standard_normal(), 0.02), 1.645 * 0.07
-            stiffness = felt(1 / (seen + doubt), 1 / seen, 1 / max(seen - doubt, 1e-3))
+            seen, half_width = max(compliance + 0.07 * rng.standard_normal(), 0.02), 1.645 * 0.07
+            stiffness = felt(1 / (seen + half_width), 1 / seen, 1 / max(seen - half_width, 1e-3))
             damaged += learned.bound_n(stiffness) > limit_n
             count += 1
     assert damaged <= rate * count + 2.5 * math.sqrt(rate * count)
 
 
-def test_bound_falls_with_the_rate_and_with_what_is_not_known(model: DamageModel) -> None:
+def test_damage_bound_falls_with_rate_and_uncertainty(model: DamageModel) -> None:
     sharp, vague = felt(2.4, 2.5, 2.6), felt(1.2, 2.5, 20.0)
     strict = replace(model, rate=1e-3)
     assert strict.bound_n(sharp) < model.bound_n(sharp)
@@ -149,11 +149,11 @@ def test_bound_falls_with_the_rate_and_with_what_is_not_known(model: DamageModel
 
 
 @pytest.mark.slow
-def test_an_object_unlike_any_that_was_learned_from_is_taken_for_the_likest(
+def test_damage_bound_of_unknown_stiffness_follows_training_set(
     model: DamageModel,
 ) -> None:
-    """What was felt may be anything: then only what such objects are like says something."""
-    nothing_said = felt(0.05, 1.0, 500.0)
-    bound_n = model.bound_n(nothing_said)
+    """The measurement is uninformative, so only the training set determines the limit."""
+    uninformative = felt(0.05, 1.0, 500.0)
+    bound_n = model.bound_n(uninformative)
     _, limits_n, _ = orchard(4000, seed=13)
     assert 0.3 * np.quantile(limits_n, 0.01) < bound_n < 1.3 * np.quantile(limits_n, 0.01)

@@ -1,4 +1,4 @@
-"""The damage file: round trip, and refusal of bad files in one line."""
+"""Damage file: round trip, and one-line errors for invalid files."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def felt(value: float) -> Measurement:
     return Measurement(value=value, low=0.8 * value, high=1.2 * value, unit="n_per_mm")
 
 
-def test_what_is_written_is_read(made: DamageFile, tmp_path: Path) -> None:
+def test_damage_file_roundtrip_preserves_model(made: DamageFile, tmp_path: Path) -> None:
     path = tmp_path / "damage.json"
     made.save(path)
     again = DamageFile.load(path)
@@ -107,7 +107,7 @@ def renamed(document: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         (lambda d: d.update(version=3), "file version 3, this one reads 2"),
         (lambda d: d.update(format="palpate-calibration"), "is it a damage file?"),
@@ -129,8 +129,8 @@ def renamed(document: dict[str, Any]) -> None:
         (lambda d: d.update(made_at=3), "made_at is 3, not text"),
     ],
 )
-def test_a_bad_file_is_refused_in_one_line(
-    text: str, tmp_path: Path, change: Callable[[dict[str, Any]], object], complaint: str
+def test_invalid_damage_file_is_refused_in_one_line(
+    text: str, tmp_path: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
     document = json.loads(text)
     change(document)
@@ -138,13 +138,13 @@ def test_a_bad_file_is_refused_in_one_line(
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationError) as caught:
         DamageFile.load(path)
-    assert complaint in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith(f"damage file {path}: ")
     assert "\n" not in str(caught.value)
 
 
 @given(share=st.floats(0.0, 0.99))
-def test_a_file_that_was_cut_is_refused(
+def test_truncated_damage_file_is_refused(
     text: str, tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.json"
@@ -153,14 +153,14 @@ def test_a_file_that_was_cut_is_refused(
         DamageFile.load(path)
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_binary_damage_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "damage.json"
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(CalibrationError, match="not whole JSON"):
         DamageFile.load(path)
 
 
-def test_kinds_that_are_not_told_apart_are_named(made: DamageFile) -> None:
+def test_check_kind_unknown_kind_message_lists_kinds(made: DamageFile) -> None:
     assert made.check_kind("plum", where="damage.json") == "plum"
     with pytest.raises(InputError, match="no kind 'apple'; its kinds are pear, plum; omit"):
         made.check_kind("apple", where="damage.json")
@@ -170,7 +170,7 @@ def test_kinds_that_are_not_told_apart_are_named(made: DamageFile) -> None:
         few.check_kind("pear", where="damage.json")
 
 
-def test_the_kind_is_worth_something_on_closings_left_out() -> None:
+def test_known_kind_improves_held_out_score() -> None:
     found = score_held_out(crate(plums=30, pears=25))
     assert found["plum"].error_percent < found[""].error_percent < 40
     assert found["plum"].error_percent < found["plum"].median_error_percent
@@ -178,7 +178,7 @@ def test_the_kind_is_worth_something_on_closings_left_out() -> None:
     assert found[""].closings == 55
 
 
-def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
+def test_score_held_out_excludes_closing_from_training() -> None:
     closings = crate(plums=20, pears=0)
     missed = []
     for training, test in split_folds(closings):
@@ -189,7 +189,7 @@ def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
     assert score_held_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
 
 
-def test_copies_of_one_recording_are_found_and_stay_together() -> None:
+def test_copies_of_a_recording_are_in_one_fold() -> None:
     closings = crate(plums=20, pears=0)
     twin = squeezed("copy", fruit="plum", stiffness=3.0, limit_n=6.0)
     once = squeezed("once", fruit="plum", stiffness=3.0, limit_n=6.0)
@@ -203,7 +203,7 @@ def test_copies_of_one_recording_are_found_and_stay_together() -> None:
     assert find_unfit(mixed) == {"copy": "the same recording as once"}
 
 
-def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
+def test_find_unfit_returns_reason_for_each_closing() -> None:
     closure_mm = np.arange(0.05, 2.0, 0.02)
     cut = follow_closing(
         "cut", fruit="plum", rupture_force_n=9.0, closure_mm=closure_mm, force_n=2 * closure_mm
@@ -223,17 +223,17 @@ def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
 
 
 @pytest.mark.parametrize(
-    ("curves", "index", "complaint"),
+    ("curves", "index", "message"),
     [
         ("a,1,1\na,2,2\nb,1,1\na,3,3\n", "a,kiwi,3\n", "samples of a are not contiguous"),
         ("a,1,1\na,2,2\n", "a,kiwi,3\na,kiwi,3\n", "a is listed twice"),
         ("a,1,1\na,2,2\n", "a,,3\n", "a has no fruit"),
     ],
 )
-def test_files_that_contradict_themselves_are_refused(
-    tmp_path: Path, curves: str, index: str, complaint: str
+def test_read_closings_inconsistent_files_are_refused(
+    tmp_path: Path, curves: str, index: str, message: str
 ) -> None:
     (tmp_path / "curves.csv").write_text(f"grasp_id,closure_mm,force_n\n{curves}")
     (tmp_path / "index.csv").write_text(f"grasp_id,fruit,rupture_force_n\n{index}")
-    with pytest.raises(InputError, match=complaint):
+    with pytest.raises(InputError, match=message):
         read_closings(tmp_path / "curves.csv", tmp_path / "index.csv")

@@ -1,4 +1,4 @@
-"""Intervals of something that can't be negative."""
+"""Intervals of a non-negative quantity."""
 
 from __future__ import annotations
 
@@ -21,30 +21,32 @@ TABLE_X = [
 
 
 @pytest.mark.parametrize(("measured", "low", "high"), TABLE_X)
-def test_ends_are_those_of_the_published_table(measured: float, low: float, high: float) -> None:
+def test_interval_above_zero_matches_published_table(
+    measured: float, low: float, high: float
+) -> None:
     found = interval_above_zero(measured, freedom=1e6, level=0.9)
     assert found == pytest.approx((low, high), abs=0.04)
 
 
-def test_far_from_the_bound_it_is_the_ordinary_interval() -> None:
+def test_interval_above_zero_far_from_zero_is_ordinary_interval() -> None:
     low, high = interval_above_zero(8.0, freedom=6, level=0.9)
     reach = student_t.ppf(0.95, 6)
     assert (low, high) == pytest.approx((8.0 - reach, 8.0 + reach), abs=0.06)
 
 
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.5, 4.0])
-def test_it_covers_as_often_as_it_says_at_every_true_value(true: float) -> None:
+def test_interval_above_zero_coverage_equals_level(true: float) -> None:
     error = student_t.ppf((np.arange(100) + 0.5) / 100, 6)
     ends = [interval_above_zero(true + one, freedom=6, level=0.9) for one in error]
     assert np.mean([low <= true <= high for low, high in ends]) == pytest.approx(0.9, abs=0.03)
 
 
 @pytest.mark.parametrize("measured", np.linspace(-6.0, 6.0, 13))
-def test_the_middle_lies_inside(measured: float) -> None:
+def test_median_above_zero_is_inside_interval(measured: float) -> None:
     low, high = interval_above_zero(measured, freedom=6, level=0.9)
     assert low <= median_above_zero(measured, freedom=6) < high
 
 
-def test_the_middle_halves_what_is_left() -> None:
+def test_median_above_zero_halves_remaining_probability() -> None:
     middle = median_above_zero(0.5, freedom=1e6)
     assert norm.sf(middle - 0.5) == pytest.approx(0.5 * norm.cdf(0.5), rel=1e-4)

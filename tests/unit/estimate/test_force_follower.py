@@ -1,4 +1,4 @@
-"""Newtons at every frame by the dead-weight law, and the most useful next weight."""
+"""Force at every frame from the dead-weight law, and the most useful next weight."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WEIGHTS_N = np.array(SPREAD_N)
 
 
 def excess(force_n: np.ndarray) -> np.ndarray:
-    """Return the excess of an invented sheet under settled forces."""
+    """Return the excess of a synthetic sheet at settled forces."""
     return 8.0 * force_n**1.2
 
 
@@ -28,7 +28,7 @@ def law() -> ForceLaw:
     return ForceLaw.fit(excess(WEIGHTS_N).tolist(), force_n=WEIGHTS_N)
 
 
-def test_an_empty_hand_shows_no_force_and_a_touch_shows_one(law: ForceLaw) -> None:
+def test_force_follower_shows_force_only_with_contact(law: ForceLaw) -> None:
     follower = ForceFollower(law)
     rng = np.random.default_rng(2)
     for frame in range(50):
@@ -41,14 +41,14 @@ def test_an_empty_hand_shows_no_force_and_a_touch_shows_one(law: ForceLaw) -> No
     assert answer.value == pytest.approx(4.0, rel=0.15)
 
 
-def test_pixels_that_read_open_or_short_keep_the_force_finite(law: ForceLaw) -> None:
+def test_force_follower_open_or_short_pixels_keep_force_finite(law: ForceLaw) -> None:
     follower = ForceFollower(law)
     for time_s, pixel in ((0.0, np.nan), (0.1, np.inf), (0.2, 1.0)):
         answer = follower.step(time_s, [[pixel, 3.0]])
         assert np.isfinite([answer.value, answer.low, answer.high]).all()
 
 
-def test_each_weight_narrows_and_the_far_one_most(law: ForceLaw) -> None:
+def test_half_width_falls_with_each_weight(law: ForceLaw) -> None:
     none = ForceLaw()
     one = ForceLaw.fit(excess(WEIGHTS_N[:1]).tolist(), force_n=WEIGHTS_N[:1])
     widths = [[half_width_percent(each, at_n) for at_n in SPREAD_N] for each in (none, one, law)]
@@ -56,7 +56,7 @@ def test_each_weight_narrows_and_the_far_one_most(law: ForceLaw) -> None:
     assert most_useful_n(one) == 9.0
 
 
-def test_three_weights_are_followed_by_the_law_that_the_file_holds() -> None:
+def test_force_now_uses_stored_dead_weight_law() -> None:
     pairs = ForcePairs(
         run=(0, 0, 0),
         since_move_s=(20.0,) * 3,

@@ -1,4 +1,4 @@
-"""The force law: effect of known forces, prior alone, and its file."""
+"""Force law: prior, updates with measured forces, and stored form."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from palpate.estimate.force_law import (
 from palpate.estimate.force_states import log_reading
 
 
-def test_without_forces_the_shipped_law_answers_widely() -> None:
+def test_force_law_without_measured_forces_has_wide_interval() -> None:
     answer = palpate.ForceLaw().force(20.0)
     assert answer.unit == "n"
     assert 0 < answer.low < answer.value < answer.high
     assert answer.high / answer.low > 4.0
 
 
-def test_three_spread_weights_narrow_the_interval_and_hold_the_weights() -> None:
+def test_force_law_three_weights_narrow_interval() -> None:
     excess, weights_n = [4.0, 15.0, 40.0], [1.5, 4.0, 9.0]
     law = ForceLaw.fit(excess, force_n=weights_n)
     assert law.known == 3
@@ -35,7 +35,7 @@ def test_three_spread_weights_narrow_the_interval_and_hold_the_weights() -> None
         assert after.high / after.low < 0.6 * before.high / before.low
 
 
-def test_update_returns_the_law_itself_and_moves_it_to_the_force() -> None:
+def test_force_law_update_moves_law_to_measured_force() -> None:
     law = ForceLaw()
     before = law.force(30.0)
     assert law.update(30.0, force_n=2.0 * before.value) is law
@@ -44,15 +44,15 @@ def test_update_returns_the_law_itself_and_moves_it_to_the_force() -> None:
     assert after.high / after.low < before.high / before.low
 
 
-def test_a_doubtful_force_moves_the_law_less() -> None:
-    sure, doubtful = ForceLaw(), ForceLaw()
-    base = sure.force(30.0).value
-    sure.update(30.0, force_n=2.0 * base)
-    doubtful.update(30.0, force_n=2.0 * base, sd_n=2.0 * base)
-    assert base < doubtful.force(30.0).value < sure.force(30.0).value
+def test_force_law_update_with_uncertain_force_moves_less() -> None:
+    precise, uncertain = ForceLaw(), ForceLaw()
+    base = precise.force(30.0).value
+    precise.update(30.0, force_n=2.0 * base)
+    uncertain.update(30.0, force_n=2.0 * base, sd_n=2.0 * base)
+    assert base < uncertain.force(30.0).value < precise.force(30.0).value
 
 
-def test_a_new_contact_widens_the_interval() -> None:
+def test_force_law_begin_contact_widens_interval() -> None:
     law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0]).update(20.0, force_n=5.0)
     inside = law.copy()
     law.begin_contact()
@@ -60,7 +60,7 @@ def test_a_new_contact_widens_the_interval() -> None:
     assert next_one.high / next_one.low > one.high / one.low
 
 
-def test_an_untouched_sheet_shows_no_force() -> None:
+def test_force_law_without_contact_returns_zero() -> None:
     law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     for excess in (-0.02, 0.0, 0.05):
         answer = law.force(excess)
@@ -68,8 +68,8 @@ def test_an_untouched_sheet_shows_no_force() -> None:
         assert answer.high > 0
 
 
-def test_samples_of_one_contact_count_as_few() -> None:
-    """A second of load cell at one reading is not a hundred weights."""
+def test_force_law_samples_of_one_contact_have_limited_weight() -> None:
+    """One second of load-cell samples at one reading is not equivalent to 100 weights."""
     rng = np.random.default_rng(3)
     reading = [20.0] * 400
     force_n = 5.0 * np.exp(0.05 * rng.standard_normal(400))
@@ -82,7 +82,7 @@ def test_samples_of_one_contact_count_as_few() -> None:
     np.testing.assert_allclose(sd[0], sd[1], rtol=1e-6)
 
 
-def test_file_roundtrip_keeps_the_law() -> None:
+def test_force_law_roundtrip_preserves_law() -> None:
     law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     again = ForceLaw.from_dict(json.loads(json.dumps(law.as_dict())))
     assert again.force(12.0) == law.force(12.0)
@@ -99,7 +99,9 @@ def test_file_roundtrip_keeps_the_law() -> None:
         ({"population": {}}, "centre"),
     ],
 )
-def test_a_broken_file_is_refused_in_one_line(change: dict[str, object], message: str) -> None:
+def test_force_law_invalid_values_are_refused_in_one_line(
+    change: dict[str, object], message: str
+) -> None:
     stored = ForceLaw().as_dict() | change
     with pytest.raises(CalibrationError, match="calibrate the force again") as error:
         ForceLaw.from_dict(stored)
@@ -107,7 +109,7 @@ def test_a_broken_file_is_refused_in_one_line(change: dict[str, object], message
     assert "\n" not in str(error.value)
 
 
-def test_unusable_forces_and_readings_are_refused() -> None:
+def test_force_law_invalid_forces_and_readings_are_refused() -> None:
     with pytest.raises(CalibrationError, match="not above 0"):
         ForceLaw.fit([4.0, 15.0], force_n=[0.0, 4.0])
     with pytest.raises(CalibrationError, match="2 readings for 1"):
@@ -118,7 +120,7 @@ def test_unusable_forces_and_readings_are_refused() -> None:
         ForceLaw().force([1.0, 2.0])
 
 
-def test_shipped_population_is_sound() -> None:
+def test_shipped_population_is_valid() -> None:
     population = load_population()
     for spread in (population.spread, population.contact_spread):
         np.testing.assert_allclose(spread, spread.T)
@@ -128,7 +130,7 @@ def test_shipped_population_is_sound() -> None:
     assert np.all(np.diff(values) > 0)
 
 
-def test_each_weight_narrows_and_none_widens() -> None:
+def test_force_law_each_weight_narrows_interval() -> None:
     weights_n = [1.5, 4.0, 9.0, 6.0]
     known = [8.0 * n**1.2 for n in weights_n]
     inputs = build_settled_inputs([10.0, 40.0, 100.0])

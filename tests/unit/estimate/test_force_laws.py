@@ -1,4 +1,4 @@
-"""Static force laws: what they recover, what they refuse, what they promise."""
+"""Static force laws: fit, refused input, and coverage of intervals."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def scattered(
     return (reading / 0.2) ** 1.25, LOADS_N
 
 
-def test_power_law_finds_a_detection_threshold_where_there_is_one() -> None:
+def test_power_law_fit_finds_detection_threshold() -> None:
     excess, loads = scattered(1, offset_n=0.4, sd=0.01)
     law = PowerForceLaw.fit(excess, force_n=loads)
     assert law.coefficients[2] == pytest.approx(0.4, abs=0.08)
     assert law.coefficients[1] == pytest.approx(0.8, abs=0.03)
 
 
-def test_power_law_has_no_threshold_where_there_is_none() -> None:
+def test_power_law_fit_without_threshold_has_no_offset() -> None:
     excess, loads = scattered(2)
     assert PowerForceLaw.fit(excess, force_n=loads).coefficients[2] == 0.0
 
 
-def test_one_wild_pair_hardly_moves_the_power_law() -> None:
+def test_power_law_fit_is_robust_to_outlier() -> None:
     excess, loads = scattered(3, sd=0.02)
     wild = excess.copy()
     wild[7] *= 20
@@ -54,7 +54,7 @@ def test_power_intervals_cover_new_readings_at_their_level(level: float) -> None
     assert np.mean(inside) == pytest.approx(level, abs=0.06)
 
 
-def test_out_of_range_and_silent_readings_are_flagged() -> None:
+def test_power_law_flags_readings_out_of_range() -> None:
     excess, loads = scattered(4)
     answer = PowerForceLaw.fit(excess, force_n=loads).force_n([-0.1, excess.max() * 3])
     assert answer.in_range.tolist() == [False, False]
@@ -63,7 +63,7 @@ def test_out_of_range_and_silent_readings_are_flagged() -> None:
     assert answer.high[0] > 0.0
 
 
-def test_a_law_survives_a_file() -> None:
+def test_law_roundtrip_preserves_law() -> None:
     excess, loads = scattered(7)
     law = PowerForceLaw.fit(excess, force_n=loads)
     assert law_from_dict(json.loads(json.dumps(law.as_dict()))) == law
@@ -80,7 +80,7 @@ def test_a_law_survives_a_file() -> None:
         ([-1.0, -2, -3, -4], [1.0, 2, 3, 4], "0 usable pairs"),
     ],
 )
-def test_bad_pairs_are_refused_in_words(
+def test_law_fit_invalid_pairs_are_refused(
     excess: list[float], force_n: list[float], message: str
 ) -> None:
     with pytest.raises(CalibrationError, match=message):
@@ -105,13 +105,13 @@ def test_faint_scatter_does_not_widen_firm_forces() -> None:
     assert faint > 1.5
 
 
-def test_law_file_of_before_has_no_floor() -> None:
+def test_law_from_older_file_has_no_floor() -> None:
     law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4])
     stored = {name: value for name, value in law.as_dict().items() if name != "floor_n"}
     assert law_from_dict(stored).coefficients == law.coefficients
 
 
-def test_law_of_unknown_numbers_is_refused() -> None:
+def test_law_with_unknown_values_is_refused() -> None:
     stored = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4]).as_dict()
     with pytest.raises(CalibrationError, match="slope_n"):
         law_from_dict({**stored, "slope_n": 1.0})

@@ -1,4 +1,4 @@
-"""Force now at every frame: which law holds, and what the interval spans."""
+"""Present force at every frame: selection of the law, and interval."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def follower() -> ForceNow:
     return ForceNow(laws, early_s=0.4, settled_s=20.0)
 
 
-def test_a_creeping_reading_under_one_force_reads_that_force(follower: ForceNow) -> None:
+def test_force_now_of_creeping_reading_is_constant(follower: ForceNow) -> None:
     follower.step(0.0, [[0.0]])
     for time_s in np.arange(0.02, 30.0, 0.02):
         since = max(time_s - 1.0, 0.4)
@@ -40,7 +40,7 @@ def test_a_creeping_reading_under_one_force_reads_that_force(follower: ForceNow)
     assert said.value == pytest.approx(4.0, rel=0.01)
 
 
-def test_the_interval_spans_both_laws_until_the_sheet_has_settled(follower: ForceNow) -> None:
+def test_force_now_interval_covers_both_laws_until_settled(follower: ForceNow) -> None:
     width = {}
     for time_s in np.arange(0.0, 40.0, 0.02):
         said = follower.step(float(time_s), [[5.0]])
@@ -48,13 +48,13 @@ def test_the_interval_spans_both_laws_until_the_sheet_has_settled(follower: Forc
     assert width[5.0] > 1.5 * width[39.0]
 
 
-def test_a_pixel_that_does_not_read_counts_nothing(follower: ForceNow) -> None:
+def test_force_now_ignores_pixel_without_reading(follower: ForceNow) -> None:
     said = follower.step(0.0, [[2.0, math.nan]])
     assert said.value == pytest.approx(2.0)
     assert said.unit == "n"
 
 
-def test_mean_with_memory_lies_between_both_laws_and_spans_their_distance() -> None:
+def test_force_now_with_memory_is_between_both_laws() -> None:
     memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0))
     alone, other = ForceNow(laws, early_s=0.4, settled_s=20.0), ForceFollower(memory)
@@ -68,7 +68,7 @@ def test_mean_with_memory_lies_between_both_laws_and_spans_their_distance() -> N
     assert found.high / found.low > one.value / another.value
 
 
-def test_gain_of_the_contact_leaves_the_law_with_memory_out() -> None:
+def test_force_now_with_contact_gain_ignores_memory_law() -> None:
     memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
     follower = ForceNow(laws, early_s=0.4, settled_s=20.0)
@@ -77,7 +77,7 @@ def test_gain_of_the_contact_leaves_the_law_with_memory_out() -> None:
     assert follower.step(0.0, [[5.0]]).value == pytest.approx(10.0)
 
 
-def test_untouched_sheet_with_memory_reads_nothing() -> None:
+def test_force_now_with_memory_without_contact_is_zero() -> None:
     memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
     found = ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, [[0.0]])

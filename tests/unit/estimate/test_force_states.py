@@ -1,4 +1,4 @@
-"""The history of a reading as states of the force law."""
+"""States of the force law from the history of a reading."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.estimate.force_states import ForceStates, compute_states
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(-3.0, 8.0), min_size=3, max_size=30), st.integers(1, 20))
-def test_states_are_causal(readings: list[float], cut: int) -> None:
+def test_force_states_are_causal(readings: list[float], cut: int) -> None:
     time_s = 0.01 * np.arange(len(readings))
     whole = compute_states(time_s, readings)
     np.testing.assert_array_equal(compute_states(time_s[:cut], readings[:cut]), whole[:cut])

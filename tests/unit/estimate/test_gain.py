@@ -1,4 +1,4 @@
-"""Current law, gain of a contact and bending fingers: refusals and uncertainty."""
+"""Current law, contact gain and soft fingers: refused input, and uncertainty."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ def pairs(*, ma_per_n: float = 16.0, noise_ma: float = 6.0, count: int = 200) ->
     return CurrentPairs(force_n=tuple(force_n.tolist()), current_ma=tuple(current_ma.tolist()))
 
 
-def test_current_law_is_read_off_noisy_readings() -> None:
+def test_current_law_fit_recovers_law_from_noisy_readings() -> None:
     law = CurrentLaw.fit(pairs())
     assert law.gears.mean_ma == pytest.approx(40.0, abs=2.0)
-    assert law.gears.movement_ma == pytest.approx(6.0, abs=0.5), "nobody closed the empty hand"
+    assert law.gears.movement_ma == pytest.approx(6.0, abs=0.5), (
+        "the assumed value without an empty-hand calibration"
+    )
     assert law.ma_per_n == pytest.approx(16.0, rel=0.02)
     assert law.noise_ma == pytest.approx(6.0, rel=0.15)
 
@@ -36,7 +38,7 @@ def test_current_law_is_read_off_noisy_readings() -> None:
         (pairs(ma_per_n=-16.0), "must rise with the force"),
     ],
 )
-def test_current_law_refuses(given: CurrentPairs, words: str) -> None:
+def test_current_law_fit_refuses_invalid_pairs(given: CurrentPairs, words: str) -> None:
     with pytest.raises(CalibrationError, match=words):
         CurrentLaw.fit(given)
 
@@ -48,7 +50,7 @@ def test_current_pairs_of_unequal_length_are_refused() -> None:
         CurrentPairs(force_n=(1.0,), current_ma=(float("nan"),))
 
 
-def test_readings_of_older_files_and_of_movements_are_told_apart() -> None:
+def test_current_pairs_with_missing_or_unequal_columns_are_refused() -> None:
     with pytest.raises(CalibrationError, match="2 forces and 1 width_mm"):
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
     with pytest.raises(CalibrationError, match="give both"):
@@ -61,7 +63,7 @@ def geared(*, movement_ma: float) -> CurrentLaw:
 
 
 @pytest.mark.parametrize("movement_ma", [0.0, 8.0])
-def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) -> None:
+def test_current_law_stated_uncertainty_matches_errors(movement_ma: float) -> None:
     law = geared(movement_ma=movement_ma)
     rng, fraction = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
     movement = np.repeat(np.arange(3), 5)
@@ -83,7 +85,7 @@ def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) 
     assert forces.std() == pytest.approx(found[0].sd_n if found[0] else 0.0, rel=0.1)
 
 
-def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
+def test_current_law_uncertainty_grows_with_sheet_exponent_scatter() -> None:
     law, fraction = geared(movement_ma=0.0), np.linspace(0.3, 1.0, 8)
 
     def log_sd(tilt_sd: float) -> float:
@@ -100,14 +102,14 @@ def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
     assert log_sd(0.2) ** 2 - log_sd(0.0) ** 2 == pytest.approx((0.2 * 0.24) ** 2, rel=0.1)
 
 
-def test_no_reading_of_a_grip_measures_nothing() -> None:
+def test_current_law_without_reading_under_load_returns_none() -> None:
     law = CurrentLaw.fit(pairs())
     assert law.measure([], fraction=[], width_mm=[], movement=[]) is None
     assert law.measure([45.0], fraction=[0.0], width_mm=[30.0], movement=[0]) is None
 
 
 def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
-    """Return two long and forty short closings of gears that take 36 to 44 mA."""
+    """Return two long and forty short closings with a friction of 36 to 44 mA."""
     rng = np.random.default_rng(seed)
     runs = [np.linspace(70.0, 10.0, 400)] * 2
     runs += [np.linspace(70.0 - 1.5 * k, 68.6 - 1.5 * k, 7) for k in range(40)]
@@ -125,7 +127,7 @@ def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
 
 
 @pytest.mark.parametrize("movement_sd", [0.0, 0.15])
-def test_empty_hand_tells_gears_along_the_way_and_from_movement_to_movement(
+def test_gear_friction_fit_separates_position_and_movement_parts(
     movement_sd: float,
 ) -> None:
     found = GearFriction.fit(closed_empty(movement_sd=movement_sd))
@@ -136,8 +138,8 @@ def test_empty_hand_tells_gears_along_the_way_and_from_movement_to_movement(
     assert found.movement_ma == pytest.approx(40.0 * movement_sd, abs=1.6)
 
 
-def test_slope_is_not_tilted_by_movements_that_differ() -> None:
-    """Two closings to different forces, the further one with far more friction."""
+def test_current_law_slope_is_independent_of_movement_offsets() -> None:
+    """Two closings to different forces; the one to the larger force has more friction."""
     force_n = np.concatenate([np.linspace(0.0, 4.0, 40), np.linspace(0.0, 8.0, 80)])
     movement = np.repeat([0, 1], [40, 80])
     law = CurrentLaw.fit(
@@ -151,7 +153,7 @@ def test_slope_is_not_tilted_by_movements_that_differ() -> None:
     assert law.ma_per_n == pytest.approx(16.0, rel=1e-3)
 
 
-def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() -> None:
+def test_gain_update_weights_by_uncertainty() -> None:
     measured = MeasuredForce(force_n=4.0, sd_n=0.05, log_sd=0.0)
     from_sheet = Gain.from_calibration(law_sd=0.5).update(measured, sheet_n=2.0)
     assert np.exp(from_sheet.log_mean) == pytest.approx(2.0, rel=0.03)
@@ -163,8 +165,8 @@ def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() 
     assert sure.log_sd == pytest.approx(0.02, rel=0.05)
 
 
-def test_an_outlier_moves_the_gain_less_than_what_is_near() -> None:
-    """A movement may take three times the usual current; the sheet's error is smaller."""
+def test_gain_update_is_robust_to_outlier() -> None:
+    """A movement may need three times the usual current; the sheet's error is smaller."""
     sheet = Gain.from_calibration(law_sd=0.1)
 
     def mean(force_n: float) -> float:
@@ -175,13 +177,13 @@ def test_an_outlier_moves_the_gain_less_than_what_is_near() -> None:
     assert mean(2.2) / 0.2 > 3 * mean(4.0) / 2.0
 
 
-def test_nothing_read_leaves_the_gain_as_it_was() -> None:
+def test_gain_update_without_sheet_force_is_unchanged() -> None:
     gain = Gain.from_calibration(law_sd=0.1)
     measured = MeasuredForce(force_n=4.0, sd_n=0.1, log_sd=0.0)
     assert gain.update(measured, sheet_n=0.0) == gain
 
 
-def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> None:
+def test_gain_from_calibration_preserves_law_and_widens_with_uncertainty() -> None:
     said = ForceEstimate(
         value=np.array([0.0, 2.0]),
         low=np.array([0.0, 1.8]),
@@ -199,7 +201,7 @@ def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> Non
     assert wide.high[0] == 0.3
 
 
-def test_blocks_of_one_size_tell_no_millimetres() -> None:
+def test_soft_finger_compliance_fit_refuses_blocks_of_one_size() -> None:
     force_n = np.linspace(0.5, 6.0, 8)
     with pytest.raises(CalibrationError, match="two sizes"):
         SoftFingerCompliance.fit(24.0 + 2.6 * force_n, force_n=force_n, block_mm=np.full(8, 40.0))

@@ -1,4 +1,4 @@
-"""The paper's line: what its interval promises, what it refuses."""
+"""The paper's line: interval, and refused input."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ def test_line_interval_is_a_student_interval() -> None:
     assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
 
 
-def test_a_saturated_line_is_refused() -> None:
+def test_line_law_fit_refuses_saturated_readings() -> None:
     with pytest.raises(CalibrationError, match="saturated"):
         LineForceLaw.fit([-99.0] * 5, force_n=[1.0, 2, 3, 4, 5])

@@ -1,4 +1,4 @@
-"""A number where there is one, a bound where there is none."""
+"""Values and bounds of measurements."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stiffness(low: float, high: float) -> Measurement:
         (0.0, 1.0, "at_most", (None, 1.0), "very soft"),
     ],
 )
-def test_what_is_reported(
+def test_or_bound_returns_value_or_bound(
     low: float, high: float, status: str, ends: tuple[float | None, ...], word: str
 ) -> None:
     found = stiffness(low, high)

@@ -8,7 +8,7 @@ from palpate.estimate.pixel_law import PixelForceLaw, PlacementReadings, fit_law
 
 
 def sheet(gain_sd: float, *, seed: int = 0) -> PlacementReadings:
-    """Seven placements on one to four pixels; x = 0.3 F**1.4, later a fifth more."""
+    """Seven placements on one to four pixels; x = 0.3 F**1.4, settled 20 % more."""
     rng = np.random.default_rng(seed)
     rows = []
     for run in range(7):
@@ -28,7 +28,7 @@ def sheet(gain_sd: float, *, seed: int = 0) -> PlacementReadings:
     )
 
 
-def test_the_spread_of_the_load_drops_out() -> None:
+def test_pixel_law_force_is_independent_of_load_distribution() -> None:
     reading, early, settled = fit_laws(sheet(0.0))
     for touched in (1, 2, 4):
         excess = np.where(np.arange(4) < touched, 0.3 * (4.0 / touched) ** 1.4, 0.0)[None, :]
@@ -37,14 +37,14 @@ def test_the_spread_of_the_load_drops_out() -> None:
         assert abs(float(settled.force_n(later).value) / 4.0 - 1) < 0.06
 
 
-def test_doubts_grow_with_the_scatter_of_placements() -> None:
+def test_pixel_law_uncertainty_grows_with_placement_scatter() -> None:
     calm, wild = fit_laws(sheet(0.02))[2], fit_laws(sheet(0.4))[2]
     assert wild.residual_sd > 2 * calm.residual_sd
     narrow, wide = calm.force_n(3.0), wild.force_n(3.0)
     assert wide.high - wide.low > narrow.high - narrow.low
 
 
-def test_the_scatter_of_placements_does_not_flatten_the_law() -> None:
+def test_pixel_law_exponent_is_independent_of_placement_scatter() -> None:
     rng = np.random.default_rng(1)
     force_n = np.tile(np.geomspace(0.5, 8, 12), 40)
     run = np.repeat(np.arange(40), 12)
@@ -54,7 +54,7 @@ def test_the_scatter_of_placements_does_not_flatten_the_law() -> None:
     assert abs(float(law.force_n(1.0).value) / 2.0 - 1) < 0.1
 
 
-def test_nothing_read_may_still_be_a_faint_force() -> None:
+def test_pixel_law_zero_reading_has_upper_limit() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.3, range=(0.3, 10.0)
     )
@@ -63,7 +63,7 @@ def test_nothing_read_may_still_be_a_faint_force() -> None:
     assert 0.4 < nothing.high < 0.6
 
 
-def test_a_law_rises_whatever_the_scatter() -> None:
+def test_pixel_law_always_rises() -> None:
     law = PixelForceLaw.fit(
         [1.0, 1.5, 2.0, 2.5, 3.0], force_n=[9.0, 5.0, 4.0, 2.0, 1.0], run=[0] * 5
     )

@@ -1,4 +1,4 @@
-"""How a sheet's own calibration tells how far it still creeps."""
+"""Creep of a sheet from its own calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def said(value: float, *, half: float = 0.2) -> Measurement:
     return Measurement(value=value, low=value * (1 - half), high=value * (1 + half), unit="reading")
 
 
-def test_the_odd_placement_does_not_count() -> None:
+def test_sheet_creep_fit_is_robust_to_outlier() -> None:
     early = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.1])
     settled = early * np.exp([0.2, 0.21, 0.19, 0.2, 0.22, 0.18, 1.5])
     creep = SheetCreep.fit(early, settled=settled, early_s=0.4, settled_s=20.0)
@@ -25,14 +25,14 @@ def test_the_odd_placement_does_not_count() -> None:
     assert creep.log_sd < 0.03
 
 
-def test_few_holds_or_dead_ones_tell_nothing() -> None:
+def test_sheet_creep_fit_with_too_few_holds_returns_none() -> None:
     four = np.arange(1.0, 5.0)
     assert SheetCreep.fit(four, settled=four, early_s=0.4, settled_s=20.0) is None
     dead = np.array([1.0, 2.0, 3.0, 4.0, 0.0, 0.0])
     assert SheetCreep.fit(dead, settled=dead + 1.0, early_s=0.4, settled_s=20.0) is None
 
 
-def test_less_is_left_the_longer_it_was_watched() -> None:
+def test_sheet_creep_remaining_creep_falls_with_time() -> None:
     vague = said(1.0, half=0.9)
     found = [CREEP.combine(vague, now=1.0, since_s=t) for t in (0.2, 0.4, 1.0, 5.0, 20.0, 60.0)]
     values = [one.value for one in found]
@@ -44,7 +44,7 @@ def test_less_is_left_the_longer_it_was_watched() -> None:
     assert widths == sorted(widths, reverse=True)
 
 
-def test_it_lies_between_both_and_is_trusted_as_the_better_of_them() -> None:
+def test_sheet_creep_combine_is_between_with_smaller_uncertainty() -> None:
     sharp = CREEP.combine(said(1.0, half=0.01), now=1.0, since_s=1.0)
     vague = CREEP.combine(said(1.0, half=0.5), now=1.0, since_s=1.0)
     assert 1.0 < sharp.value < vague.value < math.exp(0.2)
@@ -52,6 +52,6 @@ def test_it_lies_between_both_and_is_trusted_as_the_better_of_them() -> None:
     assert (vague.high - vague.low) / 2 < 0.25
 
 
-def test_without_a_reading_there_is_nothing_to_add() -> None:
+def test_sheet_creep_combine_without_reading_is_unchanged() -> None:
     nothing = said(0.0)
     assert CREEP.combine(nothing, now=0.0, since_s=1.0) is nothing

@@ -1,4 +1,4 @@
-"""Stiffness from fingers that give way more than the object does."""
+"""Stiffness from fingers that deflect more than the object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORCE_N = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
 def grasped(
     stiffness: float, *, gain: float = 1.0, half: float = 0.1, gain_sd: float = 0.1
 ) -> Measurement:
-    """Close on a 40 mm object, with every force read times the gain."""
+    """Close on a 40 mm object, with all forces scaled by the gain."""
     width_mm = 40.0 - (3.5 + 1.0 / stiffness) * FORCE_N
     width_mm[0] = 40.5
     curve = ClosingSteps(
@@ -39,7 +39,7 @@ def grasped(
 
 
 @pytest.mark.parametrize("stiffness", [0.1, 0.3, 0.6])
-def test_what_gives_way_as_much_as_the_fingers_is_told(stiffness: float) -> None:
+def test_soft_stiffness_measures_object_as_soft_as_fingers(stiffness: float) -> None:
     found = grasped(stiffness)
     assert found.low < stiffness < found.high
     assert found.high / found.low < 6
@@ -47,22 +47,22 @@ def test_what_gives_way_as_much_as_the_fingers_is_told(stiffness: float) -> None
     assert found.status is Status.OK
 
 
-def test_of_stiffer_things_a_lower_end_is_told_and_no_upper_one() -> None:
+def test_soft_stiffness_of_stiff_object_has_only_lower_bound() -> None:
     found = grasped(20.0)
     assert found.high == STIFFEST_N_PER_MM
     assert found.status is Status.SATURATED
     assert 0.8 < found.low < 20.0
 
 
-def test_a_force_known_better_tells_more() -> None:
+def test_soft_stiffness_interval_narrows_with_better_force() -> None:
     rough, close = grasped(1.0, half=0.2), grasped(1.0, half=0.03)
     assert close.low > rough.low
     assert close.high <= rough.high
 
 
 @pytest.mark.parametrize("stiffness", [0.3, 1.0, 3.0, 100.0])
-def test_errors_of_the_sheet_lie_inside_the_interval(stiffness: float) -> None:
-    """The sheet's scatter is told by few placements: the error over it is Student's t."""
+def test_soft_stiffness_interval_covers_sheet_errors(stiffness: float) -> None:
+    """The scatter is from few placements, so the normalised error is Student's t."""
     errors = 0.1 * student_t.ppf((np.arange(100) + 0.5) / 100, 6)
     held = [
         found.low <= stiffness <= found.high
@@ -72,13 +72,13 @@ def test_errors_of_the_sheet_lie_inside_the_interval(stiffness: float) -> None:
     assert 0.87 < np.mean(held) < 0.95
 
 
-def test_first_and_last_force_are_read_with_one_gain() -> None:
+def test_soft_stiffness_is_independent_of_common_gain() -> None:
     """The measured compliance of gripper and object is proportional to the gain."""
     plain, more = (3.5 + 1 / grasped(0.1, gain=gain, half=0.02).value for gain in (1.0, 1.3))
     assert 1.3 * more == pytest.approx(plain, rel=0.02)
 
 
-def test_a_touch_at_the_very_end_tells_nothing() -> None:
+def test_soft_stiffness_contact_at_last_step_returns_none() -> None:
     curve = ClosingSteps(
         width_mm=np.array([40.5, 40.0]),
         force_n=np.array([0.0, 1.0]),
@@ -90,7 +90,7 @@ def test_a_touch_at_the_very_end_tells_nothing() -> None:
     assert measure_soft_stiffness(curve, compliance=COMPLIANCE, opening_mm=40.0, force=held) is None
 
 
-def test_nothing_felt_tells_nothing() -> None:
+def test_soft_stiffness_without_force_returns_none() -> None:
     curve = ClosingSteps(
         width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, law_sd=0.1, floor_n=0.05
     )

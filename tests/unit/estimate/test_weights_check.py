@@ -1,4 +1,4 @@
-"""The error that a force calibration reports: of placements that its laws had not seen."""
+"""Error of a force calibration on held-out placements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def placed(rows: list[tuple[int, bool, float, FloatArray]]) -> PlacementReadings
 
 
 def placements(count: int, *, reach_n: float = 12.0) -> PlacementReadings:
-    """Return placements whose gains scatter by 10 %, read early and settled."""
+    """Return early and settled readings of placements with a gain scatter of 10 %."""
     rng = np.random.default_rng(4)
     force = np.linspace(0.5, reach_n, 8)
     rows = [
@@ -32,24 +32,24 @@ def placements(count: int, *, reach_n: float = 12.0) -> PlacementReadings:
     return placed(rows)
 
 
-def test_errors_are_those_of_the_scatter_over_placements() -> None:
+def test_held_out_error_matches_placement_scatter() -> None:
     found = score_held_out_placements(placements(6))
     for kind in ("early", "settled"):
         error = found[kind]["5_n"]
         assert 3 < error < 25
 
 
-def test_a_force_that_was_not_reached_has_no_error() -> None:
+def test_held_out_error_of_unreached_force_is_none() -> None:
     found = score_held_out_placements(placements(6, reach_n=4.0))
     assert found["settled"]["10_n"] is None
     assert found["settled"]["1_n"] is not None
 
 
-def test_two_placements_show_no_error() -> None:
+def test_held_out_error_of_two_placements_is_none() -> None:
     assert set(score_held_out_placements(placements(2))["early"].values()) == {None}
 
 
-def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
+def test_held_out_error_includes_all_placements() -> None:
     gains = np.array([1.0, 1.02, 1.4, 0.7, 1.35, 0.72])
     rows = [
         (run, early, n, gain * n * np.array([0.6, 0.4]))

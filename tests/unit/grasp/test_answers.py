@@ -1,4 +1,4 @@
-"""What the steps of a closing say of the object."""
+"""Size, stiffness and firmness from the steps of a closing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now
 
 
-def test_measure_object_step_with_cancelling_pixels_is_ignored(plan: Plan) -> None:
+def test_measure_object_ignores_step_with_cancelling_pixels(plan: Plan) -> None:
     steps = closing_steps([1.0, 0.0, 2.0, 3.0, 4.0], step_mm=0.5)
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=22.0, force_n=2.0)
     estimate.set_force(2.0, 2.2)
@@ -26,9 +26,7 @@ def test_measure_object_step_with_cancelling_pixels_is_ignored(plan: Plan) -> No
 
 
 @pytest.mark.parametrize("readings", [[0.02], [0.02, 0.03]])
-def test_measure_object_touch_too_faint_for_a_curve_still_has_a_firmness(
-    plan: Plan, readings: list[float]
-) -> None:
+def test_measure_object_faint_contact_has_firmness(plan: Plan, readings: list[float]) -> None:
     untouched = ClosingStep(closure=20.0, touch=touch(0.0, percent=0.0, time_s=0.0))
     steps = (untouched, *closing_steps([0.0, *readings], step_mm=1.0, percent=-5.0)[1:])
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=20.0 + len(readings))
@@ -43,6 +41,6 @@ def test_measure_object_touch_too_faint_for_a_curve_still_has_a_firmness(
     assert found["size_mm"].low < found["size_mm"].value < found["size_mm"].high
 
 
-def test_measure_object_without_a_step_has_nothing(plan: Plan) -> None:
+def test_measure_object_without_steps_returns_nothing(plan: Plan) -> None:
     force = Measurement(value=0.5, low=0.2, high=1.0, unit="n", level=0.9)
     assert measure_object(ContactEstimate(), force, plan=plan) == {}

@@ -20,8 +20,8 @@ from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 
-def test_residual_of_the_sheet_is_not_a_touch(plan: Plan, bench: Any) -> None:
-    """It keeps half of the first touch, and forgets half of that every second."""
+def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: Any) -> None:
+    """The sheet retains half of the first contact, which decays by half every second."""
     last = {"force_n": 0.0, "time_s": 0.0}
 
     def remembering(frame: Frame) -> Frame:
@@ -47,7 +47,7 @@ def test_residual_of_the_sheet_is_not_a_touch(plan: Plan, bench: Any) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", ["lab", "field"])
-def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
+def test_sweep_slowing_before_expected_size_detects_no_contact(level: str) -> None:
     """Resistances rise with finger speed, and fall on deceleration or by noise."""
     calibration = calibrate_twin(seed=5, level=level, apart_from="strawberry")
     # So light that a finger which pushes it to the middle feels nothing.
@@ -70,7 +70,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [15.0, 250.0])
-def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
+def test_sweep_checks_for_contact_again_before_expected_size(
     rate_hz: float,
 ) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
@@ -90,10 +90,8 @@ def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     assert blind <= before_s < blind + 0.3
 
 
-def test_sheet_that_reads_the_touch_after_the_way_back_ends_the_grasp(
-    plan: Plan, bench: Any
-) -> None:
-    """From the first touch on every pixel flickers about one value, whatever the fingers do."""
+def test_sheet_with_unchanged_reading_after_retraction_ends_grasp(plan: Plan, bench: Any) -> None:
+    """After the first contact every pixel flickers about a constant value."""
     stuck = list[np.ndarray]()
 
     def sticking(frame: Frame) -> Frame:
@@ -110,7 +108,7 @@ def test_sheet_that_reads_the_touch_after_the_way_back_ends_the_grasp(
 
 
 def entered_phases(plan: Plan, bench: Any) -> tuple[list[str], list[float]]:
-    """Grasp, and return the phases in turn and the closures up to the hold."""
+    """Grasp; return the phases in order, and the closures up to the hold."""
     phases, closures = list[str](), list[float]()
 
     def watch(grasp_state: GraspState) -> None:
@@ -124,13 +122,13 @@ def entered_phases(plan: Plan, bench: Any) -> tuple[list[str], list[float]]:
     return phases, closures
 
 
-def test_a_gentle_touch_is_the_first_step_of_the_squeeze(plan: Plan, bench: Any) -> None:
+def test_light_contact_is_first_squeeze_step(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 0.4
     _, closures = entered_phases(plan, bench)
     assert (np.diff(closures) >= 0).all()
 
 
-def test_firm_touch_is_repeated_close_to_the_first(plan: Plan, bench: Any) -> None:
+def test_fine_approach_after_firm_contact_starts_close_to_it(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 10.0
     _, closures = entered_phases(plan, bench)
     ways = np.diff(closures)
@@ -141,7 +139,7 @@ def test_firm_touch_is_repeated_close_to_the_first(plan: Plan, bench: Any) -> No
     assert met - plan.step < again < met
 
 
-def test_second_finger_is_approached_at_speed(plan: Plan, bench: Any) -> None:
+def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: Any) -> None:
     """The first finger touches two millimetres early and pushes the object to the middle."""
     size_mm = bench.size_mm
 
@@ -158,7 +156,7 @@ def test_second_finger_is_approached_at_speed(plan: Plan, bench: Any) -> None:
     assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]
 
 
-def test_nearly_equal_fingers_are_a_touch_and_not_a_push(plan: Plan, bench: Any) -> None:
+def test_contact_of_nearly_equal_fingers_is_not_a_push(plan: Plan, bench: Any) -> None:
     """On a nearly insensitive sheet, one finger barely detects 1 N, the other not."""
     rest, size_mm = list[np.ndarray](), bench.size_mm
 

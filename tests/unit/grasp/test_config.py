@@ -45,7 +45,7 @@ FIXED = {
 
 
 @pytest.mark.parametrize("name", LOOP)
-def test_loop_module_has_no_tuned_constant(name: str) -> None:
+def test_loop_module_contains_no_tuned_number(name: str) -> None:
     tree = ast.parse((FOLDER / f"{name}.py").read_text())
     numbers = {
         node.value
@@ -55,10 +55,10 @@ def test_loop_module_has_no_tuned_constant(name: str) -> None:
     assert numbers <= PLAIN | FIXED.get(name, set())
 
 
-def test_every_number_is_described_and_lies_in_its_range() -> None:
+def test_tuned_numbers_are_described_and_within_range() -> None:
     described = rows()
     assert len({row[0] for row in described}) == len(described)
-    assert 0 < len(described) <= 81, "a number stays only if something a user sees needs it"
+    assert 0 < len(described) <= 81, "each tuned number must affect a visible result"
     assert set(GROUPS) == {row[0].split(".")[0] for row in described}
     for name, value, span, unit, source, quantity in described:
         low, high = map(float, span.split(" to "))

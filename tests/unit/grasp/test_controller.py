@@ -1,4 +1,4 @@
-"""Tries, lift, damage limit and single fingers, on a spring in the gripper."""
+"""Controller with a spring in the gripper: attempts, lift, damage limit, single fingers."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def names(result: GraspResult) -> list[str]:
     return [moment.name for moment in result.moments if moment.finger is None]
 
 
-def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench: Any) -> None:
-    """Kept up to date, not searched for among tens of thousands at every frame."""
+def test_strongest_reading_restarts_after_each_movement(plan: Plan, bench: Any) -> None:
+    """The maximum is updated at each frame instead of searched in all readings."""
     fallen = 0
 
     def compare(grasp_state: GraspState) -> None:
@@ -37,7 +37,7 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
     assert fallen, "the last reading is not always the strongest"
 
 
-def test_attempt_without_an_object_is_repeated_until_one_is_there(plan: Plan, bench: Any) -> None:
+def test_attempt_without_object_is_repeated_until_contact(plan: Plan, bench: Any) -> None:
     bench.size_mm, entered = 0.0, list[str]()
 
     def somebody(grasp_state: GraspState) -> None:
@@ -54,12 +54,12 @@ def test_attempt_without_an_object_is_repeated_until_one_is_there(plan: Plan, be
     assert abs(result.size_mm.value - 50.3) < 0.3
 
 
-def test_last_attempt_without_an_object_ends_with_nothing_there(plan: Plan, bench: Any) -> None:
+def test_last_attempt_without_object_ends_with_nothing_there(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
     result = bench.grasp(replace(plan, tries=2, longest_s=300.0))
     assert result.outcome is Outcome.NOTHING_THERE
     assert names(result).count("nothing_there") == 2
-    assert result.faults == (), "rest values are taken anew, from enough frames"
+    assert result.faults == (), "rest values are measured again, from enough frames"
     assert bench.width_mm == 74.0
 
 
@@ -79,7 +79,7 @@ def test_unconfirmed_touch_is_rejected(plan: Plan, bench: Any) -> None:
     assert result.outcome is Outcome.NOTHING_THERE
 
 
-def test_insensitive_law_refuses_to_grip(plan: Plan, bench: Any) -> None:
+def test_grasp_with_insensitive_law_opens_the_hand(plan: Plan, bench: Any) -> None:
     assert isinstance(plan.early_law, PowerForceLaw)
     coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
     result = bench.grasp(replace(plan, early_law=coarse))
@@ -105,7 +105,7 @@ def test_hand_waits_between_attempts_unless_touched(plan: Plan, bench: Any, touc
     assert waited_s < 3.0 if touched else waited_s >= 6.0
 
 
-def test_hold_requires_a_certain_lift(plan: Plan, bench: Any) -> None:
+def test_grasp_with_lift_force_holds_at_least_that_force(plan: Plan, bench: Any) -> None:
     lifted_at_n = list[float]()
 
     def arm(grasp_state: GraspState) -> None:
@@ -118,7 +118,7 @@ def test_hold_requires_a_certain_lift(plan: Plan, bench: Any) -> None:
     assert min(lifted_at_n) >= 4.0
 
 
-def test_object_that_no_safe_grip_lifts_is_put_back(plan: Plan, bench: Any) -> None:
+def test_object_too_heavy_for_safe_grip_is_released(plan: Plan, bench: Any) -> None:
     phases = set[Phase]()
     safety = replace(plan.safety, force_ceiling_n=3.0)
     heavy = replace(plan, lift_force_n=8.0, safety=safety)
@@ -128,7 +128,9 @@ def test_object_that_no_safe_grip_lifts_is_put_back(plan: Plan, bench: Any) -> N
     assert bench.width_mm == 74.0
 
 
-def test_damage_limit_stops_before_the_target(plan: Plan, bench: Any, damage: DamageModel) -> None:
+def test_damage_limit_below_target_stops_closing(
+    plan: Plan, bench: Any, damage: DamageModel
+) -> None:
     forces = list[float]()
     wanted = replace(plan, target_force_n=8.0, damage=damage)
     result = bench.grasp(wanted, watchers=[lambda _: forces.append(bench.force_n)])
@@ -150,7 +152,7 @@ def test_on_target_is_reported_before_the_answer(plan: Plan, bench: Any) -> None
     assert abs(result.force_n.value / 6.0 - 1) < 0.08
 
 
-def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
+def test_push_by_one_finger_is_not_contact(plan: Plan, bench: Any) -> None:
     """The first finger pushes the object for 3 mm before contact of the other."""
 
     def pushed(frame: Frame) -> Frame:
@@ -172,7 +174,7 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
 
 
 def test_unknown_damage_limit_stops_closing(plan: Plan, bench: Any, damage: DamageModel) -> None:
-    """No give is known, so no stiffness is told: after the touch the hand stays."""
+    """Without compliance there is no stiffness: the hand stays after contact."""
     forces = list[float]()
     blind = replace(plan, target_force_n=8.0, damage=damage, compliance=None)
     bench.n_per_mm = 0.7
@@ -182,8 +184,8 @@ def test_unknown_damage_limit_stops_closing(plan: Plan, bench: Any, damage: Dama
     assert max(forces) < touched_n + 0.3 + 0.7 / (1 + 0.7 * 0.2)
 
 
-def test_run_grasp_command_that_the_gripper_rounds_is_taken_as_sent(plan: Plan, bench: Any) -> None:
-    """A gripper that goes to whole half millimetres only."""
+def test_run_grasp_uses_command_rounded_by_gripper(plan: Plan, bench: Any) -> None:
+    """The gripper rounds targets to half a millimetre."""
     command = bench.command
     bench.command = lambda wanted: command(replace(wanted, target=round(2 * wanted.target) / 2))
     sent = list[float]()
@@ -198,7 +200,7 @@ def test_run_grasp_command_that_the_gripper_rounds_is_taken_as_sent(plan: Plan, 
 
 
 def test_corrections_are_recorded_as_closing_steps(plan: Plan, bench: Any) -> None:
-    """The object yields after the squeeze; the gripper closes on and reads again."""
+    """The object yields after the squeeze; the gripper closes further and reads again."""
     seen = list[GraspState]()
 
     def watch(grasp_state: GraspState) -> None:
@@ -217,7 +219,7 @@ def test_corrections_are_recorded_as_closing_steps(plan: Plan, bench: Any) -> No
 
 
 def test_object_that_yields_while_closing_is_released(plan: Plan, bench: Any) -> None:
-    """A spring that gets shorter than the hand closes on, from 2 N on."""
+    """Above 2 N the spring shortens faster than the hand closes."""
     read = type(bench).read
     widest = bench.size_mm
 
@@ -235,7 +237,7 @@ def test_object_that_yields_while_closing_is_released(plan: Plan, bench: Any) ->
     assert result.outcome is Outcome.SENSOR_LOST
     assert "the reading falls while the hand closes" in result.faults[0]
     assert bench.width_mm == 74.0
-    assert widest - (74.0 - max(closures)) < 6.0, "it doesn't close on for long"
+    assert widest - (74.0 - max(closures)) < 6.0, "it stops closing soon"
 
 
 @pytest.mark.parametrize(
@@ -243,10 +245,10 @@ def test_object_that_yields_while_closing_is_released(plan: Plan, bench: Any) ->
     [(4.0, lambda force_n: 9.0 - force_n), (6.0, lambda force_n: 5.0 - 0.3 * force_n)],
     ids=["more where the hand opens", "a little less at each step"],
 )
-def test_sheet_without_the_force_opens_the_hand(
+def test_reading_against_the_movement_opens_the_hand(
     plan: Plan, bench: Any, target_force_n: float, shown_n: Callable[[float], float]
 ) -> None:
-    """From 3 N on it shows something else."""
+    """Above 3 N the sheet shows a wrong force."""
     peak_n = [0.0]
 
     def turned(frame: Frame) -> Frame:
@@ -265,7 +267,7 @@ def test_sheet_without_the_force_opens_the_hand(
 
 @pytest.mark.parametrize("finger", [0, 1])
 @pytest.mark.parametrize("from_n", [0.0, 1.0, 3.0])
-def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
+def test_grip_shown_by_one_finger_only_ends_grasp(
     plan: Plan, bench: Any, finger: int, from_n: float
 ) -> None:
     peak_n = [0.0]
@@ -286,9 +288,7 @@ def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
     assert peak_n[0] < 1.1 * 4.0
 
 
-def test_hold_pressed_from_outside_beyond_the_ceiling_opens_at_the_next_frames(
-    plan: Plan, bench: Any
-) -> None:
+def test_hold_with_external_force_above_ceiling_opens_at_once(plan: Plan, bench: Any) -> None:
     read, pressed_s = type(bench).read, list[float]()
 
     def squeezed(*, timeout_s: float) -> Any:

@@ -1,4 +1,4 @@
-"""Corrections of the settled force: how far up, and how far down before coming back."""
+"""Corrections of the settled force: closing further, or opening and closing again."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def settled(force_n: float) -> Measurement:
 
 
 def holding(force_n: float) -> GraspState:
-    """Return the state of a gripper after a squeeze, with its settled force known."""
+    """Return the state after a squeeze with a known settled force."""
     closures = (20.0, 20.5, 21.0)
     steps = tuple(
         ClosingStep(closure=each, touch=touch(force_n - N_PER_MM * (21.0 - each)))
@@ -44,7 +44,7 @@ def holding(force_n: float) -> GraspState:
     return GraspState(estimate=estimate)
 
 
-def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
+def test_increase_force_adds_the_missing_force(plan: Plan) -> None:
     state = holding(4.0)
     wish = increase_force(state, settled(4.0), plan, missing_n=1.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
@@ -52,10 +52,10 @@ def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
     assert state.correction.before == (21.0, pytest.approx(4.0))
 
 
-def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
+def test_increase_force_after_small_effect_lowers_slope_to_a_quarter(
     plan: Plan,
 ) -> None:
-    """Half a millimetre gave 0.1 N instead of 1 N; the next step is quadrupled."""
+    """0.5 mm added 0.1 N instead of 1 N; the next step is quadrupled."""
     state = holding(4.0)
     state.correction.before = (20.5, 3.9)
     wish = increase_force(state, settled(4.0), plan, missing_n=0.2)
@@ -64,21 +64,21 @@ def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
     )
 
 
-def test_correction_without_effect_limits_the_next(plan: Plan) -> None:
+def test_increase_force_after_no_effect_is_limited_to_last_travel(plan: Plan) -> None:
     state = holding(4.0)
     state.correction.before = (20.9, 4.1)
     wish = increase_force(state, settled(4.0), plan, missing_n=3.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.1, abs=0.03)
 
 
-def test_correction_that_is_not_safe_changes_nothing(plan: Plan) -> None:
+def test_increase_force_without_safe_step_changes_nothing(plan: Plan) -> None:
     state = holding(4.0)
     state.estimate.damage_low_n = 4.1
     assert increase_force(state, settled(4.0), plan, missing_n=3.0) is None
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)
 
 
-def test_correction_downwards_opens_well_below_the_target(plan: Plan) -> None:
+def test_reduce_force_opens_well_below_target(plan: Plan) -> None:
     state = holding(5.0)
     command = reduce_force(state, settled(5.0), plan, goal_n=4.0)
     over_n = 5.0 - 4.0
@@ -98,7 +98,7 @@ def below(force_n: float, *, return_closure: float) -> GraspState:
     return state
 
 
-def test_return_to_the_target_takes_half_a_second(plan: Plan) -> None:
+def test_return_from_below_takes_half_a_second(plan: Plan) -> None:
     state = below(3.0, return_closure=22.0)
     wish = return_from_below(state, plan)
     assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
@@ -107,7 +107,7 @@ def test_return_to_the_target_takes_half_a_second(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("return_closure", [21.0, 22.0])
-def test_return_waits_for_a_reading_and_ends_at_its_closure(
+def test_return_from_below_waits_for_reading_and_ends_at_closure(
     plan: Plan, return_closure: float
 ) -> None:
     state = below(3.0, return_closure=return_closure)

@@ -1,4 +1,4 @@
-"""A bound on the force by the servo's current alone."""
+"""Bounds of the force from the servo current alone."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def moved(
     reading: float = 0.0,
     opening: bool = False,
 ) -> list[Alarm | None]:
-    """Move by a millimetre at a current, then stand while the gears take nothing."""
+    """Move by 1 mm with a current, then rest without friction current."""
     found = list[Alarm | None]()
     for part in np.linspace(0.0, 1.0, 4):
         at = closure - part if opening else closure + part
@@ -70,7 +70,7 @@ def of_force(force_n: float) -> float:
     return GEARS_MA + MA_PER_N * force_n
 
 
-def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
+def test_current_monitor_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     rng = np.random.default_rng(1)
     for closure in range(60):
@@ -78,18 +78,18 @@ def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
         assert moved(watch, current_ma, closure=closure) == [None] * 5
 
 
-def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> None:
+def test_current_monitor_moving_above_ceiling_raises_alarm(calibrated: Plan) -> None:
     alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
     assert alarm.danger is Danger.FORCE_LIMIT
     assert "15 N is the most allowed" in alarm.message
 
 
-def test_force_below_the_ceiling_raises_no_alarm(calibrated: Plan) -> None:
+def test_current_monitor_below_ceiling_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(14.0), closure=20.0, reading=100.0) == [None] * 5
 
 
-def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
+def test_current_monitor_at_rest_above_ceiling_raises_alarm(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0, current_ma=of_force(22.0))
     alarm = CurrentMonitor(calibrated).check(
         state, estimate=estimate_of(100.0, closure=24.0, still=True)
@@ -102,7 +102,7 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
     assert found[-1].danger is Danger.FORCE_LIMIT
 
 
-def test_one_current_of_a_standing_hand_above_the_ceiling_raises_no_alarm(
+def test_current_monitor_single_high_current_at_rest_raises_no_alarm(
     calibrated: Plan,
 ) -> None:
     watch, estimate = CurrentMonitor(calibrated), estimate_of(100.0, closure=24.0, still=True)
@@ -112,22 +112,22 @@ def test_one_current_of_a_standing_hand_above_the_ceiling_raises_no_alarm(
 
 
 @pytest.mark.parametrize("reading", [0.0, 1.0])
-def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
+def test_current_monitor_force_unseen_by_sheet_raises_alarm(
     calibrated: Plan, reading: float
 ) -> None:
-    """An object beside the sheet is noticed at once, or by two movements."""
+    """An object next to the sheet is detected at once, or after two movements."""
     alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "and the sheet at most" in alarm.message
 
 
-def test_weaker_force_is_detected_by_two_movements(calibrated: Plan) -> None:
+def test_current_monitor_weak_force_raises_alarm_after_two_movements(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
     assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
-def test_force_on_the_sheet_too_raises_no_alarm(calibrated: Plan) -> None:
+def test_current_monitor_force_shown_by_sheet_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
 
@@ -138,7 +138,7 @@ def test_current_monitor_opening_movement_is_not_checked(calibrated: Plan) -> No
     assert found == [None] * 5
 
 
-def test_closing_against_an_opening_command_is_checked(calibrated: Plan) -> None:
+def test_current_monitor_checks_closing_despite_opening_command(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = list[Alarm | None]()
     for part in range(6):
@@ -153,7 +153,7 @@ def test_closing_against_an_opening_command_is_checked(calibrated: Plan) -> None
     assert alarms[0].danger is Danger.FORCE_LIMIT
 
 
-def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan) -> None:
+def test_current_monitor_uncalibrated_compares_with_approach(plan: Plan) -> None:
     watch = CurrentMonitor(plan)
     for closure in range(6):
         assert moved(watch, GEARS_MA + closure, closure=closure) == [None] * 5
@@ -197,8 +197,8 @@ def swept(
     return closure, None
 
 
-def test_current_monitor_uncalibrated_long_movement_raises_an_alarm(plan: Plan) -> None:
-    """The object lies beside the sheet, and the hand closes on it without a stop."""
+def test_current_monitor_uncalibrated_rise_in_long_movement_raises_alarm(plan: Plan) -> None:
+    """The hand closes without a stop on an object next to the sheet."""
     touch_mm = 12.0
     closure, alarm = swept(
         CurrentMonitor(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
@@ -209,7 +209,7 @@ def test_current_monitor_uncalibrated_long_movement_raises_an_alarm(plan: Plan) 
     assert closure - touch_mm < 3.75 / 4.0 + 15.0 * (0.04 + 0.06 + 0.07)
 
 
-def test_without_a_calibration_friction_along_a_long_movement_is_no_grip(plan: Plan) -> None:
+def test_current_monitor_uncalibrated_friction_raises_no_alarm(plan: Plan) -> None:
     waves = [
         swept(
             CurrentMonitor(plan),
@@ -221,7 +221,7 @@ def test_without_a_calibration_friction_along_a_long_movement_is_no_grip(plan: P
     assert waves == [None] * 20
 
 
-def test_a_touch_at_speed_that_the_sheet_shows_a_frame_later_is_no_alarm(plan: Plan) -> None:
+def test_current_monitor_contact_shown_one_frame_later_raises_no_alarm(plan: Plan) -> None:
     def force_n(at: float) -> float:
         return 4.0 * max(at - 12.0, 0.0)
 
@@ -237,7 +237,7 @@ def test_a_touch_at_speed_that_the_sheet_shows_a_frame_later_is_no_alarm(plan: P
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_current_of_the_other_sign_ends_the_approach(
+def test_current_monitor_negative_current_raises_alarm(
     plan: Plan, calibrated: Plan, known: bool
 ) -> None:
     closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
@@ -247,16 +247,16 @@ def test_a_current_of_the_other_sign_ends_the_approach(
 
 
 @pytest.mark.parametrize("mean_ma", [-GEARS_MA, 0.0, 0.001])
-def test_a_current_of_the_sign_that_was_calibrated_is_not_refused(
+def test_current_monitor_calibrated_negative_friction_raises_no_alarm(
     plan: Plan, mean_ma: float
 ) -> None:
-    """A spring helps to close, or the gears take next to nothing."""
+    """A spring assists closing, or friction is near zero."""
     gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
     law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
     assert swept(CurrentMonitor(replace(plan, current=law)), lambda at: mean_ma)[1] is None
 
 
-def test_a_calibrated_current_that_is_never_reported_is_a_fault(calibrated: Plan) -> None:
+def test_current_monitor_missing_calibrated_current_raises_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = [alarm for closure in range(4) for alarm in moved(watch, np.nan, closure=closure)]
     (alarm,) = set(found) - {None}
@@ -264,18 +264,18 @@ def test_a_calibrated_current_that_is_never_reported_is_a_fault(calibrated: Plan
     assert "reports no current" in alarm.message
 
 
-def test_an_uncalibrated_current_that_is_never_reported_is_no_fault(plan: Plan) -> None:
+def test_current_monitor_missing_uncalibrated_current_raises_no_alarm(plan: Plan) -> None:
     watch = CurrentMonitor(plan)
     assert not any(alarm for at in range(9) for alarm in moved(watch, np.nan, closure=at))
 
 
-def test_stationary_gripper_without_current_is_not_checked(calibrated: Plan) -> None:
+def test_current_monitor_missing_current_at_rest_raises_no_alarm(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0)
     watch = CurrentMonitor(calibrated)
     assert watch.check(state, estimate=estimate_of(0.0, closure=24.0, still=True)) is None
 
 
-def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
+def test_current_monitor_constant_current_raises_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
     assert found[:18] == [None] * 18
@@ -283,8 +283,8 @@ def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
     assert "it is stuck" in found[18].message
 
 
-def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) -> None:
-    """The hand has let go of what it touched, and nothing showed it moving."""
+def test_current_monitor_short_opening_discards_old_readings(calibrated: Plan) -> None:
+    """The hand has released the object without a report of movement."""
     watch = CurrentMonitor(calibrated)
     touching = [
         GripperState(time_s=0.0, width_mm=54.0 - part, current_ma=of_force(6.0), moving=True)
@@ -312,7 +312,7 @@ def smallest_n(plan: Plan, movements: int) -> float:
 
 
 @pytest.mark.parametrize(("movements", "deviations"), [(1, 4.5), (2, 3.0), (3, 3.0)])
-def test_lower_bound_of_the_force_follows_the_current(
+def test_current_monitor_lowest_detected_force_matches_model(
     calibrated: Plan, movements: int, deviations: float
 ) -> None:
     """Highest gear friction, four readings, cold motor; at most twice the sheet's force."""
@@ -323,7 +323,7 @@ def test_lower_bound_of_the_force_follows_the_current(
     assert smallest_n(calibrated, movements) == pytest.approx(least_n, abs=0.051)
 
 
-def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
+def test_current_monitor_learns_friction_from_four_movements(
     plan: Plan,
 ) -> None:
     watch = CurrentMonitor(plan)
@@ -334,14 +334,14 @@ def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
             assert (
                 watch.check(stands, estimate=estimate_of(0.0, closure=closure, still=True)) is None
             )
-    assert moved(watch, of_force(6.0), closure=3.0)[-1] is None, "three movements are too few"
+    assert moved(watch, of_force(6.0), closure=3.0)[-1] is None, "three movements are not enough"
     fresh = CurrentMonitor(plan)
     for closure in range(4):
         moved(fresh, GEARS_MA, closure=closure)
     assert moved(fresh, of_force(6.0), closure=4.0)[-1] is not None
 
 
-def test_one_report_seen_often_is_not_stuck(calibrated: Plan) -> None:
+def test_current_monitor_repeated_report_is_not_stuck(calibrated: Plan) -> None:
     """A recording repeats the same report at every reading of the gripper."""
     watch = CurrentMonitor(calibrated)
     state = GripperState(time_s=1.0, width_mm=50.0, current_ma=GEARS_MA, moving=True)
@@ -350,10 +350,10 @@ def test_one_report_seen_often_is_not_stuck(calibrated: Plan) -> None:
 
 
 @pytest.mark.parametrize(("fraction", "is_limit"), [(0.98, False), (1.02, True)])
-def test_force_limit_comes_where_the_current_proves_the_ceiling(
+def test_current_monitor_force_limit_starts_at_proven_ceiling(
     calibrated: Plan, fraction: float, is_limit: bool
 ) -> None:
-    """Gears and noise may take their share, and a warm servo more for each newton."""
+    """The limit includes friction, noise, and the larger current of a warm servo."""
     assert calibrated.current is not None
     gears_ma = GEARS_MA * np.exp(CURRENT.repeated_sd * 4.0 / GEARS_MA)
     noise_ma = CURRENT.repeated_sd * 6.0 / np.sqrt(CURRENT.readings)

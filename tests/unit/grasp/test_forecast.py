@@ -1,4 +1,4 @@
-"""The forecast of a held object stays above zero, however fast its reading falls."""
+"""Forecast of the settled reading: plausibility and calibrated creep."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_implausible_forecast_is_replaced_by_the_reading(plan: Plan) -> None:
     assert reading.high >= 2.0 * reading.value
 
 
-def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
+def test_forecast_with_sheet_creep_uses_it(plan: Plan) -> None:
     estimate = held(plan)
     reading = forecast(estimate, plan=replace(plan, creep=CREEP)).reading
     assert 1.05 < reading.value / estimate.now.reading < 1.25
@@ -55,8 +55,8 @@ def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(seed: int) -> None:
-    """Gentle simulated soft fingers; shapes alone forecast 15 to 30 % too deep."""
+def test_forecast_of_relative_change_includes_calibrated_creep(seed: int) -> None:
+    """Soft fingers on the twin; a general forecast is 15 to 30 % too large."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="tomato", kind="soft")
     obj = draw("tomato", seed, 10)
     world = World(obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft")

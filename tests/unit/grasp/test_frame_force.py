@@ -1,4 +1,4 @@
-"""Force by single frames: one spike is none, and the gain of the contact counts."""
+"""Force of single frames: robustness to spikes, and gain of the contact."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 
 
-def test_watched_force_ignores_a_single_spike() -> None:
+def test_confirmed_force_ignores_a_single_spike() -> None:
     estimate = ContactEstimate(frame_forces=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
     assert estimate.confirmed_force_n == 1.0
 
 
-def test_frame_force_grows_with_the_gain_of_the_contact(plan: Plan) -> None:
+def test_frame_force_is_proportional_to_contact_gain(plan: Plan) -> None:
     plain = ContactEstimate()
     gain = Gain(log_mean=math.log(1.5), log_sd=0.1, law_sd=0.1)
     stronger = replace(plain, gain=gain)

@@ -39,7 +39,7 @@ def squeezed(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, floa
     ("n_per_mm", "why"),
     [(0.4, "gave_way"), (3.0, "firm_enough"), (10.0, "firm_enough"), (60.0, "stiffness_known")],
 )
-def test_the_answer_says_what_ended_the_squeeze(
+def test_gentle_squeeze_records_its_end_reason(
     plan: Plan, bench: Any, n_per_mm: float, why: str
 ) -> None:
     result, _ = squeezed(plan, bench, n_per_mm)
@@ -47,27 +47,31 @@ def test_the_answer_says_what_ended_the_squeeze(
     assert [moment.name for moment in result.moments if moment.name in ends] == [why]
 
 
-def test_squeeze_to_a_target_names_no_reason(plan: Plan, bench: Any) -> None:
+def test_squeeze_to_target_records_no_reason(plan: Plan, bench: Any) -> None:
     result, _ = squeezed(replace(plan, target_force_n=3.0), bench, 2.0)
     assert "firm_enough" not in {moment.name for moment in result.moments}
 
 
 @pytest.mark.parametrize("n_per_mm", [0.4, 0.7, 1.2])
-def test_yielding_object_is_not_deformed_further(plan: Plan, bench: Any, n_per_mm: float) -> None:
-    """No further than a millimetre, or than the touch at speed has deformed it already."""
+def test_gentle_squeeze_of_soft_object_stops_at_deformation_limit(
+    plan: Plan, bench: Any, n_per_mm: float
+) -> None:
+    """The deformation is at most 1 mm, or that of the contact at speed."""
     result, touch_n, most_n = grasped(plan, bench, n_per_mm)
     assert most_n <= max(n_per_mm * (plan.gentle_mm + plan.fine_step), 1.05 * touch_n)
     assert most_n < 0.9 * plan.gentle_force_n
     assert result.stiffness_n_per_mm is not None
 
 
-def test_planned_lift_gets_its_full_force(plan: Plan, bench: Any) -> None:
+def test_gentle_squeeze_with_lift_reaches_lift_force(plan: Plan, bench: Any) -> None:
     _, most_n = squeezed(replace(plan, lift_force_n=0.5), bench, 0.4)
     assert most_n >= plan.gentle_force_n
 
 
-def test_stiff_object_is_squeezed_until_its_stiffness_is_known(plan: Plan, bench: Any) -> None:
-    """Two newtons don't tell; more do, and deform it by less than is allowed."""
+def test_gentle_squeeze_of_stiff_object_continues_until_stiffness_known(
+    plan: Plan, bench: Any
+) -> None:
+    """2 N does not determine the stiffness; a larger permitted force does."""
     soon = replace(plan, firm_force_n=0.0)
     before, gentle_n = squeezed(soon, bench, 10.0)
     after, firm_n = squeezed(plan, type(bench)(), 10.0)
@@ -82,6 +86,8 @@ def test_stiff_object_is_squeezed_until_its_stiffness_is_known(plan: Plan, bench
 
 
 @pytest.mark.parametrize("n_per_mm", [0.4, 2.0, 5.0, 50.0])
-def test_squeeze_stops_at_a_firm_object(plan: Plan, bench: Any, n_per_mm: float) -> None:
+def test_gentle_squeeze_of_firm_object_stops_near_firm_force(
+    plan: Plan, bench: Any, n_per_mm: float
+) -> None:
     _, most_n = squeezed(plan, bench, n_per_mm)
     assert most_n <= 1.2 * plan.firm_force_n

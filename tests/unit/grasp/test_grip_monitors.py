@@ -23,28 +23,28 @@ SEEN = Observation(
 
 
 def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
-    """Return a grasp whose sheet read 1 and reads this fraction of it now."""
+    """Return a grasp with a largest reading of 1 and this present reading."""
     touches = tuple(touch(fraction, time_s=0.1 * number) for number in range(12))
     estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest_reading=1.0)
     return GraspState(phase=phase, estimate=estimate)
 
 
 @pytest.mark.parametrize("phase", [Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD])
-def test_slip_monitor_reading_below_the_fraction_is_a_slip(plan: Plan, phase: Phase) -> None:
+def test_slip_monitor_reading_below_fraction_raises_alarm(plan: Plan, phase: Phase) -> None:
     alarm = SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction - 0.02, phase=phase))
     assert alarm.danger is Danger.SLIPPED
 
 
-def test_slip_monitor_reading_above_the_fraction_is_held(plan: Plan) -> None:
+def test_slip_monitor_reading_above_fraction_raises_no_alarm(plan: Plan) -> None:
     assert SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction + 0.02)) is None
 
 
-def test_slip_monitor_hand_that_opens_is_not_watched(plan: Plan) -> None:
+def test_slip_monitor_while_opening_raises_no_alarm(plan: Plan) -> None:
     assert SlipMonitor(plan).check(SEEN, held(0.0, phase=Phase.RELEASE)) is None
 
 
 def closed(*readings: float) -> GraspState:
-    """Return a squeeze whose steps read these values."""
+    """Return a squeeze with these readings at its steps."""
     estimate = ContactEstimate(
         now_s=9.0, still_since_s=8.9, steps=closing_steps(readings, step_mm=1.0), contact_s=0.0
     )

@@ -27,7 +27,7 @@ PERIOD_S = 1 / 15
 
 
 def spoil_frames(bench: Any, change: Callable[[np.ndarray], np.ndarray], *, when: Any) -> None:
-    """Change the counts of every frame from when a condition first holds."""
+    """Change the counts of every frame after a condition is first true."""
     spoilt = list[bool]()
 
     def other(frame: Frame) -> Frame:
@@ -40,7 +40,7 @@ def spoil_frames(bench: Any, change: Callable[[np.ndarray], np.ndarray], *, when
 
 
 def spoil_state(bench: Any, **values: float) -> None:
-    """Report other values once the object is pressed."""
+    """Change the reports after contact with the object."""
     state = bench.state
 
     def other() -> GripperState:
@@ -58,7 +58,7 @@ def held(bench: Any) -> bool:
 
 
 @pytest.mark.parametrize("where", [np.s_[0, 0], np.s_[1, :], np.s_[:, 1], np.s_[:2], np.s_[:]])
-def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
+def test_shorted_pixels_during_hold_end_grasp(plan: Plan, bench: Any, where: Any) -> None:
     def short(counts: np.ndarray) -> np.ndarray:
         counts[where] = 1023
         return counts
@@ -71,7 +71,7 @@ def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
 
 
 def test_all_counts_saturated_while_closing_opens_the_hand(plan: Plan, bench: Any) -> None:
-    """With a ground wire off, the fingers close on an undetected block."""
+    """Without a ground wire, the fingers close on an undetected block."""
     bench.n_per_mm = 50.0
     peaks = list[float]()
     spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 1.0)
@@ -81,7 +81,7 @@ def test_all_counts_saturated_while_closing_opens_the_hand(plan: Plan, bench: An
     assert max(peaks) < 1.0
 
 
-def test_one_flicker_to_the_end_of_the_range_changes_nothing(plan: Plan, bench: Any) -> None:
+def test_single_frame_at_range_end_does_not_change_grasp(plan: Plan, bench: Any) -> None:
 
     def flickering(frame: Frame) -> Frame:
         counts = frame.counts.copy()
@@ -126,7 +126,7 @@ def test_frames_without_a_finite_time_are_refused(plan: Plan, bench: Any, time_s
     assert bench.stops == 1
 
 
-def test_frames_that_never_change_end_the_approach(plan: Plan, bench: Any) -> None:
+def test_repeated_frames_end_the_approach(plan: Plan, bench: Any) -> None:
     frozen = list[np.ndarray]()
 
     def freeze(counts: np.ndarray) -> np.ndarray:
@@ -149,7 +149,7 @@ ABSURD = {
 
 @pytest.mark.parametrize("name", ABSURD)
 def test_impossible_rest_values_end_the_grasp(plan: Plan, bench: Any, name: str) -> None:
-    """The calibration is of a sheet that reads otherwise: the one here can't be it."""
+    """The calibration belongs to another sheet."""
     result = bench.grasp(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)))
     assert result.outcome is Outcome.SENSOR_LOST
     assert "run `palpate doctor`" in result.faults[-1]
@@ -159,7 +159,9 @@ def test_impossible_rest_values_end_the_grasp(plan: Plan, bench: Any, name: str)
 @pytest.mark.parametrize(
     ("factor", "fine"), [(0.41, True), (2.4, True), (0.39, False), (2.6, False)]
 )
-def test_the_drift_of_the_rest_has_a_bound(plan: Plan, factor: float, fine: bool) -> None:
+def test_rest_values_beyond_plausible_drift_are_rejected(
+    plan: Plan, factor: float, fine: bool
+) -> None:
     assert (explain_implausible_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
 
 
@@ -167,10 +169,10 @@ def test_the_drift_of_the_rest_has_a_bound(plan: Plan, factor: float, fine: bool
 
 
 @pytest.mark.parametrize("first_s", [0.001, 1.0])
-def test_one_odd_interval_does_not_move_the_stale_limit(
+def test_single_long_interval_does_not_change_stale_limit(
     plan: Plan, bench: Any, first_s: float
 ) -> None:
-    """Five periods of 1/15 s, whatever the first interval was."""
+    """The limit is five periods of 1/15 s, independent of the first interval."""
     read = bench.read
 
     def odd(*, timeout_s: float) -> Frame:
@@ -186,8 +188,8 @@ def test_one_odd_interval_does_not_move_the_stale_limit(
     assert "no frame in 0.33 s" in result.faults[0]
 
 
-def test_two_frames_close_together_do_not_move_the_stale_limit(plan: Plan, bench: Any) -> None:
-    """A late frame, the next at once, then a gap of three periods."""
+def test_single_short_interval_does_not_change_stale_limit(plan: Plan, bench: Any) -> None:
+    """A late frame precedes one at once and a gap of three periods."""
     read, gap_s = bench.read, [3 * PERIOD_S]
 
     def bunched(*, timeout_s: float) -> Frame:
@@ -227,7 +229,7 @@ def test_impossible_reports_are_described(plan: Plan, bench: Any, name: str) -> 
     assert bench.stops == 1
 
 
-def test_current_that_is_no_longer_reported_ends_the_grasp(plan: Plan, bench: Any) -> None:
+def test_current_no_longer_reported_ends_grasp(plan: Plan, bench: Any) -> None:
     state = bench.state
     bench.state = lambda: replace(state(), current_ma=40.0 if bench.force_n < 1.0 else math.nan)
     result = bench.grasp(plan)
@@ -235,7 +237,7 @@ def test_current_that_is_no_longer_reported_ends_the_grasp(plan: Plan, bench: An
     assert "a current of nan mA" in result.faults[0]
 
 
-def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> None:
+def test_gripper_overshoot_ends_grasp_at_once(plan: Plan, bench: Any) -> None:
     command = bench.command
 
     def runaway(wanted: Any) -> Any:
@@ -256,8 +258,8 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
 
 
-def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None:
-    """The driver uses other speed units, and reports the wanted speed as sent."""
+def test_gripper_closing_too_fast_is_stopped(plan: Plan, bench: Any) -> None:
+    """The driver uses another speed unit, and reports the commanded speed."""
     command = bench.command
 
     def faster(wanted: Any) -> Any:
@@ -272,7 +274,7 @@ def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None
     assert bench.stops == 1
 
 
-def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench: Any) -> None:
+def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: Any) -> None:
     """Each short step alone is within the position error of a loaded servo."""
     sent = list[Any]()
     bench.command = lambda wanted: sent.append(wanted) or wanted
@@ -282,7 +284,7 @@ def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench
     assert len(sent) <= 6
 
 
-def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -> None:
+def test_gripper_without_movement_still_receives_open_command(plan: Plan, bench: Any) -> None:
     """A release requested after the number of commands that count as blocked."""
     sent, requests, sent_s = list[Any](), Requests(), list[float]()
 
@@ -307,7 +309,7 @@ def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -
 
 
 @pytest.mark.parametrize(("ahead_s", "outcome"), [(0.2, "held"), (0.4, "sensor_lost")])
-def test_frames_from_the_future_are_taken_up_to_the_age_of_old_ones(
+def test_frames_from_the_future_are_accepted_up_to_stale_limit(
     plan: Plan, bench: Any, ahead_s: float, outcome: str
 ) -> None:
     """Two clocks may differ by at most the limit of a stale frame."""
@@ -325,13 +327,13 @@ def test_frames_from_the_future_are_taken_up_to_the_age_of_old_ones(
 # -- the ceiling -----------------------------------------------------------------------------------
 
 
-def test_the_ceiling_is_15_newtons() -> None:
+def test_force_ceiling_is_15_newtons() -> None:
     assert FORCE_CEILING_N == 15.0
     assert SafetyLimits().force_ceiling_n == 15.0
 
 
 @pytest.mark.parametrize(("share", "opens"), [(0.99, False), (1.01, True)])
-def test_ceiling_is_at_its_documented_place(
+def test_force_ceiling_is_defined_in_documented_module(
     plan: Plan, bench: Any, share: float, opens: bool
 ) -> None:
     estimate = ContactEstimate(
@@ -346,7 +348,7 @@ def test_ceiling_is_at_its_documented_place(
     assert (command is not None) == opens
 
 
-def test_run_grasp_force_above_the_ceiling_opens_and_says_so(plan: Plan, bench: Any) -> None:
+def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench: Any) -> None:
     def shove(_: Observation) -> None:
         if bench.force_n > 0:
             bench.size_mm, bench.n_per_mm = 56.0, 50.0
@@ -367,7 +369,7 @@ def test_run_grasp_timeout_opens_and_reports_a_fault(plan: Plan, bench: Any) -> 
     assert bench.width_mm == 74.0
 
 
-def test_a_hold_that_outlasts_the_longest_grasp_is_held(plan: Plan, bench: Any) -> None:
+def test_hold_longer_than_time_limit_ends_with_held(plan: Plan, bench: Any) -> None:
     result = bench.grasp(replace(plan, longest_s=20.0, hold_s=30.0))
     assert result.outcome is Outcome.HELD
     assert bench.clock.now_s() > 30.0
@@ -382,7 +384,7 @@ def test_a_hold_that_outlasts_the_longest_grasp_is_held(plan: Plan, bench: Any) 
         ((1.0, 2.0, 3.0), 21.0, None, False),
     ],
 )
-def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
+def test_closing_hand_above_target_force_stops_at_its_position(
     plan: Plan, forces_n: tuple[float, ...], sent: float, target_n: float | None, ends: bool
 ) -> None:
     frame_forces = tuple((0.1 * number, force_n) for number, force_n in enumerate(forces_n))
@@ -393,7 +395,7 @@ def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
     assert is_closing_too_far(state, replace(plan, target_force_n=target_n)) is ends
 
 
-def test_a_stop_of_soft_fingers_that_hold_vents_them(plan: Plan) -> None:
+def test_stop_during_hold_vents_pressure_driven_fingers(plan: Plan) -> None:
     soft = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=40.0)
     state = GraspState(phase=Phase.HOLD, estimate=ContactEstimate(closure=20.0, sent=20.0))
     command = GraspController(replace(plan, gripper=soft), state).stop(Alarm(danger=Danger.STOPPED))

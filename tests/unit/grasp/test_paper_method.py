@@ -21,7 +21,7 @@ def grasped(palpate: Command, *options: object) -> dict[str, Any]:
     return document
 
 
-def test_paper_method_on_rigid_fingers_gives_size_and_force(palpate: Command) -> None:
+def test_paper_method_on_rigid_fingers_measures_size_and_force(palpate: Command) -> None:
     found = grasped(palpate, "--object", "strawberry")
     assert found["outcome"] == "held"
     assert found["decision_time_s"] == pytest.approx(2.5, abs=0.2)
@@ -32,7 +32,7 @@ def test_paper_method_on_rigid_fingers_gives_size_and_force(palpate: Command) ->
     assert found["stiffness_n_per_mm"] is None
 
 
-def test_paper_method_on_fingers_driven_by_pressure_gives_no_size(palpate: Command) -> None:
+def test_paper_method_on_pressure_driven_fingers_has_no_size(palpate: Command) -> None:
     found = grasped(palpate, "--rig", "sim-soft")
     assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
 
@@ -45,12 +45,12 @@ def test_paper_method_through_the_firmware_holds_the_object(palpate: Command) ->
     assert found["size_mm"]["value"] == pytest.approx(found["truth"]["size_mm"], abs=2.0)
 
 
-def test_extra_closing_presses_more(palpate: Command) -> None:
+def test_paper_method_extra_closing_increases_force(palpate: Command) -> None:
     forces_n = [grasped(palpate, "--extra-mm", extra)["truth"]["force_n"] for extra in ("0", "0.5")]
     assert forces_n[1] > 1.2 * forces_n[0]
 
 
-def test_recorded_paper_grasp_is_decided_again_alike(tmp_path: Path, palpate: Command) -> None:
+def test_decide_again_repeats_recorded_paper_grasp(tmp_path: Path, palpate: Command) -> None:
     file = tmp_path / "run.mcap"
     live = grasped(palpate, "--cutoff", "1.5", "--record", file)
     again = palpate("replay", file, "--json").document
@@ -58,9 +58,7 @@ def test_recorded_paper_grasp_is_decided_again_alike(tmp_path: Path, palpate: Co
         assert again[name] == live[name]
 
 
-def test_the_papers_own_grasp_is_read_alike_as_the_hand_moved(
-    tmp_path: Path, palpate: Command
-) -> None:
+def test_evaluate_with_paper_method_matches_its_own_grasp(tmp_path: Path, palpate: Command) -> None:
     """Steps of 1 mm end within a frame, so no frame shows movement."""
     file = tmp_path / "run.mcap"
     live = grasped(palpate, "--extra-mm", "0.5", "--record", file)
@@ -70,7 +68,9 @@ def test_the_papers_own_grasp_is_read_alike_as_the_hand_moved(
     assert read["settled_percent"]["value"] == pytest.approx(settled, rel=0.1)
 
 
-def test_any_recorded_grasp_is_read_by_the_papers_method(tmp_path: Path, palpate: Command) -> None:
+def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
+    tmp_path: Path, palpate: Command
+) -> None:
     file = tmp_path / "run.mcap"
     palpate("grasp", "--seed", "3", "--record", file)
     read = ["replay", file, "--method", "paper"]
@@ -93,11 +93,13 @@ def test_any_recorded_grasp_is_read_by_the_papers_method(tmp_path: Path, palpate
         (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "driven by pressure"),
     ],
 )
-def test_impossible_option_is_refused(options: list[str], message: str, palpate: Command) -> None:
+def test_paper_setting_out_of_range_is_refused(
+    options: list[str], message: str, palpate: Command
+) -> None:
     assert message in palpate.refused("grasp", *options)
 
 
-def test_line_law_is_kept_in_the_calibration(tmp_path: Path, palpate: Command) -> None:
+def test_with_line_law_stores_law_in_calibration(tmp_path: Path, palpate: Command) -> None:
     out = tmp_path / "pad.json"
     found = palpate(
         "calibrate", "force", "--rig", "sim-rigid", "--law", "line", "--out", out, "--json"
@@ -107,6 +109,6 @@ def test_line_law_is_kept_in_the_calibration(tmp_path: Path, palpate: Command) -
     assert found["expected_error_of"] == "settled force by the line"
 
 
-def test_broken_settings_of_a_recording_are_refused() -> None:
+def test_paper_from_text_invalid_settings_are_refused() -> None:
     with pytest.raises(RecordingError, match="settings of the paper's method"):
         Paper.from_text('{"step_mm": -1}')

@@ -1,4 +1,4 @@
-"""Pixels that fail, and what only looks like it."""
+"""Pixel failures, and similar readings without a failure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REST = 350
 def alarms(
     plan: Plan, frames: list[Any], *, step_mm: float = 0.0, moving: bool = False
 ) -> list[Alarm | None]:
-    """Return the watch's alarm at each frame; the fingers close by a step between them."""
+    """Return the alarm at each frame; the fingers close by a step between frames."""
     watch = PixelMonitor(plan)
     found = []
     for number, counts in enumerate(frames):
@@ -33,17 +33,17 @@ def alarms(
 
 
 def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
-    """Return what the watch says of each frame."""
+    """Return the alarm message at each frame, or None."""
     return [alarm and alarm.message for alarm in alarms(plan, frames, step_mm=step_mm)]
 
 
 def at_rest(count: int) -> list[Any]:
-    """Return frames in which every pixel flickers by a count."""
+    """Return frames with a flicker of one count in every pixel."""
     return [np.full((4, 2), REST) + number % 2 for number in range(count)]
 
 
 @pytest.mark.parametrize(("counts", "how"), [(0, "open"), (1023, "short")])
-def test_an_end_of_the_range_is_named_at_its_second_frame(
+def test_pixel_monitor_range_end_raises_alarm_at_second_frame(
     plan: Plan, counts: int, how: str
 ) -> None:
     frames = at_rest(6)
@@ -54,13 +54,13 @@ def test_an_end_of_the_range_is_named_at_its_second_frame(
     assert said[4] == f"pixel R2 C1 reads {how}; run `palpate doctor`"
 
 
-def test_one_flicker_is_no_fault(plan: Plan) -> None:
+def test_pixel_monitor_single_frame_at_range_end_raises_no_alarm(plan: Plan) -> None:
     frames = at_rest(6)
     frames[3][2, 1] = 0
     assert watched(plan, frames) == [None] * 6
 
 
-def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
+def test_pixel_monitor_saturated_sheet_is_not_short(plan: Plan) -> None:
     frames = at_rest(2)
     for number in range(8):
         frames.append(np.minimum(REST + 100 * number + np.arange(8).reshape(4, 2) * 9, 1023))
@@ -71,7 +71,7 @@ def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
 
 
 def climbing(pixels: int) -> list[Any]:
-    """Return frames in which pixels rise to the top by counts; six are loaded."""
+    """Return frames with pixels that rise to the range end; six are loaded."""
     frames = at_rest(2)
     for number in range(20):
         frame = np.full((4, 2), 900) + number % 2
@@ -81,7 +81,7 @@ def climbing(pixels: int) -> list[Any]:
     return frames
 
 
-def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None:
+def test_pixel_monitor_one_saturated_pixel_raises_no_alarm(plan: Plan) -> None:
     watch, frames = PixelMonitor(plan), climbing(1)
     for number, counts in enumerate(frames):
         state = GripperState(time_s=number / 15, width_mm=74.0 - 0.3 * number)
@@ -92,19 +92,19 @@ def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None
     assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.saturation_warning)
 
 
-def test_most_loaded_pixels_saturated_raise_an_alarm(plan: Plan) -> None:
+def test_pixel_monitor_most_loaded_pixels_saturated_raise_alarm(plan: Plan) -> None:
     found = alarms(plan, climbing(4), step_mm=0.3)[-1]
     assert found.danger is Danger.FORCE_LIMIT
 
 
-def test_short_under_load_jumps_without_its_neighbours(plan: Plan) -> None:
+def test_pixel_monitor_jump_of_one_loaded_pixel_is_short(plan: Plan) -> None:
     frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
     for frame in frames[3:]:
         frame[0, 0] = 1023
     assert "R0 C0 reads short" in str(watched(plan, frames)[4])
 
 
-def test_pixel_without_change_through_movements_is_stuck(plan: Plan) -> None:
+def test_pixel_monitor_unchanged_pixel_in_movements_is_stuck(plan: Plan) -> None:
     frames = at_rest(30)
     for frame in frames:
         frame[1, 0] = REST
@@ -114,12 +114,12 @@ def test_pixel_without_change_through_movements_is_stuck(plan: Plan) -> None:
     assert 7 <= first <= 9
 
 
-def test_frames_that_never_change_are_known_after_four_movements(plan: Plan) -> None:
+def test_pixel_monitor_repeated_frames_raise_alarm_after_four_movements(plan: Plan) -> None:
     frames = [np.full((4, 2), REST)] * 30
     said = watched(plan, frames, step_mm=0.5)
     assert said[:4] == [None] * 4
     assert "no pixel has changed in 4 movements" in str(said[4])
-    assert watched(plan, frames) == [None] * 30, "a hand that stands shakes nothing"
+    assert watched(plan, frames) == [None] * 30, "a hand at rest does not disturb the sheet"
 
 
 SHORTS = {"a row": np.s_[1, :], "a column": np.s_[:, 1], "a finger": np.s_[:2], "all": np.s_[:]}
@@ -127,7 +127,9 @@ SHORTS = {"a row": np.s_[1, :], "a column": np.s_[:, 1], "a finger": np.s_[:2], 
 
 @pytest.mark.parametrize("where", SHORTS)
 @pytest.mark.parametrize("loaded", [REST, 900])
-def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, loaded: int) -> None:
+def test_pixel_monitor_simultaneous_shorts_at_rest_raise_alarm(
+    plan: Plan, where: str, loaded: int
+) -> None:
     frames = [np.full((4, 2), loaded) + number % 2 for number in range(6)]
     for frame in frames[3:]:
         frame[SHORTS[where]] = 1023
@@ -136,7 +138,7 @@ def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, lo
     assert "reads short" in alarm.message
 
 
-def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
+def test_pixel_monitor_simultaneous_shorts_while_closing_raise_force_limit(plan: Plan) -> None:
     frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
     for frame in frames[3:]:
         frame[:2] = 1023
@@ -145,12 +147,12 @@ def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
     assert "pressed beyond what can be read" in alarm.message
 
 
-def test_shorts_from_the_first_frame_on_are_an_alarm(plan: Plan) -> None:
+def test_pixel_monitor_shorts_from_first_frame_raise_alarm(plan: Plan) -> None:
     alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
     assert alarm.danger is Danger.SENSOR_LOST
 
 
-def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
+def test_pixel_monitor_frame_with_new_range_end_is_uncertain(plan: Plan) -> None:
     watch = PixelMonitor(plan)
     doubts = []
     for number, counts in enumerate((REST, 1023, REST + 1, 0, REST)):
@@ -163,7 +165,7 @@ def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
     assert doubts == [False, True, False, True, False]
 
 
-def test_pixels_absent_from_the_calibration_raise_no_alarm(plan: Plan) -> None:
+def test_pixel_monitor_ignores_pixels_without_rest_value(plan: Plan) -> None:
     from dataclasses import replace
 
     rest_ohm = plan.rest_ohm.copy()
@@ -174,8 +176,8 @@ def test_pixels_absent_from_the_calibration_raise_no_alarm(plan: Plan) -> None:
     assert watched(replace(plan, rest_ohm=rest_ohm), frames) == [None] * 5
 
 
-def test_a_hand_that_stands_notices_frames_that_repeat(plan: Plan) -> None:
-    """They flickered before: eleven alike are too many, where none was."""
+def test_pixel_monitor_repeated_frames_at_rest_raise_alarm(plan: Plan) -> None:
+    """After flicker without equal frames, eleven equal frames are a fault."""
     rng = np.random.default_rng(2)
     frames = [REST + rng.integers(0, 3, (4, 2)) for _ in range(40)]
     said = watched(plan, [*frames, *[frames[-1]] * 11])
@@ -183,25 +185,27 @@ def test_a_hand_that_stands_notices_frames_that_repeat(plan: Plan) -> None:
     assert "no pixel has changed in 11 frames" in str(said[50])
 
 
-def test_sensor_that_usually_repeats_frames_raises_no_alarm(plan: Plan) -> None:
+def test_pixel_monitor_sensor_with_usual_repeats_raises_no_alarm(plan: Plan) -> None:
     frames = [np.full((4, 2), REST + number // 12) for number in range(200)]
     assert watched(plan, frames) == [None] * 200
 
 
-def test_equal_pixels_raise_an_alarm(plan: Plan) -> None:
-    """Their noise keeps each pixel alive, and none are alike at rest."""
+def test_pixel_monitor_equal_pixels_raise_alarm(plan: Plan) -> None:
+    """Noise changes each pixel, but all have the same reading."""
     unlike = np.linspace(8000.0, 10_000.0, 8).reshape(4, 2)
     frames = [np.linspace(300, 380, 8).reshape(4, 2).round() for _ in range(3)]
     frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
     said = watched(replace(plan, rest_ohm=unlike), frames)
     assert said[:4] == [None] * 4
     assert said[4] == "all pixels read the same, which no sheet does; run `palpate doctor`"
-    assert watched(plan, frames) == [None] * 5, "these rest alike"
+    assert watched(plan, frames) == [None] * 5, "these have equal rest values"
 
 
 @pytest.mark.parametrize(("slept", "stuck"), [(3, True), (4, False)])
-def test_two_pixels_without_noise_are_not_stuck(plan: Plan, slept: int, stuck: bool) -> None:
-    """One pixel never changes; when it has slept through eight movements, another one slept too."""
+def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
+    plan: Plan, slept: int, stuck: bool
+) -> None:
+    """One pixel never changes, and another is unchanged in the same movements."""
     frames = at_rest(9)
     for number, frame in enumerate(frames):
         frame[1, 0] = REST
@@ -214,10 +218,10 @@ def test_two_pixels_without_noise_are_not_stuck(plan: Plan, slept: int, stuck: b
 @pytest.mark.parametrize(
     ("lively", "alike", "known"), [(30, 3, True), (28, 3, False), (30, 4, False)]
 )
-def test_unusual_repeats_of_frames_raise_an_alarm(
+def test_pixel_monitor_unusual_repeats_raise_alarm(
     plan: Plan, lively: int, alike: int, known: bool
 ) -> None:
-    """Repeated frames occurred once in normal use; then no frame is new."""
+    """Frames repeat once in normal use; later all frames repeat."""
     frames = [np.full((4, 2), REST + number % 2) for number in range(lively - alike + 1)]
     frames += [frames[-1]] * (alike - 1)
     frames += [np.full((4, 2), REST + 9)] * 12

@@ -1,4 +1,4 @@
-"""`Outcome` lists every reason for an end, with the module that decides it."""
+"""Comments of `Outcome` list all end reasons, with the deciding module."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LISTED = {
 
 
 def deciding() -> list[tuple[str, str]]:
-    """Return module and outcome wherever a module ends a grasp."""
+    """Return module and outcome of each place that ends a grasp."""
     dangers = {danger.name: Outcome(danger.outcome).name for danger in Danger}
     found = set()
     for path in FOLDER.glob("*.py"):
@@ -33,10 +33,10 @@ def deciding() -> list[tuple[str, str]]:
     return sorted(found)
 
 
-def test_every_outcome_has_a_reason() -> None:
+def test_outcome_comments_list_a_reason_for_each() -> None:
     assert set(LISTED) == set(Outcome.__members__)
 
 
 @pytest.mark.parametrize(("module", "outcome"), deciding())
-def test_the_module_that_decides_it_is_named(module: str, outcome: str) -> None:
+def test_outcome_comments_name_the_deciding_module(module: str, outcome: str) -> None:
     assert module in LISTED[outcome]

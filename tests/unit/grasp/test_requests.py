@@ -1,4 +1,4 @@
-"""What may be asked of a running grasp from another thread."""
+"""Requests to a running grasp from another thread."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 
 
-def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
+def test_stop_request_ends_grasp_at_present_position(plan: Plan, bench: Any) -> None:
     requests, widths = Requests(), list[float]()
 
     def watcher(grasp_state: GraspState) -> None:
@@ -25,7 +25,7 @@ def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == widths[0] < 74.0
 
 
-def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, bench: Any) -> None:
+def test_release_request_before_measurement_opens_with_stopped(plan: Plan, bench: Any) -> None:
     requests = Requests()
 
     def watcher(grasp_state: GraspState) -> None:
@@ -36,7 +36,7 @@ def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, be
     assert (result.outcome, bench.width_mm) == (Outcome.STOPPED, 74.0)
 
 
-def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: Any) -> None:
+def test_release_request_during_hold_ends_with_held(plan: Plan, bench: Any) -> None:
     requests = Requests()
 
     def watcher(grasp_state: GraspState) -> None:

@@ -22,7 +22,7 @@ OLD, DRIFTED = "the calibration's rest values are used", "climate or wear change
 
 
 def calibrated_when_dry(plan: Plan) -> Plan:
-    """Return the plan of a sheet that read a fifth more when it was calibrated."""
+    """Return the plan of a sheet with rest values 20 % higher at calibration."""
     return replace(plan, rest_ohm=1.2 * plan.rest_ohm)
 
 
@@ -33,7 +33,7 @@ def test_drifted_sheet_detects_no_touch_before_the_object(plan: Plan, bench: Any
     assert any(DRIFTED in fault for fault in result.faults)
 
 
-def test_hand_closes_finely_until_the_rest_is_proved(plan: Plan, bench: Any) -> None:
+def test_approach_closes_finely_until_rest_is_verified(plan: Plan, bench: Any) -> None:
     closures = list[float]()
 
     def watch(grasp_state: GraspState) -> None:
@@ -56,7 +56,7 @@ def test_object_already_between_the_fingers_is_detected_at_once(plan: Plan, benc
 
 
 def test_rest_waits_until_the_sensor_is_released(plan: Plan, bench: Any) -> None:
-    """Somebody holds the open fingers, and lets go after a second and a half."""
+    """A person holds the open fingers and releases them after 1.5 s."""
     size_mm = bench.size_mm
     bench.size_mm, bench.n_per_mm = 75.0, 3.0
 
@@ -70,7 +70,7 @@ def test_rest_waits_until_the_sensor_is_released(plan: Plan, bench: Any) -> None
     assert abs(result.size_mm.value - size_mm) < 0.3
 
 
-def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: Any) -> None:
+def test_sheet_never_at_rest_uses_calibrated_rest_values(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 3.0
 
     def worry(grasp_state: GraspState) -> None:
@@ -86,7 +86,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
 
 @pytest.mark.slow
 def test_field_sheet_in_another_climate_measures_the_size() -> None:
-    """On a hot day the sheet reads a third less at rest than when calibrated."""
+    """On a hot day, rest values are a third lower than at calibration."""
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
     thing = draw("strawberry", 5)
     world = World(thing, seed=9171, sheet_seed=172, level="field")

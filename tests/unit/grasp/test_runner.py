@@ -24,7 +24,7 @@ def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
     assert result.force_n is not None
     assert result.size_mm.low <= 50.3 <= result.size_mm.high
     assert abs(result.size_mm.value - 50.3) < 0.3
-    assert 0 < result.previous_width_mm - 50.3 <= 0.5, "free, and just short of the object"
+    assert 0 < result.previous_width_mm - 50.3 <= 0.5, "the width just before contact"
     of_the_grasp = [m.name for m in result.moments if m.finger is None]
     assert of_the_grasp == ["contact", "gave_way", "answer", "held"]
     assert {m.finger for m in result.moments if m.name == "finger_contact"} == {0, 1}
@@ -32,7 +32,7 @@ def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
     assert bench.stops == 1
 
 
-def test_target_is_reached_from_below(plan: Plan, bench: Any) -> None:
+def test_run_grasp_reaches_target_from_below(plan: Plan, bench: Any) -> None:
     forces: list[float] = []
     result = bench.grasp(
         replace(plan, target_force_n=6.0), subscribers=[lambda _: forces.append(bench.force_n)]
@@ -128,7 +128,7 @@ def test_run_grasp_frame_times_not_rising_ends_the_grasp(
 
 
 @pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.SQUEEZE, Phase.HOLD, Phase.RELEASE])
-def test_run_grasp_any_error_of_an_array_stops_the_hand_and_is_raised(
+def test_run_grasp_unexpected_array_error_stops_hand_and_is_raised(
     plan: Plan, bench: Any, phase: Phase
 ) -> None:
     beliefs, read = list[GraspState](), bench.read

@@ -1,4 +1,4 @@
-"""What a stop means to the hand, and which limits are limits."""
+"""Reactions to dangers, and validation of safety limits."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ IN_THE_HOLD = {
 
 @pytest.mark.parametrize("danger", list(Danger))
 @pytest.mark.parametrize(("column", "drive"), [(0, "width"), (1, "pressure")])
-def test_every_danger_has_its_reaction(
+def test_reaction_to_each_danger_matches_table(
     danger: Danger, column: int, drive: Literal["width", "pressure"]
 ) -> None:
     assert reaction(danger, phase=Phase.HOLD, drive=drive) is IN_THE_HOLD[danger][column]
 
 
 @pytest.mark.parametrize("danger", [Danger.SENSOR_LOST, Danger.STOPPED])
-def test_an_opening_that_has_begun_is_completed(danger: Danger) -> None:
+def test_reaction_during_release_is_open(danger: Danger) -> None:
     assert reaction(danger, phase=Phase.RELEASE) is Reaction.OPEN
 
 
-def test_every_danger_ends_with_an_outcome_of_its_name() -> None:
+def test_danger_outcome_matches_table() -> None:
     assert {danger: danger.outcome for danger in Danger} == {
         Danger.SENSOR_LOST: "sensor_lost",
         Danger.GRIPPER_FAULT: "gripper_fault",
@@ -50,12 +50,12 @@ def test_every_danger_ends_with_an_outcome_of_its_name() -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in fields(SafetyLimits)])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_limit_that_is_not_positive_is_refused(name: str, value: float) -> None:
+def test_safety_limits_not_positive_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} must be positive"):
         SafetyLimits(**{name: value})
 
 
-def test_step_leaves_room_for_the_latency_of_the_hand() -> None:
+def test_largest_step_subtracts_travel_during_latency() -> None:
     limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
     still, moving = (
         largest_step(
@@ -73,7 +73,7 @@ def test_largest_step_of_a_known_damage_limit_stays_below_it() -> None:
     assert step == pytest.approx(0.6)
 
 
-def test_stale_after_never_less_than_a_hiccup_of_the_scheduler() -> None:
+def test_stale_after_is_at_least_stale_floor() -> None:
     limits = SafetyLimits()
     assert limits.stale_after_s(1 / 250) == limits.stale_floor_s
     assert limits.stale_after_s(0.1) == pytest.approx(0.5)

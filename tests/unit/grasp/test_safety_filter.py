@@ -1,4 +1,4 @@
-"""The safety filter: what is cut from a wish, and what never is."""
+"""Safety filter: limits of closing commands, and unchanged opening commands."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from palpate.gripper.interface import GripperCommand
 
 
 def pressed(force_n: float, **known: float) -> ContactEstimate:
-    """Return the estimate of a gripper closed by 20 mm with a given force."""
+    """Return the estimate at 20 mm closure with a given force."""
     return ContactEstimate(closure=20.0, sent=20.0, force_n=force_n, force_high_n=force_n, **known)
 
 
-def test_safe_step_of_a_lagging_hand_is_shorter_by_the_lag(plan: Plan) -> None:
+def test_safe_step_subtracts_tracking_lag(plan: Plan) -> None:
     straight, lagging = (
         safe_step(pressed(5.0, tracking_lag=lag_mm), plan) for lag_mm in (0.0, 0.3)
     )
@@ -26,7 +26,7 @@ def test_safe_step_of_a_lagging_hand_is_shorter_by_the_lag(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("ceiling_n", [5.2, 6.0, 7.0])
-def test_filter_command_cuts_a_wish_to_the_room_and_slows_it(plan: Plan, ceiling_n: float) -> None:
+def test_filter_command_shortens_and_slows_unsafe_closing(plan: Plan, ceiling_n: float) -> None:
     low = replace(plan, safety=replace(plan.safety, force_ceiling_n=ceiling_n))
     wish = GripperCommand(target=50.0, rate=8.0)
     command = filter_command(wish, pressed(5.0), low)
@@ -38,18 +38,18 @@ def test_filter_command_cuts_a_wish_to_the_room_and_slows_it(plan: Plan, ceiling
     assert command.rate == pytest.approx(wish.rate * travel / 4.0)
 
 
-def test_filter_command_opening_is_never_shortened(plan: Plan) -> None:
+def test_filter_command_passes_opening_unchanged(plan: Plan) -> None:
     wish = GripperCommand(target=70.0, rate=60.0)
     assert filter_command(wish, pressed(20.0), plan) is wish
 
 
-def test_stop_here_of_a_lagging_hand_is_its_reported_position(plan: Plan) -> None:
+def test_stop_here_of_lagging_hand_targets_reported_position(plan: Plan) -> None:
     reported = 20.0 - 0.3
     command = stop_here(pressed(5.0, tracking_lag=0.3), plan)
     assert 0.0 <= command.target - plan.gripper.target(reported) < plan.resolution
 
 
-def test_filter_command_room_below_the_smallest_step_sends_nothing(plan: Plan) -> None:
+def test_filter_command_below_smallest_step_returns_none(plan: Plan) -> None:
     room_mm = 0.8 * plan.smallest_step
     low = replace(
         plan, safety=replace(plan.safety, force_ceiling_n=5.0 + room_mm * plan.steepest_n)

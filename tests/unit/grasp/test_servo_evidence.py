@@ -93,7 +93,7 @@ def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
 
 
 def doubted(plan: Plan) -> Plan:
-    """Return the plan of a sheet whose gain is known to a third."""
+    """Return the plan of a sheet with a gain uncertainty of a third."""
     law = replace(plan.early_law, residual_sd=0.35)
     return replace(plan, early_law=law, settled_law=law, target_force_n=4.0)
 
@@ -114,7 +114,7 @@ def test_without_current_the_sheet_alone_gives_the_force(plan: Plan, slow: Any) 
 
 
 def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
-    """The object stiffens under the last step; the hand opens, and comes back from below."""
+    """The object stiffens at the last step; the hand opens and closes again."""
     phases, forces = list[str](), list[float]()
 
     def watch(grasp_state: Any) -> None:
@@ -138,7 +138,7 @@ def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
 def test_return_takes_safe_steps_and_ends_below_its_start(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
-    """In one go under a high ceiling, in several under a low one."""
+    """One movement with a high ceiling, several with a low one."""
     stood, again, came = list[float](), list[float](), list[float]()
 
     def watch(grasp_state: Any) -> None:
@@ -156,8 +156,8 @@ def test_return_takes_safe_steps_and_ends_below_its_start(
 
 
 @pytest.mark.slow
-def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_shows() -> None:
-    """A sensor of level field whose sheet alone read 2 N where there were 10."""
+def test_soft_fingers_on_insensitive_sheet_use_pressure_force() -> None:
+    """A `field` sensor whose sheet alone read 2 N at a force of 10 N."""
     seed = 710_148
     fruit = draw("avocado-day-3", seed, 10)
     calibration = calibrate_twin(seed=seed, level="field", apart_from=fruit.name, kind="soft")
@@ -170,7 +170,7 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
 
 @pytest.mark.slow
 def test_soft_fingers_calibration_without_compliance_gives_no_force() -> None:
-    """Blocks that were read at nearly the same pressure at every force."""
+    """Block calibration with nearly the same pressure at every force."""
     calibration = calibrate_twin(seed=7, level="lab", apart_from="tomato", kind="soft")
     world = World(draw_object(np.random.default_rng(7), "tomato"), seed=7, gripper="soft")
     gripper = TwinGripper(world)

@@ -19,7 +19,7 @@ from palpate.twin.world import GripperKind, World
 
 
 def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
-    """Return the estimate after steps of the squeeze that read these forces."""
+    """Return the estimate after squeeze steps with these forces."""
     closings = closing_steps([2.0 * force for force in force_n], step_mm=step_mm)
     return ContactEstimate(
         steps=closings,
@@ -31,7 +31,7 @@ def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
     )
 
 
-def test_slope_n_of_sure_rises_is_the_steepest_of_the_last_two(plan: Plan) -> None:
+def test_slope_n_of_certain_rises_is_steepest_of_last_two(plan: Plan) -> None:
     estimate = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
     assert slope_n(estimate, plan) == pytest.approx(1.4, rel=0.05)
 
@@ -41,7 +41,7 @@ def test_slope_n_of_rises_within_the_noise_is_their_upper_bound(plan: Plan) -> N
     assert slope_n(estimate, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
 
 
-def test_slope_n_of_a_force_that_falls_is_that_of_a_rigid_object(plan: Plan) -> None:
+def test_slope_n_of_falling_force_is_that_of_rigid_object(plan: Plan) -> None:
     assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
 
 
@@ -55,8 +55,8 @@ def test_slope_n_ignores_travel_with_one_finger_in_contact(plan: Plan) -> None:
     assert slope_n(estimate, plan) == pytest.approx(1.1 * 1.0 / 0.5, rel=0.05)
 
 
-def test_squeeze_step_is_not_much_longer_than_the_depth_so_far(plan: Plan) -> None:
-    """Far from target a step could be long, but the slope's range is short."""
+def test_squeeze_step_is_limited_by_depth_so_far(plan: Plan) -> None:
+    """Far from the target, the step is limited by the depth of the known slope."""
     estimate = stairs(force_n=[0.8, 1.3], step_mm=0.25)
     depth_mm = squeeze_depth(estimate, plan)
     assert depth_mm == pytest.approx(0.25 + 0.8 / 2.0, rel=0.1)
@@ -65,9 +65,7 @@ def test_squeeze_step_is_not_much_longer_than_the_depth_so_far(plan: Plan) -> No
 
 
 @pytest.mark.parametrize("force_n", [0.5, 1.0, 1.9])
-def test_close_by_any_step_does_not_pass_the_bound_beyond_the_target(
-    plan: Plan, force_n: float
-) -> None:
+def test_close_by_stays_within_bound_above_target(plan: Plan, force_n: float) -> None:
     aimed = replace(plan, target_force_n=2.0)
     estimate = stairs(force_n=[force_n / 4, force_n / 2, force_n], step_mm=0.25)
     wish = close_by(estimate, 20.0, aimed)
@@ -88,10 +86,10 @@ def test_close_by_any_step_does_not_pass_the_bound_beyond_the_target(
         ("ball-40lbs", 820239, "rigid", 250.0, 3.0),
     ],
 )
-def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
+def test_run_grasp_with_noise_like_a_slope_stays_near_target(
     name: str, seed: int, kind: GripperKind, rate_hz: float, target_n: float
 ) -> None:
-    """Simulated grasps that pressed with two to five times the target."""
+    """Simulated grasps that once reached two to five times the target."""
     calibration = calibrate_twin(seed=seed, level="field", apart_from=name, kind=kind)
     world = World(
         draw(name, seed, 10),
@@ -106,7 +104,7 @@ def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
 
 
 def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
-    """Return the estimate of a gripper closed by 1 mm with these finger forces."""
+    """Return the estimate after a 1 mm step with these finger changes."""
     touch = Touch(
         time_s=1.0,
         finger_percent=(first, second),
@@ -125,7 +123,7 @@ def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
         (-5.0, -0.2, 1.2, False),  # so much that no push takes it
     ],
 )
-def test_one_finger_alone_does_not_squeeze(
+def test_squeeze_depth_ignores_one_finger_alone(
     plan: Plan, damage: DamageModel, first: float, second: float, force_n: float, goes_on: bool
 ) -> None:
     careful = replace(plan, damage=damage, target_force_n=4.0)
@@ -133,13 +131,13 @@ def test_one_finger_alone_does_not_squeeze(
     assert (close_by(estimate, 0.25, careful) is not None) == goes_on
 
 
-def test_step_from_the_first_touch_is_no_longer_than_what_the_softest_fruit_shows(
+def test_filter_command_limits_steps_while_damage_limit_is_unknown(
     plan: Plan, damage: DamageModel
 ) -> None:
     careful = replace(plan, damage=damage, target_force_n=4.0)
-    begun = felt(first=-5.0, second=-5.0, force_n=0.9)
-    touched = replace(begun, steps=begun.steps[:1], closure=20.0, sent=20.0)
+    estimate = felt(first=-5.0, second=-5.0, force_n=0.9)
+    touched = replace(estimate, steps=estimate.steps[:1], closure=20.0, sent=20.0)
     command = filter_command(GripperCommand(target=50.0, rate=5.0), touched, careful)
-    way_mm = careful.gripper.highest - 20.0 - command.target
+    travel_mm = careful.gripper.highest - 20.0 - command.target
     longest_mm = 2 * SQUEEZE.min_rise_n * (1.0 / careful.steepest_n + 1.0 / SQUEEZE.soft_n_per_mm)
-    assert longest_mm - 2 * careful.resolution <= way_mm <= longest_mm
+    assert longest_mm - 2 * careful.resolution <= travel_mm <= longest_mm

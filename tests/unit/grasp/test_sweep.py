@@ -1,4 +1,4 @@
-"""What a touch looks like on a way at speed, and what does not."""
+"""Detection of contact during a sweep."""
 
 from __future__ import annotations
 
@@ -36,42 +36,42 @@ def first_touch_s(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_rise_of_the_movement_is_not_a_touch(seed: int) -> None:
+def test_sweep_rise_of_movement_is_not_contact(seed: int) -> None:
     assert first_touch_s({}, begins_s=0.0, seed=seed) is None
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_noise_alone_is_no_touch(seed: int) -> None:
+def test_sweep_noise_is_not_contact(seed: int) -> None:
     """Single noisy frames fall further than the slow falls of a contact."""
     assert first_touch_s({}, begins_s=0.0, seed=seed, noise=0.005) is None
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_slowing_down_is_no_touch(seed: int) -> None:
+def test_sweep_slowing_down_is_not_contact(seed: int) -> None:
     assert first_touch_s({}, begins_s=0.0, seed=seed, slowed=True) is None
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005])
-def test_hard_touch_while_slowing_down_is_detected(noise: float) -> None:
+def test_sweep_detects_hard_contact_while_slowing_down(noise: float) -> None:
     found = first_touch_s({3: -2.0}, begins_s=0.1, noise=noise, slowed=True)
     assert found < 0.4
 
 
 @pytest.mark.parametrize("begins_s", [0.3, 1.5])
 @pytest.mark.parametrize("pixels", [(3,), range(8)])
-def test_a_fall_of_one_pixel_or_of_all_is_a_touch(begins_s: float, pixels: list[int]) -> None:
+def test_sweep_fall_of_one_or_all_pixels_is_contact(begins_s: float, pixels: list[int]) -> None:
     found = first_touch_s(dict.fromkeys(pixels, -0.2), begins_s=begins_s)
     assert 0.0 < found - begins_s < 0.5
 
 
-def test_a_load_that_rises_slowly_is_noticed_too() -> None:
-    """It takes its own recent past along: only the level of the way shows it."""
+def test_sweep_detects_slowly_rising_load() -> None:
+    """The recent readings rise too, so only the movement's level shows the load."""
     found = first_touch_s(dict.fromkeys(range(8), -0.015), begins_s=1.0)
     assert found < 2.5
 
 
-def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
-    """What came before them does not keep them from being noticed."""
+def test_sweep_detects_repeated_frames_within_a_third_of_a_second() -> None:
+    """Earlier changes do not delay the detection."""
     rng, sweep = np.random.default_rng(3), Sweep(rate=10.0, end=60.0, since_s=0.0)
     frozen = NOISE * rng.standard_normal((4, 2))
     for index in range(12):
@@ -84,10 +84,10 @@ def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
     ("noise", "step", "felt"),
     [(0.0005, 0.006, False), (0.0005, 0.012, True), (0.004, 0.016, False), (0.004, 0.04, True)],
 )
-def test_a_change_counts_from_six_deviations_and_a_hundredth_on(
+def test_sweep_contact_threshold_is_six_deviations_and_minimum(
     noise: float, step: float, felt: bool
 ) -> None:
-    """A pixel that rises or falls at once, long after the speed was steady."""
+    """A pixel changes suddenly, long after the speed became constant."""
     rng = np.random.default_rng(2)
     for sign in (1.0, -1.0):
         sweep, touched = Sweep(rate=10.0, end=60.0, since_s=0.0), list[bool]()
@@ -100,14 +100,14 @@ def test_a_change_counts_from_six_deviations_and_a_hundredth_on(
         assert touched[20] is felt
 
 
-def test_a_moderate_touch_soon_after_slowing_down_is_noticed() -> None:
-    """What the faster movement left behind is over after a quarter of a second."""
+def test_sweep_detects_moderate_contact_after_slowing_down() -> None:
+    """The disturbance of the faster movement has decayed after 0.25 s."""
     found = first_touch_s({3: -0.5}, begins_s=0.6, slowed=True)
     assert 0.6 < found < 0.8
 
 
 @pytest.mark.parametrize(("more_ma", "felt"), [(0.0, False), (33.0, False), (41.0, True)])
-def test_a_pull_of_the_servo_is_a_touch_beside_the_pixels(more_ma: float, felt: bool) -> None:
+def test_sweep_detects_contact_by_servo_current(more_ma: float, felt: bool) -> None:
     """Limits are 4.5 deviations of noise (6 mA) and 15 % of friction (54 mA)."""
     gears = GearFriction(mean_ma=54.0, mean_sd_ma=1.0, movement_ma=4.0)
     current = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)

@@ -1,4 +1,4 @@
-"""A gripper off its command: late, beyond, idle, or an impossible report."""
+"""Detection of a late, overshooting, idle or impossible gripper."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0)
 @pytest.mark.parametrize(
     ("limits", "begin", "target"), [(WIDTH, 40.0, 30.0), (PRESSURE, 10.0, 20.0)]
 )
-def test_following_is_late_after_its_due_time(
+def test_command_tracking_is_late_after_due_time(
     limits: GripperLimits, begin: float, target: float
 ) -> None:
     way = sent(limits, begin, target)
@@ -55,7 +55,7 @@ def test_following_is_late_after_its_due_time(
         (WIDTH, 30.0, 40.0, -11.0, 10.0 + SAFETY.overshoot_mm),
     ],
 )
-def test_running_on_is_known_at_once(
+def test_command_tracking_overshoot_is_a_fault_at_once(
     limits: GripperLimits, begin: float, target: float, past: float, allowed: float
 ) -> None:
     way, direction = sent(limits, begin, target), past / abs(past)
@@ -66,7 +66,7 @@ def test_running_on_is_known_at_once(
     assert "runs on" in fault
 
 
-def test_only_a_hand_that_closes_by_width_is_looked_at_between_frames() -> None:
+def test_command_tracking_polls_only_width_driven_closing() -> None:
     often_s = SAFETY.overshoot_mm / 20.0
     look = sent(WIDTH, 40.0, 30.0).poll_interval_s
     assert look(now_s=1.2, limits=WIDTH, safety=SAFETY) == pytest.approx(often_s)
@@ -80,7 +80,7 @@ def test_only_a_hand_that_closes_by_width_is_looked_at_between_frames() -> None:
 @pytest.mark.parametrize(
     ("limits", "begin", "target"), [(WIDTH, 40.0, 30.0), (WIDTH, 30.0, 40.0), (PRESSURE, 10, 20)]
 )
-def test_idle_is_less_than_a_third_of_what_the_rate_makes(
+def test_command_tracking_idle_is_below_a_third_of_expected_travel(
     limits: GripperLimits, begin: float, target: float
 ) -> None:
     way, direction = sent(limits, begin, target), 1.0 if target > begin else -1.0
@@ -121,7 +121,7 @@ def speeds(
 @pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
 @pytest.mark.parametrize("every_s", [0.004, 0.01, 0.067])
 @pytest.mark.parametrize("factor", [1.0, 1.4])
-def test_speed_at_the_commanded_rate_raises_no_alarm(
+def test_speed_monitor_at_commanded_rate_finds_no_fault(
     limits: GripperLimits, every_s: float, factor: float
 ) -> None:
     moves = [(20.0, factor * 20.0, 8.0), (4.0, factor * 4.0, 1.0), (35.0, factor * 35.0, 10.0)]
@@ -131,7 +131,7 @@ def test_speed_at_the_commanded_rate_raises_no_alarm(
 @pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
 @pytest.mark.parametrize("every_s", [0.004, 0.01, 0.067])
 @pytest.mark.parametrize("factor", [3.0, 10.0, 100.0])
-def test_a_hand_that_is_too_fast_is_known(
+def test_speed_monitor_excessive_speed_is_a_fault(
     limits: GripperLimits, every_s: float, factor: float
 ) -> None:
     found = speeds(limits, [(20.0, factor * 20.0, 12.0)], every_s=every_s)
@@ -140,8 +140,8 @@ def test_a_hand_that_is_too_fast_is_known(
     assert "check the unit of speed" in found[0]
 
 
-def test_overspeed_accumulates_over_short_commands() -> None:
-    """Each command reaches two frames ahead, and the hand arrives before the next one."""
+def test_speed_monitor_accumulates_overspeed_of_short_commands() -> None:
+    """Each command is two frames ahead; the hand arrives before the next command."""
     watch, width_mm, found = SpeedMonitor(WIDTH, safety=SAFETY), 74.0, list[str]()
     for frame in range(12):
         state, now_s = at(WIDTH, width_mm), frame / 15
@@ -154,11 +154,11 @@ def test_overspeed_accumulates_over_short_commands() -> None:
     assert found
 
 
-def test_overspeed_of_a_short_step_is_detected() -> None:
+def test_speed_monitor_detects_overspeed_of_short_step() -> None:
     assert speeds(WIDTH, [(4.0, 400.0, 1.0)], every_s=0.05)
 
 
-def test_a_slower_command_is_obeyed_within_the_latency() -> None:
+def test_speed_monitor_allows_latency_after_slower_command() -> None:
     watch, width_mm = SpeedMonitor(WIDTH, safety=SAFETY), 60.0
     fast, slow = (
         CommandTracking.start(
@@ -177,7 +177,7 @@ def test_a_slower_command_is_obeyed_within_the_latency() -> None:
         assert watch.find_fault(at(WIDTH, width_mm, time_s=now_s), tracking=way) is None
 
 
-def test_opening_and_a_lag_that_is_made_up_are_not_overspeed() -> None:
+def test_speed_monitor_ignores_opening_and_recovered_lag() -> None:
     watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
     assert watch.find_fault(at(WIDTH, 40.0, time_s=0.0), tracking=way) is None
@@ -185,7 +185,7 @@ def test_opening_and_a_lag_that_is_made_up_are_not_overspeed() -> None:
     assert watch.find_fault(at(WIDTH, 70.0, time_s=0.1), tracking=way) is None
 
 
-def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
+def test_speed_monitor_ignores_reports_with_equal_times() -> None:
     watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
     assert [watch.find_fault(at(WIDTH, mm), tracking=way) for mm in (40.0, 35.0, 30.0)] == [
