@@ -165,7 +165,7 @@ class DeviceProcess:
             case _:
                 self._queue_order(message)
         if context is not None and isinstance(context.array, PacedArray):
-            context.array.hurry()
+            context.array.skip_wait()
 
     def _queue_order(self, order: Order) -> None:
         with self._lock:

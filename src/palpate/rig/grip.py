@@ -163,7 +163,7 @@ class Grip:
         request.set()
         if self._array is not None:
             self._array.speed = math.inf
-            self._array.hurry()
+            self._array.skip_wait()
         while self._thread.is_alive():
             self._thread.join(0.1)
         if self._failure is not None:

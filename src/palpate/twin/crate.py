@@ -1,7 +1,7 @@
-"""A mixed crate on the twin: items of several kinds, whose sides differ a little.
+"""Simulated mixed crates: items of several kinds with slightly different sides.
 
-The draws are the truth, hidden from the sorter: kind, size and strength of each item.
-The kinds were fixed, with their reasons, before anything was measured on them.
+The drawn kind, size and strength of each item are the truth and hidden from the sorter. The kinds
+and their ranges were fixed before any measurement on them.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 
 from palpate.clock import ManualClock
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import RELAXING_S, YIELD_SHARE, TwinObject
+from palpate.twin.objects import RELAXING_S, YIELD_FRACTION, TwinObject
 from palpate.twin.ranges import Pair, log_uniform, uniform
 from palpate.twin.world import World
 
-#: After an item was laid between the open fingers, the hand is left still for this long.
+#: Pause after an item was placed between the open fingers, seconds.
 _STILL_S = 1.0
 
 
@@ -27,31 +27,31 @@ _STILL_S = 1.0
 class CrateKind:
     """Ranges of the items of one kind in a mixed crate; pairs are (low, high)."""
 
-    #: Flesh deforms as Hertz has it, a shell linearly.
+    #: Flesh deforms according to Hertz, a shell linearly.
     law: Literal["flesh", "shell"]
-    #: Mean diameter about the closing axis; the hand takes each item across its short side.
+    #: Mean diameter across the closing axis; each item is grasped across its short side.
     size_mm: Pair
-    #: Of flesh the apparent modulus between plates, MPa; with the size it gives the Hertz law. Of a
-    #: shell its stiffness, N/mm.
+    #: Flesh: apparent modulus between plates, MPa, which defines the Hertz law together with the
+    #: size. Shell: stiffness, N/mm.
     stiffness: Pair
-    #: Force at which it bursts or breaks; None for what doesn't.
+    #: Rupture force; None for unbreakable items.
     rupture_n: Pair | None
-    #: Largest difference, as a fraction, of the diameter at one side from the mean diameter.
+    #: Largest deviation of a side's diameter from the mean, as a fraction.
     out_of_round: float
     #: Mass, grams.
     mass_g: Pair
-    #: Fraction of the force that relaxes away under a hold.
+    #: Fraction of the force that relaxes during a hold.
     relaxing: Pair = (0.10, 0.30)
 
 
 #: Poisson's ratio of flesh; scatter (log sd) of the stiffness from side to side of one item.
 CRATE_POISSON, CRATE_SIDE_LOG_SD = 0.35, 0.08
 
-#: Trained kinds. Sizes are the trade's usual ones; moduli are orders of magnitude from the
+#: Trained kinds. Sizes are usual commercial sizes. Moduli are orders of magnitude from the
 #: literature on whole fruit between plates (ASAE S368; Mohsenin, Physical Properties of Plant and
-#: Animal Materials, 1986): some tenths of an MPa for what is ripe to eat, a few MPa for what is
-#: crisp. The kiwi's are those that recorded robot grasps need, shells those of hens' eggs pressed
-#: across. Fixed before anything was measured on them; several kinds overlap, as they do in a shop.
+#: Animal Materials, 1986): a few tenths of an MPa for ripe fruit, a few MPa for crisp fruit. The
+#: kiwi matches recorded robot grasps; shells match hens' eggs pressed across. All values were fixed
+#: before any measurement on them. Several kinds overlap, as in a shop.
 CRATE_TAUGHT: dict[str, CrateKind] = {
     "cherry-tomato": CrateKind("flesh", (22, 31), (0.8, 2.2), (9, 22), 0.04, (8, 18)),
     "strawberry": CrateKind("flesh", (27, 40), (0.25, 0.8), (6, 14), 0.08, (10, 32), (0.15, 0.35)),
@@ -79,21 +79,21 @@ CRATE_STRANGERS: dict[str, CrateKind] = {
 class CrateItem:
     """One item of a crate."""
 
-    #: Name, unlike any other's in its crate.
+    #: Unique name in its crate.
     item_id: str
-    #: What it truly is.
+    #: True kind.
     kind: str
-    #: Whether its kind is a trained one.
+    #: Whether its kind is a trained kind.
     taught: bool
-    #: The item as it would be if every side were the same.
+    #: The item with equal sides.
     mean: TwinObject
-    #: How far, as a fraction, the diameter at a side may differ from the mean.
+    #: Largest deviation of a side's diameter from the mean, as a fraction.
     out_of_round: float
-    #: Seed of its sides.
+    #: Seed of the sides.
     seed: int
 
     def side(self, turn: int) -> TwinObject:
-        """Return the item as it lies after this many turns: another diameter, another place.
+        """Return the item after `turn` turns, with the diameter and stiffness of that side.
 
         >>> item = draw_crate(["kiwi"], seed=1)[0]
         >>> item.side(0) == item.side(0), item.side(0) == item.side(1)
@@ -106,9 +106,9 @@ class CrateItem:
 
 
 def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list[CrateItem]:
-    """Draw one item of each kind named, in this order.
+    """Draw one item of each given kind, in order.
 
-    Raises `ValueError` if there is no such kind.
+    Raises `ValueError` for an unknown kind.
 
     >>> [item.kind for item in draw_crate(["egg", "walnut"], seed=3)]
     ['egg', 'walnut']
@@ -135,7 +135,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
 def draw_mixed_crate(
     items: int, *, seed: int, strangers_share: float = 0.0, prefix: str = "item"
 ) -> list[CrateItem]:
-    """Draw a shuffled crate of trained kinds in equal parts, and some untrained ones."""
+    """Draw a shuffled crate of trained kinds in equal parts and a fraction of untrained kinds."""
     rng = np.random.default_rng([seed, 31])
     strangers = round(items * strangers_share)
     taught, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)
@@ -159,16 +159,16 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
         relaxing_share=tuple(float(part) for part in share),
         relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
         flat=False,
-        yield_n=rupture_n * uniform(rng, YIELD_SHARE),
+        yield_n=rupture_n * uniform(rng, YIELD_FRACTION),
         rupture_n=rupture_n,
         mass_g=uniform(rng, kind.mass_g),
     )
 
 
 def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
-    """Return the force at 1 mm on a ball between plates (Hertz; ASAE S368).
+    """Return the force on a ball between plates at 1 mm (Hertz; ASAE S368).
 
-    Each side is indented by half: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5 at 1 mm.
+    Each side is indented by half of it: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5.
 
     >>> round(hertz_force_at_1mm_n(4.0, size_mm=64.0), 1)
     12.2
@@ -178,9 +178,9 @@ def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
 
 
 class CrateTable:
-    """A gripper over a table to which crate items come one by one.
+    """A gripper over a table that receives crate items one by one.
 
-    `sensor`: seed of the sensor and the gripper, as for calibration.
+    `sensor`: seed of the sensor and the gripper, as in their calibration.
     `seed`: seed of the session.
     """
 
@@ -194,7 +194,7 @@ class CrateTable:
         return self._world.clock
 
     def bring(self, item: CrateItem, *, turn: int = 0) -> None:
-        """Open the hand, take away what is there, and lay an item between the fingers."""
+        """Open the gripper, remove the previous item, and place an item between the fingers."""
         self.gripper.release()
         self._wait(_STILL_S)
         while self._world.is_moving(self.clock.now_s()):
@@ -203,9 +203,9 @@ class CrateTable:
         self._wait(_STILL_S)
 
     def is_damaged(self) -> bool:
-        """Whether the item that lies there has ever been pressed beyond its yield."""
+        """Return whether the present item has ever been pressed beyond its yield force."""
         return self._world.truth().damaged
 
     def _wait(self, seconds: float) -> None:
-        # Unread frames need not be scanned, and old ones must not wait in a queue.
+        # Unread frames need not be scanned, and old frames must not remain in the queue.
         self.array.skip_until(self.clock.now_s() + seconds)

@@ -1,17 +1,16 @@
-"""The twin as sensor, gripper and load cell behind the hardware's interfaces, with its faults.
+"""Simulated sensor, gripper and load cell with the hardware's interfaces and imperfections.
 
 The reported current of a position servo consists of grip torque and gear friction, and depends on
-the temperature of its motor. While the fingers move, friction of the gears adds to the grip
-(closing) or takes from it (opening). It is never twice the same: one part differs from movement to
-movement (how the teeth and the grease lie), and one rises and falls along the way, as the gears
-turn, in the same places each time. At rest friction may carry any part of itself either way: where
-in that band a stop ends depends on how the position controller came in, so it is drawn again for
-each stop. The torque of an ampere falls as the motor warms up.
+the motor temperature. While the fingers move, gear friction adds to the grip current (closing) or
+reduces it (opening). One part of the friction varies between movements; another part varies
+periodically along the travel, at the same positions each time. At rest, static friction may have
+any value within its band in either direction, depending on the approach to the stop, so it is drawn
+for each stop. The torque per ampere falls as the motor warms up.
 
-The size of the bands is plausible for the paper's servo (a DYNAMIXEL XM430 takes some tens of
-milliamperes to turn without load), not measured. That friction of a robot's joint changes with its
-angle and its load is (Bittencourt and Gunnarsson 2012, Journal of Dynamic Systems, Measurement and
-Control 134, 051013); its amount in a small servo, a tenth to a quarter, is a guess.
+The friction bands are plausible for the paper's servo (a DYNAMIXEL XM430 draws a few tens of
+milliamperes without load) but not measured. The dependence of joint friction on angle and load is
+measured (Bittencourt and Gunnarsson 2012, Journal of Dynamic Systems, Measurement and Control 134,
+051013); its amount in a small servo, a tenth to a quarter, is a guess.
 """
 
 from __future__ import annotations
@@ -26,39 +25,37 @@ from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.twin.ranges import Ranges, ranges_of, uniform
-from palpate.twin.stage import Scanned, Stage
+from palpate.twin.stage import ScannedPixels, Stage
 from palpate.twin.world import OPEN_MM
 
-#: Rigid: reach of the fingers with pads on, servo speed, one encoder step in mm. Soft: regulator.
+#: Rigid: range of the fingers with pads, servo speed, encoder step in mm. Soft: regulator.
 _RIGID_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=OPEN_MM, fastest=60.0)
 _SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=60.0)
 _WIDTH_STEP_MM, _PRESSURE_STEP_KPA = 0.05, 0.1
-#: Load cell: 1 g steps and a noise of half that (1 kg cell on an HX711).
+#: Load cell: steps of 1 g, noise of half a step (1 kg cell on an HX711).
 _CELL_STEP_N, _CELL_NOISE_N = 0.0098, 0.005
 
-#: Current per newton of grip, its scatter from reading to reading, and its steps.
+#: Current per newton of grip, its noise, and its resolution.
 _MA_PER_N, _NOISE_MA, _STEP_MA = 14.0, 6.0, 2.69
-#: How long a motor takes to reach its working temperature, seconds.
+#: Time constant of the motor's warm-up, seconds.
 _WARM_S = 900.0
-#: Nearer than this to the last reading the fingers have not moved, mm.
+#: Smallest change of the width that counts as movement, mm.
 _STILL_MM = 1e-6
 
 
 class TwinArray:
-    """The sheet's readout.
+    """The simulated pressure array.
 
-    Reading moves the manual clock on to the next frame when none waits.
-
-    Frames are scanned on a fixed raster from the moment of opening. Frames that pass between reads
-    is queued, oldest first, as a serial driver would.
+    Without a queued frame, `read` advances the manual clock to the next frame. Frames are scanned
+    at a fixed rate from the opening. As in a serial driver, frames between reads are queued.
     """
 
-    def __init__(self, world: Scanned) -> None:
+    def __init__(self, world: ScannedPixels) -> None:
         self._world = world
         self._queue: deque[Frame] = deque()
         self._start_s = world.clock.now_s()
         self._scanned = 0
-        self._unseen: NDArray[np.int32] | None = None
+        self._blank_counts: NDArray[np.int32] | None = None
         world.watchers.append(self._scan_until)
 
     @property
@@ -67,7 +64,7 @@ class TwinArray:
         return self._world.layout
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, moving the clock to it if needed."""
+        """Return the next frame, advancing the clock to it if necessary."""
         clock = self._world.clock
         if not self._queue:
             wait_s = self._frame_time_s(self._scanned) - clock.now_s()
@@ -82,7 +79,7 @@ class TwinArray:
         return self._queue.popleft()
 
     def skip_until(self, time_s: float) -> None:
-        """Let time pass without scanning, as unread frames need not be computed."""
+        """Advance the clock without scanning, because unread frames need not be computed."""
         clock = self._world.clock
         self._queue.clear()
         passed = int((time_s - self._start_s) * self._world.frame_rate_hz + 1e-9)
@@ -90,8 +87,8 @@ class TwinArray:
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
     def blank_frames(self) -> None:
-        """Send frames with zero counts from now on, while none is examined."""
-        self._unseen = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
+        """Return frames with zero counts from now on, to save time if frames are not used."""
+        self._blank_counts = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
 
     def close(self) -> None:
         """Stop scanning."""
@@ -102,13 +99,13 @@ class TwinArray:
         return self._start_s + (index + 1) / self._world.frame_rate_hz
 
     def _scan_until(self, time_s: float) -> None:
-        """Scan every frame that is due, before anything else touches the world at `time_s`."""
+        """Scan every due frame before the world advances to `time_s`."""
         while self._frame_time_s(self._scanned) <= time_s:
             self._scan_next()
 
     def _scan_next(self) -> None:
         time_s = self._frame_time_s(self._scanned)
-        counts = self._world.scan(time_s) if self._unseen is None else self._unseen
+        counts = self._world.scan(time_s) if self._blank_counts is None else self._blank_counts
         frame = Frame(
             time_s=time_s,
             sequence=self._scanned,
@@ -120,7 +117,7 @@ class TwinArray:
 
 
 class TwinGripper:
-    """The world's fingers: width-driven by a servo, or soft ones driven by pressure."""
+    """The simulated gripper: rigid fingers driven by a servo, or soft fingers by pressure."""
 
     def __init__(self, world: Stage) -> None:
         self._world = world
@@ -138,7 +135,7 @@ class TwinGripper:
         return _RIGID_LIMITS if self._world.gripper == "rigid" else _SOFT_LIMITS
 
     def state(self) -> GripperState:
-        """Read position, motion and current as the servo reports them (pressure if soft)."""
+        """Return width and current as reported by the servo, or the pressure of soft fingers."""
         now_s = self._world.now_s()
         value, moving = self._world.drive_value(now_s), self._world.is_moving(now_s)
         if self._world.gripper == "soft":
@@ -156,9 +153,9 @@ class TwinGripper:
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Clamp to the limits, send, and return what was sent."""
+        """Send a command, clamped to the limits, and return the sent command."""
         limits = self.limits
-        # A servo goes to steps of its encoder, a regulator to those of its converter.
+        # Targets are rounded to the step of the servo's encoder or the regulator's converter.
         step = _WIDTH_STEP_MM if limits.drive == "width" else _PRESSURE_STEP_KPA
         target = round(wanted.target / step) * step
         sent = limits.clamp(GripperCommand(target=target, rate=max(wanted.rate, 0.01)))
@@ -166,7 +163,7 @@ class TwinGripper:
         return sent
 
     def stop(self) -> None:
-        """Stop where the fingers are; the position stays held."""
+        """Stop the fingers and hold their position."""
         self._world.halt()
 
     def release(self) -> None:
@@ -178,14 +175,14 @@ class TwinGripper:
 
 
 class TwinLoadCell:
-    """A load cell in the object's place: grip force in 1 g steps, with noise."""
+    """A simulated load cell in place of the object: grip force in 1 g steps, with noise."""
 
     def __init__(self, world: Stage) -> None:
         self._world = world
         self._noise = np.random.default_rng([world.seed, 5])
 
     def read_n(self) -> float:
-        """Return the force now, newtons."""
+        """Return the present force, newtons."""
         force_n = self._world.force_n(self._world.now_s())
         noisy = force_n + _CELL_NOISE_N * float(self._noise.standard_normal())
         return round(noisy / _CELL_STEP_N) * _CELL_STEP_N
@@ -194,10 +191,10 @@ class TwinLoadCell:
 class ServoCurrent:
     """The current of one servo in one session.
 
-    `ranges`: what gears and warmth are drawn from.
-    `servo_seed`, `session_seed`: of what stays with the servo, and of what changes from session to
-        session.
-    `start_s`: when the servo was switched on.
+    `ranges`: ranges of the gear and temperature parameters.
+    `servo_seed`, `session_seed`: seeds of the servo's constant properties, and of those that vary
+        between sessions.
+    `start_s`: time at which the servo was switched on.
     """
 
     def __init__(
@@ -205,44 +202,44 @@ class ServoCurrent:
     ) -> None:
         gears = np.random.default_rng([servo_seed, 6])
         self._gear_ma = uniform(gears, ranges.servo_friction_ma)
-        self._gear_share = uniform(gears, ranges.servo_friction_share)
-        self._along = uniform(gears, ranges.servo_friction_along)
+        self._gear_fraction = uniform(gears, ranges.servo_friction_fraction)
+        self._ripple = uniform(gears, ranges.servo_friction_ripple)
         self._period_mm = uniform(gears, ranges.servo_friction_period_mm)
         self._phase = uniform(gears, (0.0, math.tau))
         self._movement_sd = uniform(gears, ranges.servo_friction_movement_sd)
         self._rng = np.random.default_rng([session_seed, 4])
-        self._cold = uniform(self._rng, ranges.servo_warm_share)
-        self._warmer = uniform(self._rng, ranges.servo_warm_share)
-        # A stream of its own, which leaves the other draws of a seed as they are without it.
+        self._cold_offset = uniform(self._rng, ranges.servo_warm_fraction)
+        self._warming = uniform(self._rng, ranges.servo_warm_fraction)
+        # A separate stream preserves the other draws of a seed.
         self._movements = self._rng.spawn(1)[0]
         self._start_s = start_s
         self._width_mm = math.nan
-        self._way = 0
+        self._direction = 0
         self._movement = 1.0
-        self._stuck = 0.0
+        self._friction_level = 0.0
 
     def read_ma(self, time_s: float, *, force_n: float, width_mm: float, moving: bool) -> float:
-        """Return what the servo reports, with the sign of closing."""
-        self._turn(width_mm, moving=moving)
-        warm = self._cold - self._warmer * math.expm1(-(time_s - self._start_s) / _WARM_S)
+        """Return the reported current; positive means closing."""
+        self._update_motion(width_mm, moving=moving)
+        warm = self._cold_offset - self._warming * math.expm1(-(time_s - self._start_s) / _WARM_S)
         grip_ma = _MA_PER_N * force_n * (1.0 + warm)
-        friction_ma = self._gear_share * grip_ma + self._gear_ma
-        read_ma = grip_ma + self._stuck * friction_ma
+        friction_ma = self._gear_fraction * grip_ma + self._gear_ma
+        read_ma = grip_ma + self._friction_level * friction_ma
         read_ma += _NOISE_MA * float(self._rng.standard_normal())
         return round(read_ma / _STEP_MA) * _STEP_MA
 
-    def _turn(self, width_mm: float, *, moving: bool) -> None:
-        """Note which way the fingers go: +1 closing, -1 opening, in between at rest."""
-        way_mm, self._width_mm = width_mm - self._width_mm, width_mm
-        if not abs(way_mm) > _STILL_MM:
+    def _update_motion(self, width_mm: float, *, moving: bool) -> None:
+        """Update direction and friction: +1 closing, -1 opening, a random value at rest."""
+        travel_mm, self._width_mm = width_mm - self._width_mm, width_mm
+        if not abs(travel_mm) > _STILL_MM:
             return
         if not moving:
-            self._way, self._stuck = 0, float(self._rng.uniform(-1, 1))
+            self._direction, self._friction_level = 0, float(self._rng.uniform(-1, 1))
             return
-        way = -1 if way_mm > 0 else 1
-        if way != self._way:
-            self._way = way
+        direction = -1 if travel_mm > 0 else 1
+        if direction != self._direction:
+            self._direction = direction
             scatter = self._movement_sd * float(self._movements.standard_normal())
             self._movement = math.exp(scatter)
         turned = math.tau * width_mm / self._period_mm + self._phase
-        self._stuck = way * self._movement * (1.0 + self._along * math.sin(turned))
+        self._friction_level = direction * self._movement * (1.0 + self._ripple * math.sin(turned))

@@ -1,7 +1,7 @@
-"""The real firmware on the AVR simulator, with pins and serial line under Python control.
+"""The real firmware on the AVR simulator, with pins and serial line controlled from Python.
 
-Needs the images that `make -C firmware` and `make -C firmware/sim` build. Everything it gives is
-simulated; the program that runs is the one for the board.
+Requires the images built with `make -C firmware` and `make -C firmware/sim`. The program is that of
+the board; all its inputs are simulated.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BUILD = Path(__file__).resolve().parents[3] / "firmware" / "build"
 _SIDE = 16
 _OUT_BYTES = 1 << 20
 _PULSES = 4096
-#: Simulated time per call into the simulator: the line must not outrun its buffer of 1 MB.
+#: Maximum simulated time per call, seconds: the output must fit the buffer of 1 MB.
 _LONGEST_RUN_S = 1.0
 
 _SIGNATURES: dict[str, tuple[object, list[object]]] = {
@@ -58,16 +58,16 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "board_take": (ctypes.c_uint32, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]),
 }
 
-#: The pixels' voltages are taken from the world this often; a scan of 8 pixels lasts 1 ms.
+#: Update interval of the pixels' voltages, seconds; a scan of 8 pixels takes 1 ms.
 _STEP_S = 0.004
 #: MG996R data sheet at 4.8 V: dead band 5 us, 60 degrees in 0.17 s; 500 to 2500 us are 180 degrees.
 _SERVO_DEAD_US, _SERVO_US_PER_S = 5.0, 667 / 0.17
-#: The kernel passes bytes through a pseudo-terminal at once; far longer means that it won't.
+#: Timeout for bytes through a pseudo-terminal, which the kernel normally passes at once.
 _KERNEL_S = 5.0
 _CHUNK = 1024
 
 
-def _library() -> ctypes.CDLL:
+def _load_library() -> ctypes.CDLL:
     path = BUILD / "libpalpate_board.so"
     try:
         library = ctypes.CDLL(str(path))
@@ -89,9 +89,8 @@ class FirmwareBoard:
     `board`: mega2560, uno or nano.
     `baud`: speed of the serial line, for which the image was built.
     `seed`: seed of the converter's noise.
-    `boot_loader`: Intel hex of the boot loader that it starts in, as a bought board does; none by
-        default.
-    Raises `DeviceNotFoundError` if simulator or image have not been built.
+    `boot_loader`: Intel hex file of the boot loader in which the board starts; none by default.
+    Raises `DeviceNotFoundError` if the simulator or the image has not been built.
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class FirmwareBoard:
         boot_loader: Path | None = None,
     ) -> None:
         self._board: int | None = None
-        self._library = _library()
+        self._library = _load_library()
         path = BUILD / IMAGES[board, baud].replace(".hex", ".elf")
         if not path.is_file():
             raise DeviceNotFoundError(
@@ -113,7 +112,7 @@ class FirmwareBoard:
         chip = BOARDS[board].chip.encode()
         self._board = self._library.board_open(chip, str(path).encode(), baud, seed)
         if not self._board:
-            raise DeviceNotFoundError(f"{path} is not an image that the simulator can run")
+            raise DeviceNotFoundError(f"{path} is not a valid image; run `make -C firmware` again")
         if boot_loader is not None:
             self._load_boot(boot_loader)
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
@@ -126,23 +125,23 @@ class FirmwareBoard:
             lines = boot_loader.read_text(encoding="ascii").splitlines(keepends=True)
         except (OSError, UnicodeDecodeError) as error:
             raise DeviceNotFoundError(f"{boot_loader}: {error}") from error
-        # Where another processor would start (types 3 and 5) the simulator's reader refuses.
-        kept = [line for line in lines if line[7:9] not in ("03", "05")]
+        # The simulator's reader refuses start addresses (record types 3 and 5).
+        readable = [line for line in lines if line[7:9] not in ("03", "05")]
         with NamedTemporaryFile("w", suffix=".hex") as file:
-            file.writelines(kept)
+            file.writelines(readable)
             file.flush()
             if self._library.board_load_boot(self._board, file.name.encode()):
-                raise DeviceNotFoundError(f"{boot_loader} is no boot loader in Intel hex")
+                raise DeviceNotFoundError(f"{boot_loader} is not a boot loader in Intel hex format")
 
     def now_s(self) -> float:
         """Return the simulated time since power-up, seconds."""
         return float(self._library.board_cycle(self._board)) / CLOCK_HZ
 
     def run_until(self, time_s: float) -> None:
-        """Run the program up to `time_s`, at most one second on; its output is kept.
+        """Run the program up to `time_s`, at most one second ahead; its output is buffered.
 
-        Raises `ValueError` if that is more than a second ahead: take the bytes in between;
-        `DeviceError` if the program has crashed.
+        Raises `ValueError` if `time_s` is more than a second ahead; `DeviceError` if the program
+        has crashed.
         """
         if time_s > self.now_s() + _LONGEST_RUN_S:
             raise ValueError(f"run at most {_LONGEST_RUN_S} s at a time")
@@ -150,25 +149,25 @@ class FirmwareBoard:
             raise DeviceError(f"the firmware crashed at {self.now_s():.6f} s of simulated time")
 
     def write_bytes(self, data: bytes) -> int:
-        """Put bytes on the line to the board; return how many its 4096-byte queue took."""
+        """Send bytes to the board; return the number accepted by its 4096-byte queue."""
         return int(self._library.board_give(self._board, data, len(data)))
 
     def read_bytes(self) -> bytes:
-        """Return the bytes that the board has sent since the last call."""
+        """Return the bytes sent by the board since the last call."""
         return self.read_timed()[0]
 
     def read_timed(self) -> tuple[bytes, NDArray[np.float64]]:
-        """Return those bytes, and when each was through, seconds, shape (n_bytes,)."""
+        """Return the bytes since the last call and their completion times, seconds."""
         size = self._library.board_take(
             self._board, self._bytes.ctypes.data, self._cycles.ctypes.data
         )
         return self._bytes[:size].tobytes(), self._cycles[:size] / CLOCK_HZ
 
     def set_pixels_mv(self, voltages_mv: ArrayLike) -> None:
-        """Set the divider's output.
+        """Set the output of the divider.
 
-        `voltages_mv`, shape (rows, cols): the converter's input with each row and column
-            selected; 0 elsewhere.
+        `voltages_mv`, shape (rows, cols): input of the converter for each selected row and column;
+            0 elsewhere.
         """
         wanted = np.asarray(voltages_mv, dtype=np.float32)
         pixels = np.zeros((_SIDE, _SIDE), dtype=np.float32)
@@ -181,7 +180,7 @@ class FirmwareBoard:
         self._library.board_set_noise_mv(self._board, noise_mv)
 
     def set_load(self, index: int, raw: int) -> None:
-        """Set the reading of load cell `index` (0 or 1), which is absent until then."""
+        """Set the reading of load cell `index` (0 or 1); the cell is absent before."""
         self._library.board_set_load(self._board, index, raw)
 
     def reset(self) -> None:
@@ -189,7 +188,7 @@ class FirmwareBoard:
         self._library.board_reset(self._board)
 
     def hang(self) -> None:
-        """Make the program hang where it is; interrupts continue."""
+        """Make the program hang; interrupts continue."""
         self._library.board_hang(self._board)
 
     def set_memory(self, address: int, value: int) -> None:
@@ -197,10 +196,7 @@ class FirmwareBoard:
         self._library.board_set_memory(self._board, address, value)
 
     def read_pulses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the servo's pulses since the last call.
-
-        When each began, seconds, and its width, microseconds; both of shape (n_pulses,).
-        """
+        """Return start times (s) and widths (us) of the servo pulses since the last call."""
         count = self._library.board_take_pulses(
             self._board, self._pulse_cycles.ctypes.data, self._pulse_lengths.ctypes.data
         )
@@ -219,7 +215,7 @@ class FirmwareBoard:
 
     @property
     def output_kpa(self) -> float:
-        """The setpoint that the pulse output now gives the regulator."""
+        """The present setpoint of the regulator from the pulse output."""
         return float(50.0 * self._library.board_output_duty(self._board))
 
     @property
@@ -238,21 +234,22 @@ class FirmwareBoard:
         return int(self._library.board_safe_edges(self._board))
 
     def close(self) -> None:
-        """Switch it off; calling it again does nothing."""
+        """Switch the board off; further calls have no effect."""
         if self._board:
             self._library.board_close(self._board)
             self._board = None
 
 
 class FirmwareStream:
-    """A `ByteStream` whose other end is the simulated board, wired to a world's pixels.
+    """A `ByteStream` to a simulated board that reads the pixels of a world.
 
-    Bytes go through a real pseudo-terminal and pyserial. Each call lets the board run up to the
-    world's clock, and waits until the kernel has passed on every byte, so that runs repeat exactly.
+    Bytes pass through a real pseudo-terminal and pyserial. Each call runs the board up to the
+    world's clock and waits until the kernel has transferred every byte, so runs are reproducible.
 
-    `world`: where the voltages come from; the board is powered up at its present time.
-    `board`: just made; it is closed with the stream.
-    `travel`: of a hobby servo between the board's pulses and the world's fingers; None for none.
+    `world`: source of the voltages; the board is powered up at the world's present time.
+    `board`: a new board; the stream closes it.
+    `travel`: travel of a hobby servo that moves the world's fingers with the board's pulses, or
+        None.
     """
 
     def __init__(
@@ -262,7 +259,7 @@ class FirmwareStream:
         self._travel, self._servo_us = travel, 0.0
         self._power_up_s = world.clock.now_s()
         self._stepped_s = -1.0
-        self._inside = False
+        self._is_running = False
         self._backlog = bytearray()
         self._master, slave = os.openpty()
         tty.setraw(slave)
@@ -273,7 +270,7 @@ class FirmwareStream:
         world.watchers.append(self._run_until)
 
     def read_waiting(self) -> bytes:
-        """Return all bytes that the board has sent by now."""
+        """Return all bytes sent by the board so far."""
         self._run_until(self._world.clock.now_s())
         received = bytearray()
         while self._backlog:
@@ -287,7 +284,7 @@ class FirmwareStream:
         return bytes(received)
 
     def write(self, data: bytes) -> None:
-        """Send `data`; it travels to the board at the speed of the line."""
+        """Send `data` to the board at the speed of the serial line."""
         self._run_until(self._world.clock.now_s())
         self._host.write(data)
         left = len(data)
@@ -298,7 +295,7 @@ class FirmwareStream:
             left -= len(part)
 
     def close(self) -> None:
-        """Switch the board off and take the terminal away; calling it again does nothing."""
+        """Switch the board off and close the terminal; further calls have no effect."""
         if not self._open:
             return
         self._open = False
@@ -309,23 +306,23 @@ class FirmwareStream:
         self._board.close()
 
     def _run_until(self, time_s: float) -> None:
-        # Asking the world for voltages calls its watchers, and so this again.
-        if self._inside:
+        # Reading the world's voltages calls its watchers, including this method.
+        if self._is_running:
             return
-        self._inside = True
+        self._is_running = True
         try:
             while self._stepped_s + _STEP_S <= time_s:
                 self._stepped_s = max(self._stepped_s + _STEP_S, self._power_up_s)
-                self._board_to(self._stepped_s)
+                self._run_board_until(self._stepped_s)
                 if self._travel is not None:
                     self._turn_servo(self._travel)
                 self._board.set_pixels_mv(1e3 * self._world.pixel_voltage_v(self._stepped_s))
-            self._board_to(time_s)
+            self._run_board_until(time_s)
         finally:
-            self._inside = False
+            self._is_running = False
 
     def _turn_servo(self, travel: ServoTravel) -> None:
-        """Follow the latest pulse, while the safe line gives supply."""
+        """Move the fingers to the latest pulse while the safe line supplies power."""
         _, width_us = self._board.read_pulses()
         if not self._board.safe_line:
             self._servo_us = 0.0
@@ -335,22 +332,22 @@ class FirmwareStream:
             width_mm = travel.width_mm(self._servo_us)
             self._world.drive(width_mm, rate=rate, time_s=self._stepped_s)
 
-    def _board_to(self, time_s: float) -> None:
+    def _run_board_until(self, time_s: float) -> None:
         self._board.run_until(time_s - self._power_up_s)
         self._backlog += self._board.read_bytes()
 
     def _wait_for(self, terminal: int) -> None:
         if not select.select([terminal], [], [], _KERNEL_S)[0]:
-            raise DeviceError(f"{self.name}: the kernel did not pass bytes on in {_KERNEL_S:g} s")
+            raise DeviceError(f"{self.name}: the kernel transferred no bytes in {_KERNEL_S:g} s")
 
 
 def open_firmware_array(world: Stage, *, noise_mv: float, rate_hz: float) -> SerialArray:
     """Return the serial array of a board that scans the world's pixels.
 
-    `world`: moves with its clock; the array moves that clock while it waits, as `TwinArray` does.
+    `world`: its clock is advanced while the array waits, as with `TwinArray`.
     `noise_mv`: standard deviation of the converter's noise.
-    Raises `DeviceNotFoundError` if firmware or simulator have not been built; the message names
-    what to install; `DeviceError` if the firmware can't do that rate.
+    Raises `DeviceNotFoundError` if the firmware or the simulator has not been built; the message
+    names the packages to install. Raises `DeviceError` if the firmware doesn't support the rate.
     """
     board = FirmwareBoard(seed=world.seed)
     board.set_noise_mv(noise_mv)

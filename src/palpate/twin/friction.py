@@ -1,4 +1,4 @@
-"""Friction of both fingers, which holds an object against a pull along the pads."""
+"""Friction of both fingers, and sliding of an object pulled along the pads."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from dataclasses import dataclass
 
 #: Standard gravity, N per gram.
 N_PER_G = 9.80665e-3
-#: Once it slides, friction is less by this share (plausible for rubber-like tape, not measured).
-_SLIDING_SHARE = 0.8
-#: After sliding this far, mm, the object has left the pads: half the length of a finger's pixels.
+#: Ratio of sliding to static friction (plausible for rubber-like tape, not measured).
+_SLIDING_FRACTION = 0.8
+#: Sliding distance, mm, after which the object has left the pads: half the length of the pixels.
 PAD_MM = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slide:
-    """How far an object has slid along the pads."""
+    """Sliding of an object along the pads."""
 
-    #: Way since it was pulled first.
+    #: Distance since the start of the pull.
     slid_mm: float = 0.0
-    #: 0 while friction holds it.
+    #: 0 while static friction holds the object.
     speed_mm_per_s: float = 0.0
 
     @property
     def has_left_pads(self) -> bool:
-        """Whether it has left the pads."""
+        """Whether the object has left the pads."""
         return self.slid_mm >= PAD_MM
 
     def after(
@@ -31,11 +31,11 @@ class Slide:
     ) -> Slide:
         """Return the slide one step later.
 
-        `step_s`: short against the time that it takes to slide off.
-        `pull_n`: pull along the pads, its weight included.
+        `step_s`: short compared with the time to slide off the pads.
+        `pull_n`: pull along the pads, including the weight.
         `grip_n`: normal force of each finger.
-        `friction`: coefficient between pads and object; both fingers carry.
-        `mass_g`: mass that is pulled.
+        `friction`: coefficient between pads and object; both fingers contribute.
+        `mass_g`: mass of the object.
 
         >>> held = Slide().after(0.1, pull_n=1.0, grip_n=1.0, friction=0.6, mass_g=100.0)
         >>> slipping = Slide().after(0.1, pull_n=1.0, grip_n=0.5, friction=0.6, mass_g=100.0)
@@ -43,15 +43,15 @@ class Slide:
         (0.0, 520)
         """
         moving = self.speed_mm_per_s > 0
-        holds_n = 2.0 * friction * grip_n * (_SLIDING_SHARE if moving else 1.0)
+        holds_n = 2.0 * friction * grip_n * (_SLIDING_FRACTION if moving else 1.0)
         if not moving and pull_n <= holds_n:
             return self
-        sliding_n = 2.0 * friction * grip_n * _SLIDING_SHARE
-        pace_mm_per_s2 = 1e6 * (pull_n - sliding_n) / mass_g
-        speed = max(self.speed_mm_per_s + pace_mm_per_s2 * step_s, 0.0)
-        way_mm = 0.5 * (self.speed_mm_per_s + speed) * step_s
-        return Slide(slid_mm=self.slid_mm + way_mm, speed_mm_per_s=speed)
+        sliding_n = 2.0 * friction * grip_n * _SLIDING_FRACTION
+        acceleration_mm_per_s2 = 1e6 * (pull_n - sliding_n) / mass_g
+        speed = max(self.speed_mm_per_s + acceleration_mm_per_s2 * step_s, 0.0)
+        distance_mm = 0.5 * (self.speed_mm_per_s + speed) * step_s
+        return Slide(slid_mm=self.slid_mm + distance_mm, speed_mm_per_s=speed)
 
 
-#: Nothing has slid yet.
+#: No sliding yet.
 AT_REST = Slide()

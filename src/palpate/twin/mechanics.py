@@ -1,10 +1,10 @@
-"""From closure to force to pixel loads: object, pads, fingers and servo in series.
+"""Force and pixel loads from closure: object, pads, fingers and servo in series.
 
-An object that relaxes shares its closure with a compliant gripper. Its elastic force E(x) is
-split into parts that fade: of every change of E a share s_k decays with the time constant tau_k.
-Over one step in which E is linear in time, the force is then a straight line in the new E,
-F = kept E + carried, and the balance with the gripper is one equation in the deformation x. So an
-object between stiff fingers relaxes, and one between fingers that keep their force creeps.
+A relaxing object and a compliant gripper share the closure. A fraction s_k of every change of the
+object's elastic force E(x) decays with the time constant tau_k. Over one step in which E is linear
+in time, the force is a linear function of the new E, F = kept E + carried. The balance with the
+gripper is then one equation in the deformation x. Consequently, an object between stiff fingers
+relaxes, and an object between fingers of constant force creeps.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid
 
-#: Slope left to an object beyond yield, and force left to it after rupture, as shares.
-_YIELDED_SLOPE = 0.3
-_RUPTURED_FORCE = 0.35
+#: Fraction of the slope that remains beyond yield, and of the force that remains after rupture.
+_YIELDED_SLOPE_FRACTION = 0.3
+_RUPTURED_FORCE_FRACTION = 0.35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandCompliance:
-    """Compliance besides the object's: fingers, servo (a spring), pads until they bottom out."""
+    """Compliance of the gripper: fingers, servo (a spring), and pads until they bottom out."""
 
     #: Fingers and servo, both sides together.
     finger_mm_per_n: float
@@ -52,29 +52,33 @@ def object_force_n(
     obj: TwinObject, deformation_mm: float, *, ruptured: bool
 ) -> tuple[float, float]:
     """Return an object's elastic force and its slope (N/mm) at a deformation."""
-    return _law(obj, ruptured=ruptured)(deformation_mm)
+    return _force_law(obj, ruptured=ruptured)(deformation_mm)
 
 
-def _law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
+def _force_law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
     """Return the function from deformation to force and slope of one object."""
-    scale, yield_n, unhurt = _RUPTURED_FORCE if ruptured else 1.0, obj.yield_n, _elastic(obj)
+    scale, yield_n, undamaged = (
+        _RUPTURED_FORCE_FRACTION if ruptured else 1.0,
+        obj.yield_n,
+        _elastic_law(obj),
+    )
 
     def law(deformation_mm: float) -> tuple[float, float]:
-        force_n, slope = unhurt(max(deformation_mm, 0.0))
+        force_n, slope = undamaged(max(deformation_mm, 0.0))
         force_n, slope = scale * force_n, scale * slope
         if force_n <= yield_n:
             return force_n, slope
         yield_mm = deformation_before_damage_mm(obj, yield_n / scale)
-        flatter = _YIELDED_SLOPE * scale * unhurt(yield_mm)[1]
+        flatter = _YIELDED_SLOPE_FRACTION * scale * undamaged(yield_mm)[1]
         return yield_n + flatter * (deformation_mm - yield_mm), flatter
 
     return law
 
 
-def _elastic(obj: TwinObject) -> Callable[[float], tuple[float, float]]:
-    """Return what gives force and slope of an object that nothing has hurt."""
+def _elastic_law(obj: TwinObject) -> Callable[[float], tuple[float, float]]:
+    """Return the function from deformation to force and slope of an undamaged object."""
     if obj.curve is not None:
-        return partial(_on_curve, obj.curve)
+        return partial(_interpolate_curve, obj.curve)
     at_1mm_n, exponent = obj.force_at_1mm_n, obj.exponent
 
     def power(deformation_mm: float) -> tuple[float, float]:
@@ -86,24 +90,26 @@ def _elastic(obj: TwinObject) -> Callable[[float], tuple[float, float]]:
     return power
 
 
-def _on_curve(curve: tuple[tuple[float, float], ...], deformation_mm: float) -> tuple[float, float]:
-    (x0, f0), (x1, f1) = _piece(curve, deformation_mm, by=0)
+def _interpolate_curve(
+    curve: tuple[tuple[float, float], ...], deformation_mm: float
+) -> tuple[float, float]:
+    (x0, f0), (x1, f1) = _find_segment(curve, deformation_mm, by=0)
     slope = (f1 - f0) / (x1 - x0)
     return f0 + slope * (deformation_mm - x0), slope
 
 
 def deformation_before_damage_mm(obj: TwinObject, force_n: float) -> float:
-    """Return the deformation at which an object that nothing has hurt has this force."""
+    """Return the deformation of an undamaged object under a force."""
     if obj.curve is not None:
-        (x0, f0), (x1, f1) = _piece(obj.curve, force_n, by=1)
+        (x0, f0), (x1, f1) = _find_segment(obj.curve, force_n, by=1)
         return x0 + (force_n - f0) * (x1 - x0) / (f1 - f0)
     return float((force_n / obj.force_at_1mm_n) ** (1.0 / obj.exponent))
 
 
-def _piece(
+def _find_segment(
     curve: tuple[tuple[float, float], ...], value: float, *, by: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the two points of a curve around a deformation (0) or force (1)."""
+    """Return the two points of a curve around a deformation (`by=0`) or force (`by=1`)."""
     after = bisect_left(curve, value, lo=1, hi=len(curve) - 1, key=lambda point: point[by])
     return curve[after - 1], curve[after]
 
@@ -117,25 +123,25 @@ def series_force_n(
     kept: float = 1.0,
     carried_n: float = 0.0,
 ) -> float:
-    """Return the object's elastic force when it shares a closure with the gripper.
+    """Return the object's elastic force in series with the gripper at a closure.
 
     The force on the gripper is kept * elastic + carried_n (`palpate.twin.mechanics`), at least 0.
-    Solves deformation + deflection(force(deformation)) = closure. The left side rises and is
-    solved by Newton steps kept inside a shrinking bracket.
+    Solves deformation + deflection(force(deformation)) = closure. The left side is monotonic and is
+    solved with Newton steps inside a shrinking bracket.
     """
     if closure_mm <= 0:
         return 0.0
     low, high = 0.0, closure_mm
-    deformation, law = 0.5 * closure_mm, _law(obj, ruptured=ruptured)
+    deformation, law = 0.5 * closure_mm, _force_law(obj, ruptured=ruptured)
     for _ in range(60):
         elastic_n, slope = law(deformation)
-        felt_n = max(kept * elastic_n + carried_n, 0.0)
-        excess = deformation + compliance.deflection_mm(felt_n) - closure_mm
+        grip_n = max(kept * elastic_n + carried_n, 0.0)
+        excess = deformation + compliance.deflection_mm(grip_n) - closure_mm
         if abs(excess) < 1e-10:
             return elastic_n
         low, high = (low, deformation) if excess > 0 else (deformation, high)
-        felt_slope = kept * slope if felt_n > 0 else 0.0
-        step = excess / (1.0 + compliance.slope_mm_per_n(felt_n) * felt_slope)
+        grip_slope = kept * slope if grip_n > 0 else 0.0
+        step = excess / (1.0 + compliance.slope_mm_per_n(grip_n) * grip_slope)
         newton = deformation - step
         deformation = newton if low < newton < high else 0.5 * (low + high)
     return law(deformation)[0]
@@ -143,7 +149,7 @@ def series_force_n(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """The fingers' way from one opening to another at a constant rate."""
+    """Motion of the fingers from one opening to another at a constant rate."""
 
     start_s: float
     from_mm: float
@@ -152,14 +158,14 @@ class Motion:
 
     @property
     def end_s(self) -> float:
-        """When the fingers arrive."""
+        """Arrival time of the fingers."""
         return self.start_s + abs(self.to_mm - self.from_mm) / self.rate_mm_per_s
 
     def width_mm(self, time_s: float) -> float:
         """Return the opening at a time."""
         length_mm = self.to_mm - self.from_mm
-        way = min(max(time_s - self.start_s, 0.0) * self.rate_mm_per_s, abs(length_mm))
-        return self.from_mm + math.copysign(way, length_mm)
+        travel = min(max(time_s - self.start_s, 0.0) * self.rate_mm_per_s, abs(length_mm))
+        return self.from_mm + math.copysign(travel, length_mm)
 
 
 def pixel_shares(
@@ -167,8 +173,8 @@ def pixel_shares(
 ) -> NDArray[np.float64]:
     """Return the fraction of its finger's force that each pixel carries, shape (pixels,).
 
-    A flat object loads the whole pad, tilted a little towards where it lies. A round one loads a
-    patch, a paraboloid whose reach grows as in Hertz contact (each side is indented by half).
+    A flat object loads the whole pad, with a slight gradient towards its position. A round object
+    loads a parabolic patch whose radius grows as in Hertz contact (each side is indented by half).
     """
     if obj.faces is not None:
         return obj.faces.pixel_shares(deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
@@ -185,9 +191,9 @@ def pixel_shares(
 
 
 def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -> float:
-    """Return the spread of a contact's force, mm: pad cover and Hertz contact.
+    """Return the radius over which a contact's force spreads, mm: pad cover and Hertz contact.
 
-    Each side of a round object is indented by half; the contacts of a flat one do not grow.
+    Each side of a round object is indented by half; the contact of a flat object does not grow.
 
     >>> from palpate.twin.objects import draw_object
     >>> ball = draw_object(np.random.default_rng(1), "ball-33lbs")
@@ -208,7 +214,7 @@ class RelaxingForce:
 
     @classmethod
     def none(cls, obj: TwinObject | None) -> Self:
-        """Return the squeeze of an object that nothing has touched yet."""
+        """Return the state of an object before any contact."""
         return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_share))
 
     def close_to(
@@ -220,8 +226,8 @@ class RelaxingForce:
         compliance: HandCompliance,
         ruptured: bool = False,
     ) -> RelaxingForce:
-        """Return the squeeze after a step that ends at a closure; contact is above 0."""
-        parts = _fading(obj, step_s)
+        """Return the state after a step that ends at a closure; contact requires closure > 0."""
+        parts = _relaxation_steps(obj, step_s)
         if closure_mm <= 0:
             return self._change(obj, parts, elastic_n=0.0, touching=False)
         fresh = sum([share * mean for share, _, mean in parts])
@@ -239,8 +245,10 @@ class RelaxingForce:
     def change_to(
         self, obj: TwinObject, *, elastic_n: float, step_s: float, touching: bool = True
     ) -> RelaxingForce:
-        """Return the squeeze after a step over which the elastic force went in a line."""
-        return self._change(obj, _fading(obj, step_s), elastic_n=elastic_n, touching=touching)
+        """Return the state after a step in which the elastic force changed linearly."""
+        return self._change(
+            obj, _relaxation_steps(obj, step_s), elastic_n=elastic_n, touching=touching
+        )
 
     def _change(
         self,
@@ -261,8 +269,8 @@ class RelaxingForce:
         return RelaxingForce(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)
 
 
-def _fading(obj: TwinObject, step_s: float) -> list[tuple[float, float, float]]:
-    """Return share, decay and mean decay over a step of every part that fades."""
+def _relaxation_steps(obj: TwinObject, step_s: float) -> list[tuple[float, float, float]]:
+    """Return fraction, decay and mean decay over a step of every relaxing part."""
     parts = []
     for share, time_s in zip(obj.relaxing_share, obj.relaxing_time_s, strict=True):
         rate = max(step_s / time_s, 1e-12)

@@ -1,9 +1,9 @@
-"""The objects of the paper, and other produce, as ranges to draw from.
+"""The objects of the paper and other produce, as ranges of random draws.
 
-Stiffness and strength are plausible ranges, not measurements of ours: the silicone pads keep the
-ratio of their makers' moduli, the balls that of their grip ratings, banana, kiwi and mango the
-rupture forces of recorded robot grasps. Where the paper gives a size (strawberries, 31-41 mm) it
-is the paper's.
+Stiffness and strength are plausible ranges, not measured by this project. The silicone pads match
+the ratios of the manufacturers' moduli, the balls those of their grip ratings; banana, kiwi and
+mango match the rupture forces of recorded robot grasps. Sizes stated in the paper (strawberries,
+31-41 mm) are used.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 ContactShape: TypeAlias = Literal["linear", "hertz"]
 
-#: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
+#: Coefficient of tape or silicone on dry and damp skins; plausible, not measured.
 FRICTION: Pair = (0.35, 0.9)
-#: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
-YIELD_SHARE: Pair = (0.75, 0.95)
+#: Damage begins at this fraction of the rupture force, where the curves of recorded grasps bend.
+YIELD_FRACTION: Pair = (0.75, 0.95)
 #: Time constants of relaxation, seconds.
 RELAXING_S: tuple[Pair, ...] = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 
 
 class Faces(Protocol):
-    """The sides of an object that are neither flat nor round."""
+    """Contact faces of an object that is neither flat nor round."""
 
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
@@ -43,9 +43,8 @@ class Faces(Protocol):
 class TwinObject:
     """One object between the fingers.
 
-    Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), or
-    a curve of its own, up to `yield_n`; beyond that it flattens, and at `rupture_n` it breaks
-    for good.
+    The elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), or
+    a given curve. Beyond `yield_n` the slope is lower; at `rupture_n` the object breaks for good.
     """
 
     #: Name in `OBJECTS`.
@@ -56,22 +55,22 @@ class TwinObject:
     contact: ContactShape
     #: Elastic force at 1 mm of deformation.
     force_at_1mm_n: float
-    #: Shares of the force that relax away, and their time constants.
+    #: Fractions of the force that relax, and their time constants.
     relaxing_share: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
-    #: Whether it covers the whole pad; if not, it touches a patch that grows with deformation.
+    #: Whether the object covers the whole pad; otherwise its contact patch grows with deformation.
     flat: bool
-    #: Forces at which damage begins and at which it bursts; infinite for what doesn't.
+    #: Yield and rupture force; infinite for an unbreakable object.
     yield_n: float = float("inf")
     rupture_n: float = float("inf")
     #: Mass, grams.
     mass_g: float = 50.0
     #: Coefficient between pads and object.
     friction: float = 0.6
-    #: How it loads the pixels, where its sides are not those of a flat or round object.
+    #: Contact faces of an object that is neither flat nor round.
     faces: Faces | None = None
-    #: Deformations (mm) and elastic forces (N) in place of the law: rising from (0, 0), straight
-    #: from one point to the next, and on as between the last two.
+    #: Deformations (mm) and elastic forces (N) instead of the law, rising from (0, 0); linear
+    #: interpolation, and extrapolation from the last two points.
     curve: tuple[tuple[float, float], ...] | None = None
 
     @property
@@ -159,8 +158,8 @@ OBJECTS: dict[str, ObjectRange] = {
 def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject:
     """Draw one object.
 
-    `name`: name in `OBJECTS`; by default one is drawn, the rigid block excepted.
-    Raises `ValueError` if there is no such object.
+    `name`: name in `OBJECTS`; by default any name except the rigid block is drawn.
+    Raises `ValueError` for an unknown name.
 
     >>> import numpy as np
     >>> berry = draw_object(np.random.default_rng(1), "strawberry")
@@ -182,19 +181,19 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
         relaxing_share=tuple(float(part) for part in share),
         relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
         flat=kind.flat,
-        yield_n=rupture_n * uniform(rng, YIELD_SHARE),
+        yield_n=rupture_n * uniform(rng, YIELD_FRACTION),
         rupture_n=rupture_n,
         mass_g=uniform(rng, kind.mass_g),
-        # A stream of its own: what was drawn of a seed before friction was, stays.
+        # A separate stream preserves the other draws of a seed.
         friction=uniform(rng.spawn(1)[0], FRICTION),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """True values in a world; names and meanings as in the answers of `palpate grasp`."""
+    """True values in a world; names and meanings as in the output of `palpate grasp`."""
 
-    #: Extent of the object along the closing axis before contact; None if there is none.
+    #: Extent of the object along the closing axis before contact; None without an object.
     size_mm: float | None
     #: Mean relative change over all pixels at the horizon of the final hold.
     settled_percent: float
@@ -206,9 +205,9 @@ class Truth:
     peak_force_n: float
     #: Whether the force ever passed the object's yield force.
     damaged: bool
-    #: When that was, on the rig's clock; None where it was not, or is not known.
+    #: Time of the damage on the rig's clock; None without damage, or if unknown.
     damaged_s: float | None = None
 
     def to_dict(self) -> dict[str, float | bool | None]:
-        """Return the form that commands print."""
+        """Return the true values as in the output of commands."""
         return {name: getattr(self, name) for name in self.__slots__}

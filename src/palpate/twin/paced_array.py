@@ -1,4 +1,4 @@
-"""Simulated time at the pace of a real clock, or a multiple of it."""
+"""Simulated frames paced by a real clock, at a chosen speed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from palpate.sensor.array import ArrayLayout, Frame, PressureArray
 
 
 class PacedArray:
-    """An array on simulated time whose frames wait for the real clock.
+    """An array that delays simulated frames according to the real clock.
 
-    The twin is independent of it: its clock has moved to the frame already, and no call asks it for
-    more until the frame is given. `speed`: seconds of its time in a second on the wall.
+    The delay does not affect the twin, whose clock has already advanced to the delayed frame.
+
+    `speed`: seconds of simulated time per real second.
 
     >>> from palpate.twin.devices import TwinArray
     >>> from palpate.twin.world import World
@@ -25,7 +26,7 @@ class PacedArray:
     def __init__(self, array: PressureArray, *, speed: float) -> None:
         self._array, self._speed = array, speed
         self._anchor_s = math.nan
-        self._hurry = Event()
+        self._skip = Event()
 
     @property
     def layout(self) -> ArrayLayout:
@@ -34,28 +35,28 @@ class PacedArray:
 
     @property
     def speed(self) -> float:
-        """Seconds of simulated time in a second on the wall."""
+        """Seconds of simulated time per real second."""
         return self._speed
 
     @speed.setter
     def speed(self, speed: float) -> None:
         self._speed, self._anchor_s = speed, math.nan
 
-    def hurry(self) -> None:
-        """Let the frame that is held back go: something was asked that can't wait."""
-        self._hurry.set()
+    def skip_wait(self) -> None:
+        """Return the delayed frame at once, because of an urgent request."""
+        self._skip.set()
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame when its time has come on the wall."""
+        """Return the next frame once it is due in real time."""
         frame = self._array.read(timeout_s=timeout_s)
-        # The anchor is the wall's time at which the sensor's clock would have read 0.
+        # The anchor is the real time at which the simulated clock would have read 0.
         now_s = time.monotonic()
         wait_s = self._anchor_s + frame.time_s / self._speed - now_s
-        if not -1.0 < wait_s < 1.0:  # the first one, or the machine was asleep
+        if not -1.0 < wait_s < 1.0:  # the first frame, or after a suspend of the machine
             self._anchor_s, wait_s = now_s - frame.time_s / self._speed, 0.0
-        if wait_s > 0 and self._hurry.wait(wait_s):
+        if wait_s > 0 and self._skip.wait(wait_s):
             self._anchor_s = math.nan
-        self._hurry.clear()
+        self._skip.clear()
         return frame
 
     def close(self) -> None:

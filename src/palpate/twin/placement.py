@@ -1,4 +1,4 @@
-"""Positions of pixels on their fingers, and the random part of objects and contacts."""
+"""Positions of the pixels on the fingers, and random variation of placements and contacts."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from palpate.sensor.array import ArrayLayout
 from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 
-#: How far off its centre an object in a fixture lies, as a fraction of the pitch of the pixels.
+#: Offset of an object in a fixture from the centre, as a fraction of the pixel pitch.
 _FIXTURE_OFF_CENTRE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Variation from grasp to grasp: place, gains there, creep, width error, first finger."""
+    """Variation between grasps: position, local gains, creep, width error, first finger."""
 
     off_centre_mm: tuple[float, float]
     gain: FloatArray
@@ -30,18 +30,18 @@ class Placement:
 
 
 class Placements:
-    """Placements of one session, the same whenever they are asked for.
+    """Reproducible random placements of one session.
 
-    `sheet`, `grid`: what is touched.
-    `ranges`: scatter from grasp to grasp.
-    `seed`: seed of that scatter.
+    `sheet`, `grid`: the touched sheet and its pixels.
+    `ranges`: ranges of the variation between grasps.
+    `seed`: seed of the variation.
     """
 
     def __init__(self, *, sheet: Sheet, grid: PixelGrid, ranges: Ranges, seed: int) -> None:
         self._sheet, self._grid, self._ranges, self._seed = sheet, grid, ranges, seed
-        #: What chance gave to the n-th object and contact in some surroundings.
+        #: Return the placement of the n-th object and contact in an environment.
         self.of = lru_cache(maxsize=64)(self._draw)
-        #: Which of the objects are in a fixture.
+        #: Numbers of the objects in a fixture.
         self.fixtures: set[int] = set()
 
     def _draw(self, placed: int, contacts: int, environment: Environment) -> Placement:
@@ -69,7 +69,7 @@ class Placements:
 
 @dataclass(frozen=True, slots=True)
 class PixelGrid:
-    """Where the pixels are on their fingers: millimetres from the finger's centre, flattened."""
+    """Positions of the pixels relative to the centre of their finger, mm, flattened."""
 
     along_mm: NDArray[np.float64]
     across_mm: NDArray[np.float64]
@@ -78,7 +78,7 @@ class PixelGrid:
 
     @classmethod
     def of(cls, layout: ArrayLayout) -> PixelGrid:
-        """Build the grid of a layout: the rows of a finger run along it."""
+        """Build the grid of a layout; the rows of a finger are arranged along the finger."""
         finger_of_row = np.array(layout.finger_of_row)
         along = np.empty(layout.rows)
         for finger in np.unique(finger_of_row):

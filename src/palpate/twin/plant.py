@@ -1,9 +1,8 @@
-"""The noise-free physics of a grasp, advanced from node to node and exact in between.
+"""The noise-free physics of a grasp, advanced in nodes with exact integration in between.
 
-Nodes lie close together while the fingers move and ever wider apart in a hold. Between two nodes
-the elastic force and the sheet's target are straight lines, and every state that relaxes under them
-(the object's, the creep, the spikes) is integrated exactly. So what is read at a time does not
-depend on which other times were read.
+Nodes are close together during motion and increasingly far apart during a hold. Between two nodes,
+the elastic force and the sheet's target are linear in time, and all relaxing states (object, creep,
+spikes) are integrated exactly. A reading therefore does not depend on the times of other readings.
 """
 
 from __future__ import annotations
@@ -23,21 +22,20 @@ from palpate.twin.ranges import Ranges
 from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import Environment, Sheet
 
-#: Friction of the surface that the object stands on before it is lifted: the finger that comes
-#: first carries it.
+#: Friction of the supporting surface before the object is lifted; the first finger overcomes it.
 TABLE_FRICTION = 0.4
-#: An object this near, beyond where one finger may meet it first, may be touched, mm.
-_NEAR_MM = 1.0
+#: Margin before the earliest possible contact in which nodes must be close together, mm.
+_CONTACT_MARGIN_MM = 1.0
 #: Node spacing while the object is pulled, and while it slides, seconds.
 _PULLED_S, _SLIDING_S = 0.02, 0.005
-#: Node spacing: at least, and at most, seconds; travel of the fingers from node to node, mm; share
-#: of the time at rest.
+#: Node spacing: minimum and maximum, seconds; travel of the fingers between nodes, mm; fraction of
+#: the time since the last motion.
 _SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
-    """Everything that the future depends on."""
+    """The complete state of the simulation."""
 
     time_s: float
     motion: Motion
@@ -46,7 +44,7 @@ class PlantState:
     contacts: int
     closure_mm: float
     squeeze: RelaxingForce
-    #: The sheet, computed at its first use, as polling the force does not need it.
+    #: State of the sheet, computed on first use because polling of the force does not need it.
     sheet: Callable[[], SheetState]
     peak_force_n: float
     ruptured: bool
@@ -66,13 +64,13 @@ class PlantState:
 
 
 class Plant:
-    """Object, gripper and sheet, without noise; a deterministic function of its seed.
+    """Deterministic physics of object, gripper and sheet for a seed, without noise.
 
-    `ranges`: scatter from grasp to grasp.
-    `seed`: seed of that scatter.
-    `environment`: surroundings and earlier use.
+    `ranges`: ranges of the variation between grasps.
+    `seed`: seed of the variation.
+    `environment`: climate and earlier use.
     `lock_force_n`: force at which the servo locks.
-    `backlash_mm`: how far the servo goes back before a finger follows.
+    `backlash_mm`: travel of the servo on reversal before a finger follows.
     """
 
     def __init__(
@@ -95,7 +93,7 @@ class Plant:
         self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
     def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> PlantState:
-        """Return the state of an open gripper that has been still for long."""
+        """Return the state of an open gripper after a long rest."""
         motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         creep = self.placement(0, 0).creep
         pixels = SheetState.at_rest(self.sheet.rest_ohm.size, creep=creep)
@@ -114,7 +112,7 @@ class Plant:
         )
 
     def placement(self, placed: int, contacts: int) -> Placement:
-        """Return what chance gave to the n-th object and contact."""
+        """Return the placement of the n-th object and contact."""
         return self.placements.of(placed, contacts, self.environment)
 
     def next_node(self, state: PlantState) -> PlantState:
@@ -125,7 +123,7 @@ class Plant:
         contacts = state.contacts + begins
         placement = self.placement(state.placed, contacts)
         width_mm = state.motion.width_mm(time_s)
-        # The fingers are behind by the backlash when the servo goes back.
+        # When the servo reverses, the fingers lag by the backlash.
         finger_mm = min(max(state.finger_mm, width_mm), width_mm + self._backlash_mm)
         closure_mm = self._closure_mm(state.obj, finger_mm, error_mm=placement.width_error_mm)
         if begins:
@@ -183,7 +181,7 @@ class Plant:
         return following
 
     def between(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
-        """Return the state at a time between a node and the one after it."""
+        """Return the state at a time between a node and the following node."""
         if time_s >= following.time_s:
             return following
         share = (time_s - state.time_s) / (following.time_s - state.time_s)
@@ -232,14 +230,14 @@ class Plant:
 
     @property
     def rest_ohm(self) -> FloatArray:
-        """The reading of every pixel without load, shape (pixels,)."""
+        """Resistance of every pixel without load, shape (pixels,)."""
         return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
     def _closure_mm(self, obj: TwinObject | None, finger_mm: float, *, error_mm: float) -> float:
         return -np.inf if obj is None else obj.size_mm - finger_mm + error_mm
 
     def _contact_s(self, state: PlantState) -> float:
-        """Return when the fingers will first touch, infinite if they won't on this way."""
+        """Return the time of first contact in the present motion; infinite without contact."""
         motion = state.motion
         if state.obj is None or state.closure_mm >= 0 or motion.to_mm > motion.from_mm:
             return np.inf
@@ -253,28 +251,28 @@ class Plant:
         if state.pull_n > 0:
             return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
         still_s = state.time_s - state.motion.end_s
-        usual_s = _GROWTH * still_s if still_s >= 0 else _TRAVEL_MM / state.motion.rate_mm_per_s
-        step_s = min(max(usual_s, self._clear_s(state), _SHORTEST_S), _LONGEST_S)
+        spacing_s = _GROWTH * still_s if still_s >= 0 else _TRAVEL_MM / state.motion.rate_mm_per_s
+        step_s = min(max(spacing_s, self._unloaded_time_s(state), _SHORTEST_S), _LONGEST_S)
         if still_s >= 0:
             return state.time_s + step_s
         nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
 
-    def _clear_s(self, state: PlantState) -> float:
-        """Return how long the pads stay unloaded; fading is exact over any step until then."""
+    def _unloaded_time_s(self, state: PlantState) -> float:
+        """Return how long the pads stay unloaded; any step within this time is exact."""
         if state.closure_mm >= 0 or state.pixels.target.any():
             return 0.0
         motion = state.motion
         if state.obj is None or motion.to_mm >= motion.width_mm(state.time_s):
             return np.inf
         lead_mm = self.placement(state.placed, state.contacts).lead_mm
-        return (-state.closure_mm - lead_mm - _NEAR_MM) / motion.rate_mm_per_s
+        return (-state.closure_mm - lead_mm - _CONTACT_MARGIN_MM) / motion.rate_mm_per_s
 
     def _load_n(
         self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> FloatArray:
         """Return the load of every pixel."""
-        pushed_n = self._push_n(state, closure_mm, placement)
+        pushed_n = self._push_force_n(state, closure_mm, placement)
         if state.obj is None or max(force_n, pushed_n) <= 0:
             return self._unloaded_n
         along_mm, across_mm = placement.off_centre_mm
@@ -288,8 +286,8 @@ class Plant:
             return np.where(self.grid.finger == placement.first_finger, pushed_n * share, 0.0)
         return force_n * share
 
-    def _push_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
-        """Return the first finger's force on an object that it pushes to the middle."""
+    def _push_force_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
+        """Return the force of the first finger while it pushes the object to the middle."""
         if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
             return 0.0
         return TABLE_FRICTION * N_PER_G * state.obj.mass_g

@@ -1,19 +1,22 @@
-"""Every range that the twin draws from, in one place, by level.
+"""All ranges of the twin's random draws, by level.
 
-`lab` scatters as the paper's Tables 2 to 6 do, and misses entries of Tables 1, 4 and 5 all the same
-(the studies count them). `field` scatters as real Velostat does outside one
-laboratory's careful setup (`palpate study realism`): force exponents of the spread that three
-sensors had under dead weights (0.8 to 1.6, a standard deviation of 0.4), conductances that reach
-150-260 times the rest value, gain from place to place with a log standard deviation of 0.6 (robot
-presses against a load cell), resistances still 10-20 % from settled 2.5 s after the fingers stop
-(weights on Velostat) and an exponential that misses most of what is still to come, noise of a tenth
-to a few tenths of a percent. Its rest values suit the 4.7 kohm that the twin's pixels are read
-through, as where `palpate doctor` chose the reference resistor.
-Surroundings, wear and suction are plausible at both levels, not measured: the paper's Figures 1b, 3
-and 4 print no numbers.
+`lab` has the variation of the paper's Tables 2 to 6, but misses some entries of Tables 1, 4 and 5
+(the studies count them). `field` has the variation of real Velostat outside one laboratory's
+careful setup (`palpate study realism`):
 
-A pair (low, high) is drawn uniformly, in the logarithm where the name ends in `_log`; a single
-`..._sd` is a standard deviation, of the logarithm where stated.
+- force exponents with the spread of three sensors under dead weights (0.8 to 1.6, a standard
+  deviation of 0.4), and conductances up to 150-260 times the rest value;
+- gain between positions with a log standard deviation of 0.6 (robot presses against a load cell);
+- resistances still 10-20 % from settled 2.5 s after the fingers stop (weights on Velostat), and an
+  exponential fit that misses most of the remaining change;
+- noise of a tenth to a few tenths of a percent.
+
+The rest values of `field` suit the twin's reference resistor of 4.7 kohm, as if `palpate doctor`
+had chosen the resistor. Environment, wear and suction are plausible at both levels but not
+measured, because the paper's Figures 1b, 3 and 4 print no numbers.
+
+A pair (low, high) is drawn uniformly, or log-uniformly if the name ends in `_log`. A single
+`..._sd` is a standard deviation, of the logarithm if stated.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ Pair: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """Ranges of one level, the laboratory's by default, grouped by the part that they describe."""
+    """Ranges of one level, `lab` by default, grouped by component."""
 
     # Sheet at rest.
     rest_ohm_log: Pair = (7e3, 20e3)
@@ -42,16 +45,15 @@ class Ranges:
     sheet_pixel_log_sd: float = 0.12
     place_common_log_sd: float = 0.04
     place_pixel_log_sd: float = 0.08
-    # Hysteresis: how far the force must fall, in ratio, before the sheet follows it down.
+    # Hysteresis: relative fall of the force before the sheet follows.
     hysteresis: Pair = (0.03, 0.10)
-    # Families of creep to draw from (one that is listed twice comes twice as often), and the ranges
-    # of each.
+    # Creep families (repetition increases the probability), and the ranges of each family.
     families: tuple[str, ...] = ("two-mode", "slow-power", "hetero")
     two_mode_scale: Pair = (1.0, 1.0)
-    slow_power_share: Pair = (0.45, 0.75)
+    slow_power_fraction: Pair = (0.45, 0.75)
     slow_power_exponent: Pair = (0.25, 0.55)
     slow_power_start_s_log: Pair = (0.1, 0.4)
-    hetero_share: Pair = (0.30, 0.50)
+    hetero_fraction: Pair = (0.30, 0.50)
     hetero_time_s_log: Pair = (0.4, 25.0)
     creep_place_log_sd: float = 0.15
     # Resistance spike on each movement of a finger.
@@ -68,19 +70,18 @@ class Ranges:
     pad_force_n: Pair = (1.5, 4.0)
     width_repeat_sd_mm: float = 0.02
     off_centre: float = 0.6
-    # How far the object lies off the middle between the fingers, and how far the rails and gears
-    # let the servo go back before a finger follows.
+    # Offset of the object from the middle between the fingers, and backlash of rails and gears.
     off_middle_mm: Pair = (0.0, 1.0)
     backlash_mm: Pair = (0.03, 0.12)
-    # Servo current: friction of the gears, in mA and as a share of the grip, the share by which it
-    # rises and falls along the way and its scatter (sd of the logarithm) from movement to movement;
-    # change of the torque of an ampere from session to session, and while the motor warms up.
+    # Servo current: gear friction in mA and as a fraction of the grip current, its relative ripple
+    # along the travel, and its variation between movements (sd of the logarithm); change of the
+    # torque per ampere between sessions and during warm-up.
     servo_friction_ma: Pair = (20.0, 60.0)
-    servo_friction_share: Pair = (0.05, 0.25)
-    servo_friction_along: Pair = (0.05, 0.15)
+    servo_friction_fraction: Pair = (0.05, 0.25)
+    servo_friction_ripple: Pair = (0.05, 0.15)
     servo_friction_period_mm: Pair = (3.0, 20.0)
     servo_friction_movement_sd: Pair = (0.05, 0.15)
-    servo_warm_share: Pair = (-0.06, 0.02)
+    servo_warm_fraction: Pair = (-0.06, 0.02)
     # Environment and wear.
     rest_per_kelvin: Pair = (-0.012, -0.004)
     rest_per_humidity_percent: Pair = (-0.004, 0.001)
@@ -91,8 +92,8 @@ class Ranges:
     rest_break_in: Pair = (-0.1, 0.1)
     rest_per_1000_cycles: Pair = (-0.03, 0.03)
     gain_per_1000_cycles: Pair = (-0.03, 0.03)
-    # Suction: fraction of the rest conductance that it can take away, and how strong it must be.
-    lift_share: Pair = (0.1, 0.5)
+    # Suction: largest fraction of the rest conductance that it removes, and its pressure scale.
+    lift_fraction: Pair = (0.1, 0.5)
     lift_kpa_log: Pair = (5.0, 30.0)
 
 
@@ -109,14 +110,14 @@ FIELD = replace(
     place_common_log_sd=0.3,
     place_pixel_log_sd=0.6,
     hysteresis=(0.05, 0.30),
-    # Weights on Velostat and stretched silicone leave the exponential with most of the change still
-    # to come; `two-mode`, which is the paper's own sensor, lets it see through more than half.
+    # With weights on Velostat and stretched silicone, an exponential fit misses most of the
+    # remaining change; with `two-mode`, the paper's own sensor, it predicts more than half.
     families=("two-mode", *4 * ("slow-power", "hetero")),
     two_mode_scale=(0.08, 0.4),
-    slow_power_share=(0.15, 0.45),
+    slow_power_fraction=(0.15, 0.45),
     slow_power_exponent=(0.10, 0.60),
     slow_power_start_s_log=(0.05, 1.0),
-    hetero_share=(0.15, 0.45),
+    hetero_fraction=(0.15, 0.45),
     hetero_time_s_log=(0.5, 200.0),
     creep_place_log_sd=0.35,
     white_noise=(0.001, 0.004),
@@ -124,7 +125,7 @@ FIELD = replace(
     width_repeat_sd_mm=0.04,
     off_middle_mm=(0.0, 2.5),
     backlash_mm=(0.05, 0.3),
-    servo_friction_along=(0.1, 0.25),
+    servo_friction_ripple=(0.1, 0.25),
     servo_friction_movement_sd=(0.1, 0.25),
     rest_per_kelvin=(-0.025, -0.004),
     rest_per_humidity_percent=(-0.008, 0.002),
@@ -141,7 +142,7 @@ LEVELS: dict[str, Ranges] = {"lab": LAB, "field": FIELD}
 def ranges_of(level: str) -> Ranges:
     """Return the ranges of a level.
 
-    Raises `ValueError` if there is no such level.
+    Raises `ValueError` for an unknown level.
     """
     if level not in LEVELS:
         raise ValueError(f"no twin level {level!r}; there are: {', '.join(LEVELS)}")
@@ -149,10 +150,10 @@ def ranges_of(level: str) -> Ranges:
 
 
 def uniform(rng: np.random.Generator, pair: Pair) -> float:
-    """Draw from a pair, uniformly."""
+    """Draw a number uniformly from a pair."""
     return float(rng.uniform(*pair))
 
 
 def log_uniform(rng: np.random.Generator, pair: Pair) -> float:
-    """Draw from a pair, uniformly in the logarithm."""
+    """Draw a number log-uniformly from a pair."""
     return float(np.exp(rng.uniform(np.log(pair[0]), np.log(pair[1]))))

@@ -1,4 +1,4 @@
-"""The way from resistances to counts: the sheet's noise, leaks between pixels, divider and ADC."""
+"""Conversion of resistances to counts: sheet noise, crosstalk, divider and ADC."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from palpate.signal.circuit import ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.velostat import Sheet
 
-#: Time constants of the slow noise, seconds: white, these two and creep make up a coloured whole.
+#: Time constants of the two slow noise components, seconds.
 _SLOW_NOISE_S = np.array([[0.5], [10.0]])
 
 
 class Readout:
-    """Noise and conversion of one sheet; noise continues from scan to scan."""
+    """Noise and conversion of one sheet; the slow noise is continuous between scans."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class Readout:
         return ohm_to_volts(seen, divider=self._layout.divider)
 
     def counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:
-        """Return one scan at a time: counts summed over the conversions, shape (rows, cols)."""
+        """Return the counts of one scan, summed over the conversions, shape (rows, cols)."""
         volts = self.volts(pixel_ohm, time_s=time_s)
         noise = self._adc_noise_counts * self._rng.standard_normal(
             (self._oversampling, *volts.shape)

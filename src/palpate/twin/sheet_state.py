@@ -1,6 +1,6 @@
-"""Variables behind a sheet's resistances, advanced under loads that change with time.
+"""State variables of a sheet's resistances under time-varying loads.
 
-Nothing here depends on the source of the load, `palpate.twin.plant` or another simulator.
+The load may come from `palpate.twin.plant` or another simulator.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate.twin.velostat import Creep, Sheet
 
 @dataclass(frozen=True, slots=True)
 class SheetState:
-    """The pixels of one sheet at one time, flattened; targets are linear in between.
+    """State of the pixels of one sheet at one time, flattened; targets are linear between states.
 
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> from palpate.twin.velostat import draw_sheet, two_mode_creep
@@ -33,18 +33,18 @@ class SheetState:
     True
     """
 
-    #: Shape (pixels,). Load that the sheet follows, behind in its fall by hysteresis.
-    felt_n: FloatArray
-    #: Shape (pixels,). Creep coordinate that this load leads to.
+    #: Shape (pixels,). Effective load of the sheet; with hysteresis when the load falls.
+    sensed_n: FloatArray
+    #: Shape (pixels,). Final creep coordinate of this load.
     target: FloatArray
-    #: Shape (states, pixels). Parts of the target that are on their way.
+    #: Shape (states, pixels). Creep states, which follow the target with a lag.
     creep: FloatArray
-    #: Shape (pixels,). What movements have added to the resistance, as a fraction.
+    #: Shape (pixels,). Relative increase of the resistance due to movements.
     spike: FloatArray
 
     @classmethod
     def at_rest(cls, pixels: int, *, creep: Creep) -> Self:
-        """Return a sheet that nothing has pressed for long."""
+        """Return the state of a sheet after a long rest."""
         nothing = np.zeros(pixels)
         return cls(nothing, nothing, np.zeros((creep.tau_s.size, pixels)), nothing)
 
@@ -60,16 +60,16 @@ class SheetState:
     ) -> SheetState:
         """Return the state one step later.
 
-        `load_n`, shape (pixels,): load at its end.
-        `travel_mm`: how far the fingers moved in it.
-        `sheet`, `gain`, `creep`: the sheet, and what chance gave to this contact.
+        `load_n`, shape (pixels,): load at the end of the step.
+        `travel_mm`: travel of the fingers during the step.
+        `sheet`, `gain`, `creep`: the sheet, and the gain and creep of this contact.
         """
         if not np.count_nonzero(load_n):
             nothing = np.zeros_like(load_n)
             return self._step(step_s, nothing, nothing, travel_mm, sheet, creep)
-        felt_n = sheet.follow(self.felt_n, load_n)
-        target = sheet.family.coordinate(sheet.static_excess(felt_n, gain=gain))
-        return self._step(step_s, felt_n, target, travel_mm, sheet, creep)
+        sensed_n = sheet.follow(self.sensed_n, load_n)
+        target = sheet.family.coordinate(sheet.static_excess(sensed_n, gain=gain))
+        return self._step(step_s, sensed_n, target, travel_mm, sheet, creep)
 
     def towards(
         self,
@@ -82,14 +82,14 @@ class SheetState:
         creep: Creep,
     ) -> SheetState:
         """Return the state within a step, a fraction `share` of `step_s` towards its end."""
-        felt_n = self.felt_n + share * (following.felt_n - self.felt_n)
+        sensed_n = self.sensed_n + share * (following.sensed_n - self.sensed_n)
         target = self.target + share * (following.target - self.target)
-        return self._step(step_s, felt_n, target, travel_mm, sheet, creep)
+        return self._step(step_s, sensed_n, target, travel_mm, sheet, creep)
 
     def resistance_ohm(self, sheet: Sheet, *, creep: Creep, rest_factor: float = 1.0) -> FloatArray:
         """Return the resistance of every pixel, shape (pixels,).
 
-        `rest_factor` is that of the surroundings (`Sheet.rest_factor`).
+        `rest_factor`: factor of the environment (`Sheet.rest_factor`).
         """
         v = creep.instant * self.target + creep.weight @ self.creep
         bare = sheet.rest_ohm * rest_factor * (1.0 + self.spike)
@@ -99,7 +99,7 @@ class SheetState:
     def _step(
         self,
         step_s: float,
-        felt_n: FloatArray,
+        sensed_n: FloatArray,
         target: FloatArray,
         travel_mm: float,
         sheet: Sheet,
@@ -113,13 +113,13 @@ class SheetState:
         average = (1.0 - fall) * sheet.spike_decay_s / step_s if step_s > 0 else 1.0
         jump = np.abs(target - self.target)
         push = sheet.spike_per_mm * travel_mm + sheet.spike_per_target * jump
-        return SheetState(felt_n, target, crept, self.spike * fall + push * average)
+        return SheetState(sensed_n, target, crept, self.spike * fall + push * average)
 
 
-def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+def step_decay(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return decay and mean decay over a step, for step / time constant = `rate`.
 
-    >>> decay, mean = exact_step(np.array([0.0, 1.0]))
+    >>> decay, mean = step_decay(np.array([0.0, 1.0]))
     >>> decay.round(3).tolist(), mean.round(3).tolist()
     ([1.0, 0.368], [1.0, 0.632])
     """
@@ -137,5 +137,5 @@ def follow_line(
     `start`, `end`: target at both ends of the step.
     `rate`: step / time constant.
     """
-    decay, mean = exact_step(rate)
+    decay, mean = step_decay(rate)
     return end - mean * (end - start) - decay * (start - value)

@@ -12,16 +12,16 @@ from palpate.clock import ManualClock
 from palpate.sensor.array import ArrayLayout
 
 
-class Scanned(Protocol):
-    """Pixels that can be scanned. Times asked for must not go backwards."""
+class ScannedPixels(Protocol):
+    """Pixels that can be scanned at non-decreasing times."""
 
-    #: Called with the time before the world moves on to it.
+    #: Called with the new time before the world advances to it.
     watchers: list[Callable[[float], None]]
-    #: The clock that the devices move.
+    #: The clock advanced by the devices.
     clock: ManualClock
     #: Pixels and readout.
     layout: ArrayLayout
-    #: Rate at which the array is scanned.
+    #: Scan rate of the array.
     frame_rate_hz: float
     #: Conversions summed per pixel.
     oversampling: int
@@ -31,20 +31,20 @@ class Scanned(Protocol):
         ...
 
 
-class Stage(Scanned, Protocol):
-    """A world with fingers, an object between them, and pixels under its load.
+class Stage(ScannedPixels, Protocol):
+    """A world with fingers, an object between them, and pixels under load.
 
-    The twin's own (`palpate.twin.world.World`) is one; a study or a bridge may bring another, made
-    of recordings or of another simulator's physics.
+    `palpate.twin.world.World` implements this interface. A study or a bridge may provide another
+    implementation, based on recordings or another simulator.
     """
 
-    #: What drives the fingers: width or pressure.
+    #: Kind of fingers: rigid (driven by width) or soft (driven by pressure).
     gripper: Literal["rigid", "soft"]
     #: Seed of the devices' noise.
     seed: int
     #: Seed of the sensor and the gripper.
     sheet_seed: int
-    #: How much devices scatter (`palpate.twin.ranges`).
+    #: Level of the random variation (`palpate.twin.ranges`).
     level: str
 
     def now_s(self) -> float:
@@ -56,7 +56,7 @@ class Stage(Scanned, Protocol):
         ...
 
     def halt(self, *, time_s: float | None = None) -> None:
-        """Stop the fingers where they are."""
+        """Stop the fingers in place."""
         ...
 
     def drive_value(self, time_s: float) -> float:
@@ -64,7 +64,7 @@ class Stage(Scanned, Protocol):
         ...
 
     def is_moving(self, time_s: float) -> bool:
-        """Return whether the fingers are on their way."""
+        """Return whether the fingers are moving."""
         ...
 
     def force_n(self, time_s: float) -> float:

@@ -1,20 +1,20 @@
-"""The sheet: what one pixel's resistance does under a history of load.
+"""The Velostat sheet: resistance of a pixel under a load history.
 
-A pixel's excess conductance x = G/G0 - 1 has a static law in its load (power law above a
-threshold, saturating), reached through hysteresis (the load must fall by a ratio before the sheet
-follows it down) and through creep. Creep is linear in a coordinate v(x), so that any staircase of
-loads superposes, and is a sum of exponential states, so that it is integrated exactly:
+A pixel's excess conductance x = G/G0 - 1 follows a static law of its load (a saturating power law
+above a threshold) with hysteresis (the load must fall by a ratio before the sheet follows) and
+creep. Creep is linear in a coordinate v(x), so responses to load steps superpose. It is a sum of
+exponential states, which allows exact integration:
 
     v(t) = (1 - sum_k w_k (1 - exp(-20 s / tau_k))) V(t) + sum_k w_k z_k(t),   tau_k z_k' = V - z_k
 
-By its normalisation V is the value 20 s after a clean step of load.
+V is normalised to the value 20 s after a single step of load.
 
-Three families differ in the weights w, in the time constants and in the coordinate:
+Three families differ in the weights w, the time constants and the coordinate:
 
-- `two-mode`: one dominant mode near 2 s on slow creep and a little log-time creep, linear in the
-  relative change, x / (1 + x). It is the family that meets both rows of the paper's Table 1.
+- `two-mode`: one dominant mode near 2 s, slow creep and slight log-time creep; linear in the
+  relative change, x / (1 + x). Only this family matches both rows of the paper's Table 1.
 - `slow-power`: a power law of time, (1 + t/t0) ** -beta, linear in log conductance.
-- `hetero`: a few modes with random time constants and shares, linear in log conductance.
+- `hetero`: a few modes with random time constants and weights, linear in log conductance.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.twin.ranges import Ranges, log_uniform, ranges_of, uniform
 
-#: Time after a clean step of load at which the static law holds, seconds (the paper's horizon).
+#: Time after a single load step at which the static law holds, seconds (the paper's horizon).
 SETTLED_S = 20.0
-#: Excess conductance from which on the coordinate of the relative change continues as a logarithm:
-#: linear creep in the relative change itself would drive the resistance below zero.
-_BEND = 6.0
-#: Distance between pixel centres that the force ranges are for, mm.
+#: Excess conductance above which the coordinate of the relative change continues as a logarithm,
+#: because linear creep in the relative change would make the resistance negative.
+_LOG_START = 6.0
+#: Pixel pitch to which the force ranges apply, mm.
 USUAL_PITCH_MM = 10.0
-#: The paper's room (section 2.1); it gives no humidity, so that is ours.
+#: Climate of the paper's room (section 2.1); the humidity is our assumption.
 ROOM_C, ROOM_HUMIDITY_PERCENT = 21.9, 45.0
 #: exp(-s ** 1.12) as a sum of exponentials in s, to within 0.003.
 _COMPRESSED = ((1.21610, 0.84748), (-0.21610, 0.30244))
@@ -51,12 +51,12 @@ class Creep:
 
     @property
     def instant(self) -> float:
-        """Fraction of the static value that is there at once."""
+        """Fraction of the static value that is reached at once."""
         return float(1.0 + self.weight @ np.expm1(-SETTLED_S / self.tau_s))
 
 
 def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
-    """Draw the family fitted to Table 1: two exponential modes and 0.0103 ln(1 + t/3.2)."""
+    """Draw creep fitted to Table 1: two exponential modes and 0.0103 ln(1 + t/3.2)."""
     middle = 0.131 * np.exp(0.28 * rng.standard_normal())
     middle_s = 1.96 * np.exp(0.37 * rng.standard_normal())
     slow = 0.068 + 0.026 * rng.standard_normal()
@@ -71,7 +71,7 @@ def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
 
 
 def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
-    """Return creep that remains as (1 + t/start_s) ** -exponent, a sum over log-spaced times."""
+    """Return creep with the remainder (1 + t/start_s) ** -exponent, as a sum of exponentials."""
     ratio = 3.0
     s = ratio ** np.arange(-9.0, 3.0)
     weight = share * np.log(ratio) / gamma(exponent) * s**exponent * np.exp(-s)
@@ -80,37 +80,37 @@ def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """Creep of a sheet: a draw for each grasp, and the coordinate of linear creep."""
+    """Creep of a sheet: random draw for each grasp, and the coordinate of linear creep."""
 
     name: str
     relative: bool
     draw: Callable[[np.random.Generator], Creep]
 
     def coordinate(self, excess: FloatArray) -> FloatArray:
-        """Return v of an excess conductance."""
+        """Return the coordinate v of an excess conductance."""
         if not self.relative:
             return np.log1p(excess)
-        low = np.minimum(excess, _BEND)
-        beyond = np.log(np.maximum(excess, _BEND) / _BEND)
-        return low / (1.0 + low) + _BEND / (1.0 + _BEND) ** 2 * beyond
+        low = np.minimum(excess, _LOG_START)
+        beyond = np.log(np.maximum(excess, _LOG_START) / _LOG_START)
+        return low / (1.0 + low) + _LOG_START / (1.0 + _LOG_START) ** 2 * beyond
 
     def excess(self, v: FloatArray) -> FloatArray:
         """Return the excess conductance of a coordinate: the inverse of `coordinate`."""
         if not self.relative:
             return np.expm1(v)
-        bend_v = _BEND / (1.0 + _BEND)
+        bend_v = _LOG_START / (1.0 + _LOG_START)
         low = np.minimum(v, bend_v)
-        beyond = np.maximum(v - bend_v, 0.0) * (1.0 + _BEND) ** 2 / _BEND
+        beyond = np.maximum(v - bend_v, 0.0) * (1.0 + _LOG_START) ** 2 / _LOG_START
         return low / (1.0 - low) * np.exp(beyond)
 
 
-def _two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
+def _draw_two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
     scale = uniform(rng, ranges.two_mode_scale)
     return Family(name="two-mode", relative=True, draw=lambda grasp: two_mode_creep(grasp, scale))
 
 
-def _slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
-    share = uniform(rng, ranges.slow_power_share)
+def _draw_slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
+    share = uniform(rng, ranges.slow_power_fraction)
     exponent = uniform(rng, ranges.slow_power_exponent)
     start_s = log_uniform(rng, ranges.slow_power_start_s_log)
     sd = ranges.creep_place_log_sd
@@ -122,10 +122,10 @@ def _slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
     return Family(name="slow-power", relative=False, draw=draw)
 
 
-def _hetero(rng: np.random.Generator, ranges: Ranges) -> Family:
+def _draw_hetero(rng: np.random.Generator, ranges: Ranges) -> Family:
     modes = int(rng.integers(3, 6))
     tau_s = np.sort([log_uniform(rng, ranges.hetero_time_s_log) for _ in range(modes)])
-    weight = rng.dirichlet(np.ones(modes)) * uniform(rng, ranges.hetero_share)
+    weight = rng.dirichlet(np.ones(modes)) * uniform(rng, ranges.hetero_fraction)
     sd = ranges.creep_place_log_sd
 
     def draw(grasp: np.random.Generator) -> Creep:
@@ -137,35 +137,35 @@ def _hetero(rng: np.random.Generator, ranges: Ranges) -> Family:
 
 #: Name -> draw of a family at a level.
 FAMILIES: dict[str, Callable[[np.random.Generator, Ranges], Family]] = {
-    "two-mode": _two_mode,
-    "slow-power": _slow_power,
-    "hetero": _hetero,
+    "two-mode": _draw_two_mode,
+    "slow-power": _draw_slow_power,
+    "hetero": _draw_hetero,
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """Environment and wear of a sheet; by default the paper's room and a new sheet."""
+    """Environment and wear of a sheet; by default a new sheet in the paper's room."""
 
     #: Climate.
     temperature_c: float = ROOM_C
     humidity_percent: float = ROOM_HUMIDITY_PERCENT
-    #: Contacts made before.
+    #: Number of earlier contacts.
     cycles: int = 0
-    #: Whether those include the world's own contacts too, because the caller keeps the count and
-    #: updates it. Otherwise the own ones wear the gain in addition.
+    #: Whether `cycles` includes the world's own contacts, counted by the caller. Otherwise the
+    #: world adds its own contacts to the wear of the gain.
     cycles_are_all: bool = False
-    #: Pressure between the layers less that outside, kPa.
+    #: Pressure between the layers minus the pressure outside, kPa.
     suction_kpa: float = 0.0
 
     @property
-    def warmer(self) -> float:
+    def warming_k(self) -> float:
         """Kelvin above the paper's room."""
         return self.temperature_c - ROOM_C
 
     @property
-    def damper(self) -> float:
-        """Percent of relative humidity above our assumption for that room."""
+    def humidity_rise_percent(self) -> float:
+        """Relative humidity above the assumption for the paper's room, percentage points."""
         return self.humidity_percent - ROOM_HUMIDITY_PERCENT
 
 
@@ -195,39 +195,39 @@ class Sheet:
     rest_break_in: float
     rest_per_1000_cycles: float
     gain_per_1000_cycles: float
-    lift_share: float
+    lift_fraction: float
     lift_kpa: float
 
     def static_excess(self, load_n: FloatArray, *, gain: FloatArray) -> FloatArray:
-        """Return the excess conductance that a load leads to, without its history."""
+        """Return the static excess conductance under a load, without history."""
         pressed = np.maximum(load_n - self.threshold_n, 0.0) / self.unit_force_n
         x = gain * pressed**self.exponent
         return x / (1.0 + x / self.saturation)
 
-    def follow(self, played_n: FloatArray, load_n: FloatArray) -> FloatArray:
-        """Return the load on the sheet: immediate when rising, delayed by a ratio when falling."""
-        return np.minimum(np.maximum(played_n, load_n), load_n * (1.0 + self.hysteresis))
+    def follow(self, followed_n: FloatArray, load_n: FloatArray) -> FloatArray:
+        """Return the effective load: immediate when rising, delayed by a ratio when falling."""
+        return np.minimum(np.maximum(followed_n, load_n), load_n * (1.0 + self.hysteresis))
 
     def rest_factor(self, environment: Environment) -> float:
         """Return the rest resistance relative to that of a new sheet in the paper's room.
 
-        Suction parts the layers: up to a fraction of the conductance goes with it.
+        Suction separates the layers and removes up to a fraction of the conductance.
         """
         climate = (
-            self.rest_per_kelvin * environment.warmer
-            + self.rest_per_humidity_percent * environment.damper
+            self.rest_per_kelvin * environment.warming_k
+            + self.rest_per_humidity_percent * environment.humidity_rise_percent
         )
         broken_in = -np.expm1(-environment.cycles / self.break_in_cycles)
         wear = self.rest_break_in * broken_in
         wear += self.rest_per_1000_cycles * environment.cycles / 1000.0
-        lifted = -self.lift_share * np.expm1(-environment.suction_kpa / self.lift_kpa)
+        lifted = -self.lift_fraction * np.expm1(-environment.suction_kpa / self.lift_kpa)
         return float(np.exp(climate + wear) / (1.0 - lifted))
 
     def gain_factor(self, environment: Environment) -> float:
         """Return the gain relative to that of a broken-in sheet in the paper's room."""
         climate = (
-            self.gain_per_kelvin * environment.warmer
-            + self.gain_per_humidity_percent * environment.damper
+            self.gain_per_kelvin * environment.warming_k
+            + self.gain_per_humidity_percent * environment.humidity_rise_percent
         )
         wear = self.gain_per_1000_cycles * environment.cycles / 1000.0
         fresh = self.break_in * np.exp(-environment.cycles / self.break_in_cycles)
@@ -239,8 +239,8 @@ def draw_sheet(
 ) -> Sheet:
     """Draw a sheet.
 
-    `level` ("lab" or "field"): which ranges (`palpate.twin.ranges`).
-    `family`: name in `FAMILIES`; by default one is drawn.
+    `level` ("lab" or "field"): level of the ranges (`palpate.twin.ranges`).
+    `family`: name in `FAMILIES`; drawn by default.
     """
     ranges = ranges_of(level)
     drawn = str(rng.choice(ranges.families))
@@ -248,9 +248,9 @@ def draw_sheet(
     if name not in FAMILIES:
         raise ValueError(f"no relaxation family {name!r}; there are: {', '.join(FAMILIES)}")
     pixels = layout.pixels
-    # A stream of its own, which leaves the other draws of a seed as they are without it.
+    # A separate stream preserves the other draws of a seed.
     aging = rng.spawn(1)[0]
-    # The ranges are for pixels of the usual pitch; it is pressure that the sheet answers to.
+    # The sheet responds to pressure, so forces scale with the area of a pixel.
     area = (layout.pitch_mm / USUAL_PITCH_MM) ** 2
     rest_ohm = log_uniform(rng, ranges.rest_ohm_log)
     return Sheet(
@@ -276,6 +276,6 @@ def draw_sheet(
         rest_break_in=uniform(aging, ranges.rest_break_in),
         rest_per_1000_cycles=uniform(aging, ranges.rest_per_1000_cycles),
         gain_per_1000_cycles=uniform(aging, ranges.gain_per_1000_cycles),
-        lift_share=uniform(aging, ranges.lift_share),
+        lift_fraction=uniform(aging, ranges.lift_fraction),
         lift_kpa=log_uniform(aging, ranges.lift_kpa_log),
     )

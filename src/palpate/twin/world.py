@@ -1,4 +1,4 @@
-"""One simulated world: an object, a gripper, a sheet and its readout."""
+"""A simulated world: an object, a gripper, a sheet and its readout."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ GripperKind: TypeAlias = Literal["rigid", "soft"]
 
 #: Opening of the fingers at the start, mm (WidowX 250s: 74 mm), and force at which its servo locks.
 OPEN_MM, LOCK_FORCE_N = 74.0, 60.0
-#: Soft fingers: how far they would close per kPa if nothing were in the way, and their compliance.
+#: Soft fingers: free closing per kPa, and compliance.
 SOFT_MM_PER_KPA, SOFT_MM_PER_N = 1.4, 3.5
 
 
 class World:
     """A simulated grasp, advanced by the owner of its clock.
 
-    Times asked for must not go backwards. The physics is a deterministic function of the seeds and
-    the commands; what is read of it never changes it. Noise is drawn frame by frame.
+    Requested times must not decrease. The physics is a deterministic function of the seeds and the
+    commands and is not affected by readings. Noise is drawn for each frame.
 
-    `obj`: what lies between the open fingers.
-    `seed`: seed of this session: placements, scatter from grasp to grasp, noise.
-    `sheet_seed`: seed of the sensor and the gripper, the same for worlds that share them; `seed` by
+    `obj`: object between the open fingers, or None.
+    `seed`: seed of this session: placements, variation between grasps, noise.
+    `sheet_seed`: seed of the sensor and the gripper, equal in worlds that share them; `seed` by
         default.
-    `level` ("lab" or "field"): how much everything scatters (`palpate.twin.ranges`).
-    `gripper` ("rigid" or "soft"): width-driven fingers, or pneumatic ones driven by pressure.
-    `layout`: pixels and readout; by default the paper's for this kind of gripper. Readings leak
-        where its idle lines float.
-    `clock`: the clock that the devices move; its own by default.
+    `level` ("lab" or "field"): level of the random variation (`palpate.twin.ranges`).
+    `gripper` ("rigid" or "soft"): width-driven fingers, or pneumatic fingers driven by pressure.
+    `layout`: pixels and readout; by default the paper's for this kind of gripper. Floating idle
+        lines cause crosstalk.
+    `clock`: clock advanced by the devices; a new clock by default.
     `family`: relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
     `environment`: temperature, humidity and earlier use.
     `replace_sheet`: returns the sheet to use instead of the drawn sheet, such as another law.
@@ -60,7 +60,7 @@ class World:
     True
     """
 
-    #: Where all of it comes from, for every file and result.
+    #: Origin stated in every file and result.
     origin = "twin"
 
     def __init__(
@@ -87,7 +87,7 @@ class World:
         self.level, self.gripper, self.layout = level, gripper, layout
         self.clock = clock if clock is not None else ManualClock()
         self.frame_rate_hz, self.oversampling = frame_rate_hz, oversampling
-        #: Called with the time before the world moves on to it (a sensor scanning on its own).
+        #: Called with the new time before the world advances to it (for sensors that scan).
         self.watchers: list[Callable[[float], None]] = []
         ranges = ranges_of(level)
         rng = np.random.default_rng([self.sheet_seed, 0])
@@ -99,7 +99,7 @@ class World:
             pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
             pad_force_n=uniform(rng, ranges.pad_force_n),
         )
-        #: Backlash of the servo; fingers that bend have none.
+        #: Backlash of the servo; soft fingers have none.
         self.backlash_mm = 0.0
         if gripper == "rigid":
             self.backlash_mm = uniform(rng.spawn(1)[0], ranges.backlash_mm)
@@ -138,27 +138,27 @@ class World:
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
         """Move the fingers to a width (mm, mm/s) or pressure to a value (kPa, kPa/s).
 
-        `time_s` is the clock's by default. Returns the target.
+        `time_s`: the clock's time by default. Returns the target.
         """
         if rate <= 0:
-            raise ValueError(f"the fingers need a positive rate, not {rate}")
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
-        self._aim(now, self._to_width_mm(target), rate * self._mm_per_unit)
+            raise ValueError(f"rate is {rate}, but must be positive")
+        now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
+        self._start_motion(now, self._to_width_mm(target), rate * self._mm_per_unit)
         return target
 
     def halt(self, *, time_s: float | None = None) -> None:
-        """Stop the fingers where they are."""
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
-        self._aim(now, now.motion.width_mm(now.time_s), 1.0)
+        """Stop the fingers in place."""
+        now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
+        self._start_motion(now, now.motion.width_mm(now.time_s), 1.0)
 
     def drive_value(self, time_s: float) -> float:
         """Return the present width (mm) or pressure (kPa)."""
-        width_mm = self._at(time_s).motion.width_mm(time_s)
+        width_mm = self._advance_and_notify(time_s).motion.width_mm(time_s)
         return width_mm if self.gripper == "rigid" else (OPEN_MM - width_mm) / SOFT_MM_PER_KPA
 
     def is_moving(self, time_s: float) -> bool:
-        """Return whether the fingers are on their way."""
-        return self._at(time_s).motion.end_s > time_s
+        """Return whether the fingers are moving."""
+        return self._advance_and_notify(time_s).motion.end_s > time_s
 
     def place(
         self,
@@ -167,14 +167,14 @@ class World:
         time_s: float | None = None,
         fixture: bool = False,
     ) -> None:
-        """Take the object away and put another (or none) between the fingers.
+        """Replace the object between the fingers by another object or none.
 
-        Taking away works at any time; a new object needs fingers open beyond it. In a fixture it
-        lies near the centre of the pixels and between the fingers, otherwise anywhere.
+        Removal is always possible; a new object requires a wider opening of the fingers. A fixture
+        centres the object on the pixels and between the fingers; otherwise its position is random.
 
-        Raises `ValueError` if the fingers are closer than the new object is large.
+        Raises `ValueError` if the new object is larger than the opening.
         """
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         width_mm = now.motion.width_mm(now.time_s)
         if obj is not None and obj.size_mm >= width_mm:
             raise ValueError(
@@ -202,55 +202,55 @@ class World:
         )
 
     def lift(self, *, more_n: float = 0.0, time_s: float | None = None) -> None:
-        """Lift the object off what it stands on: from now on only friction holds it.
+        """Lift the object off its support, so that only friction holds the object.
 
-        `more_n` pulls on top of its weight: a stem that has to tear, a hand that takes it.
-        Opening the fingers puts it down again first.
+        `more_n`: pull in addition to the weight, such as that of a tearing stem or a hand. Opening
+        the fingers first puts the object down again.
         """
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         if now.obj is not None:
             self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
 
     @property
     def has_dropped(self) -> bool:
-        """Whether the object has slid out of the fingers since it was placed."""
+        """Whether the object has slid out of the fingers since its placement."""
         return self._latest.slide.has_left_pads
 
     def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
-        """Change the climate, the suction or the use made so far, at once.
+        """Change the climate, the suction or the earlier use immediately.
 
-        `environment.cycles` counts what was before this world's own contacts.
+        `environment.cycles` counts the contacts before those of this world.
         """
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         self._plant.environment = environment
         self._restart(now)
 
-    # -- what is there ----------------------------------------------------------------------------
+    # -- quantities -------------------------------------------------------------------------------
 
     def force_n(self, time_s: float) -> float:
-        """Return the grip force: what a load cell in place of the object would see."""
-        return self._at(time_s).force_n
+        """Return the grip force, as a load cell in place of the object would measure it."""
+        return self._advance_and_notify(time_s).force_n
 
     def pixel_resistance_ohm(self, time_s: float) -> FloatArray:
         """Return the noise-free resistance of each pixel, shape (rows, cols)."""
-        return self._ohm(self._at(time_s))
+        return self._ohm(self._advance_and_notify(time_s))
 
     def pixel_voltage_v(self, time_s: float) -> FloatArray:
         """Return the voltage at the converter's input for each pixel, shape (rows, cols).
 
-        Includes the sheet's noise, and crosstalk where the world has it; not the converter's noise.
+        Includes the noise of the sheet and any crosstalk, but not the noise of the converter.
         """
-        return self._readout.volts(self._ohm(self._at(time_s)), time_s=time_s)
+        return self._readout.volts(self._ohm(self._advance_and_notify(time_s)), time_s=time_s)
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
         return self._readout.counts(self._ohm(self._advance(time_s)), time_s=time_s)
 
     def truth(self, horizon_s: float = 20.0) -> Truth:
-        """Return what really holds, `horizon_s` after the start of the final hold's last movement.
+        """Return the true values `horizon_s` after the start of the final hold's last movement.
 
-        The final hold is the last command that left the object held. The world is copied there and
-        run on without noise as if the gripper had stayed.
+        The final hold follows the last command that left the object held. A noise-free copy of the
+        world continues from there with the gripper at rest.
         """
         now = self._node if self._hold is None else self._hold
         end = self._plant.run(now, now.motion.start_s + horizon_s)
@@ -281,7 +281,7 @@ class World:
         resistance = self._plant.resistance_ohm(state)
         return resistance.reshape(self.layout.rows, self.layout.cols)
 
-    def _at(self, time_s: float) -> PlantState:
+    def _advance_and_notify(self, time_s: float) -> PlantState:
         """Advance to a time, notify watchers of earlier events, and return the state."""
         for watcher in self.watchers:
             watcher(time_s)
@@ -309,7 +309,7 @@ class World:
         self._node, self._next = state, self._plant.next_node(state)
         self._latest = state
 
-    def _aim(self, now: PlantState, to_mm: float, rate_mm_per_s: float) -> None:
+    def _start_motion(self, now: PlantState, to_mm: float, rate_mm_per_s: float) -> None:
         motion = Motion(
             start_s=now.time_s,
             from_mm=now.motion.width_mm(now.time_s),

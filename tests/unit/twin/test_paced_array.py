@@ -30,7 +30,7 @@ def test_frames_come_at_the_pace_of_the_wall(array: TwinArray) -> None:
 def test_a_request_does_not_wait_for_the_wall(array: TwinArray) -> None:
     paced = PacedArray(array, speed=0.025)
     paced.read(timeout_s=1.0)
-    hurrying = threading.Timer(0.05, paced.hurry)
+    hurrying = threading.Timer(0.05, paced.skip_wait)
     hurrying.start()
     began_s = time.monotonic()
     paced.read(timeout_s=1.0)  # due in 0.8 s

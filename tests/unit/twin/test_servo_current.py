@@ -15,10 +15,10 @@ from palpate.twin.ranges import LAB, Ranges
 PLAIN = replace(
     LAB,
     servo_friction_ma=(40.0, 40.0),
-    servo_friction_share=(0.0, 0.0),
-    servo_friction_along=(0.0, 0.0),
+    servo_friction_fraction=(0.0, 0.0),
+    servo_friction_ripple=(0.0, 0.0),
     servo_friction_movement_sd=(0.0, 0.0),
-    servo_warm_share=(0.0, 0.0),
+    servo_warm_fraction=(0.0, 0.0),
 )
 
 
@@ -49,7 +49,7 @@ def test_no_two_movements_meet_the_same_friction() -> None:
 
 
 def test_friction_along_the_way_is_of_the_place() -> None:
-    ranges = replace(PLAIN, servo_friction_along=(0.25, 0.25), servo_friction_period_mm=(5.0, 5.0))
+    ranges = replace(PLAIN, servo_friction_ripple=(0.25, 0.25), servo_friction_period_mm=(5.0, 5.0))
     widths_mm = np.arange(60.0, 20.0, -0.05)
     one, other = (_sweep(_current(ranges, session=session), widths_mm) for session in (1, 2))
     assert np.corrcoef(one[1:], other[1:])[0, 1] > 0.4

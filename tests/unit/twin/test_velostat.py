@@ -100,7 +100,7 @@ def test_suction_takes_a_share_of_the_conductance_away() -> None:
     one = sheet()
     factors = [one.rest_factor(Environment(suction_kpa=kpa)) for kpa in (0.0, 10.0, 1e3)]
     assert np.all(np.diff(factors) > 0)
-    assert factors[-1] == pytest.approx(1.0 / (1.0 - one.lift_share))
+    assert factors[-1] == pytest.approx(1.0 / (1.0 - one.lift_fraction))
 
 
 def test_aging_leaves_the_other_draws_alone() -> None:
