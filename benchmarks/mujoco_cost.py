@@ -78,10 +78,10 @@ def create_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = spec.compile()
     data = mujoco.MjData(model)
     servo = Servo(ON_ARM, model=model, data=data)
-    servo.put(OPEN_MM)
-    servo.head_for(49.0, within_s=1.0)
+    servo.set_width(OPEN_MM)
+    servo.move_towards(49.0, within_s=1.0)
     mujoco.mj_step(model, data, 1000)
-    servo.head_for(49.0, within_s=1.0)
+    servo.move_towards(49.0, within_s=1.0)
     mujoco.mj_step(model, data, 1000)
     return model, data
 

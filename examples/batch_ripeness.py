@@ -1,10 +1,10 @@
-"""Ripeness of a batch: ripe items today, expected dates, as table and figure.
+"""Ripeness of a batch: stage and expected date of each item.
 
     python examples/batch_ripeness.py items.sqlite Monday
 
-reads a store that `palpate grasp --item` filled. Without arguments it makes one first, as
-`palpate demo packhouse` does (simulated): a batch on three mornings, eight fruits that a person
-labelled, and a rubber ball that shows how the sensor drifts.
+reads a store written by `palpate grasp --item`. Without arguments it first creates the simulated
+store of `palpate demo packhouse`: a batch on three mornings, eight fruits labelled by a person, and
+a rubber ball that shows the drift of the sensor.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ def main(arguments: list[str]) -> None:
     judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
     simulated = any(grasp.is_simulated for fruit in fruits for grasp in fruit.grasps)
     print(f"{batch}{' (simulated)' if simulated else ''}: {len(fruits)} fruits")
-    for fruit, said in zip(fruits, judged, strict=True):
-        wait = said.days_to_ripe
+    for fruit, verdict in zip(fruits, judged, strict=True):
+        wait = verdict.days_to_ripe
         when = f"ripe in {max(wait.value, 0):.1f} days ({max(wait.low, 0):.1f} to {wait.high:.1f})"
         if wait.value <= 0:
             when = "it is or was ripe"
-        chance = 100 * said.probabilities[said.stage]
-        print(f"  {fruit.item_id}: {said.stage} ({chance:.0f} %), {when}")
+        percent = 100 * verdict.probabilities[verdict.stage]
+        print(f"  {fruit.item_id}: {verdict.stage} ({percent:.0f} %), {when}")
     print(f"the ball reads {100 * np.expm1(drift.moved[-1]):+.0f} % since the first day")
     plot(fruits, rule, Path("batch.png"))
 
 
 def plot(fruits: list, rule: object, path: Path) -> None:
-    """Draw every fruit's days, free of the sensor's drift, and where the stages begin."""
+    """Draw the firmness of every fruit, corrected for drift, and the stage boundaries."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4), layout="constrained")

@@ -1,11 +1,11 @@
-"""Learn the gentle grasp from exported grasps on a CPU, and run the policy.
+"""Train a policy for gentle grasps on exported grasps on a CPU, and run it.
 
     python examples/learn_from_grasps.py [GRASPS [TRIALS]]
 
-GRASPS fruits are grasped at 2 N and exported as `palpate export --lerobot` does; a small network
-imitates the commands; then it grasps TRIALS fruits that it was not shown, on other hands, once
-unchecked and once through `PolicyHand`, which cuts what might press more than 4 N. Everything is
-simulated. Needs scikit-learn and `bridges/lerobot-dataset`.
+GRASPS fruits are grasped at 2 N and exported like `palpate export --lerobot`, and a small network
+learns to imitate the commands. It then grasps TRIALS new fruits with other hands, once without a
+limit and once through `PolicyHand` with a force limit of 4 N. Everything is simulated. Requires
+scikit-learn and `bridges/lerobot-dataset`.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from palpate_lerobot.hand import PolicyHand
 
 FRUITS = ("kiwi", "strawberry", "banana", "avocado-day-4", "tomato", "mango")
 TARGET_N, LIMIT_N, HELD_N = 2.0, 4.0, 1.0
-#: Ticks (15 per second) that the policy sees: now, and two before.
+#: Lags of the policy's inputs, ticks (15 per second).
 PAST = (0, 3, 8)
-#: Once something is felt the policy decides this often, ticks: a sheet lags while it is pressed.
+#: Decision period of the policy after contact, ticks, because the sheet lags during pressing.
 PRESSING_TICKS = 8
 TRIAL_TICKS, UNSEEN_SEED = 300, 1000
 
@@ -78,24 +78,24 @@ def train(dataset: Path) -> Any:
         rows = np.flatnonzero(episodes == episode)
         states = np.array([table["observation.state"][row] for row in rows])
         actions = np.array([table["action"][row] for row in rows])
-        # The release comes last, and is not the policy's to decide.
+        # The release at the end is not part of the policy.
         end = 1 + int(np.flatnonzero(actions[:, 0] < actions[-1, 0]).max())
         for tick in range(end):
             inputs.append(build_inputs(states[: tick + 1]))
-            way_mm = actions[tick, 0] - states[tick, 0]
-            outputs.append([way_mm, np.log(max(actions[tick, 1], 0.5))])
+            travel_mm = actions[tick, 0] - states[tick, 0]
+            outputs.append([travel_mm, np.log(max(actions[tick, 1], 0.5))])
     policy = make_pipeline(
         StandardScaler(),
         MLPRegressor(hidden_layer_sizes=(64, 64), alpha=1e-2, max_iter=300, random_state=1),
     )
     with warnings.catch_warnings():
-        # A policy of few grasps need not have converged.
+        # With few grasps the training may not converge.
         warnings.simplefilter("ignore", ConvergenceWarning)
         return policy.fit(np.array(inputs), np.array(outputs))
 
 
 def grasp(policy: Any, *, seed: int, is_capped: bool) -> dict[str, Any]:
-    """Let the policy close on a fruit, and return the truth about it."""
+    """Run the policy on a fruit; return the truth."""
     rig = open_rig("sim-rigid", object_name=FRUITS[seed % len(FRUITS)], seed=seed)
     hand = PolicyHand(rig.array, rig.gripper, calibration=rig.calibration, limit_n=LIMIT_N)
     limits = rig.gripper.limits
@@ -104,8 +104,8 @@ def grasp(policy: Any, *, seed: int, is_capped: bool) -> dict[str, Any]:
         felt = hand.observe()
         states.append(np.array(list(felt.values())))
         if felt["force_n"] == 0.0 or tick % PRESSING_TICKS == 0:
-            way_mm, log_rate = policy.predict([build_inputs(states)])[0]
-            target_mm = float(np.clip(felt["width_mm"] + way_mm, limits.lowest, limits.highest))
+            travel_mm, log_rate = policy.predict([build_inputs(states)])[0]
+            target_mm = float(np.clip(felt["width_mm"] + travel_mm, limits.lowest, limits.highest))
             rate = float(np.clip(np.exp(log_rate), 0.5, 20.0))
         if is_capped:
             hand.send({"width_mm": target_mm, "rate_mm_per_s": rate})

@@ -1,9 +1,9 @@
-"""A logger's recordings in, scored table and figure out: a researcher's ten lines.
+"""Analyse recordings of a data logger: predictions, a score table and a figure.
 
     python examples/offline_analysis.py recording.csv
 
-Recordings may be CSV, TSV, Excel or Parquet; their holds are found after each contact. Without
-arguments two of the demo recordings (simulated) are written and analysed.
+Recordings may be CSV, TSV, Excel or Parquet; a hold is cut after each contact. Without arguments,
+two of the demo recordings (simulated) are written and analysed.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""A gripper of your own in one file: six small methods, and every grasp works.
+"""A custom gripper in one file: implement six small methods to use every grasp.
 
-The hand and the sheet here are toys, a spring between two plates, so that the file runs anywhere.
-Put your bus in place of `Plates` in `MyGripper`; keep the sensor, or bring your own in the same
-way. Run it:
+Hand and sheet are a toy model here, a spring between two plates, so that the file runs anywhere.
+Replace `Plates` in `MyGripper` with your bus; keep the sensor, or replace it in the same way. Run:
 
     python examples/own_gripper.py
 
-To make `palpate grasp --rig mine` open it, name `open_mine` as an entry point in the pyproject.toml
-of your own package:
+For `palpate grasp --rig mine`, register `open_mine` as an entry point in the pyproject.toml of your
+package:
 
     [project.entry-points."palpate.rigs"]
     mine = "my_package.own_gripper:open_mine"
@@ -74,7 +73,7 @@ class MyGripper:
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Clamp, send, and return what was really sent: the grasp reckons with that."""
+        """Clamp and send the command; return the sent command, which the grasp uses."""
         sent = replace(
             wanted,
             target=min(max(wanted.target, self.limits.lowest), self.limits.highest),
@@ -84,18 +83,18 @@ class MyGripper:
         return sent
 
     def stop(self) -> None:
-        """Stop where it is. Called last, whatever happened; it must always work."""
+        """Stop the fingers; the grasp always calls this, so it must not fail."""
         self.plates.move(self.plates.width_mm, rate=1.0)
 
     def release(self) -> None:
         self.plates.move(self.limits.highest, rate=self.limits.fastest)
 
     def close(self) -> None:
-        """Close the bus; here there is none."""
+        """Close the bus; this example has none."""
 
 
 class MySensor:
-    """The sensor interface: frames of counts, each with its number and time."""
+    """The sensor interface: frames of counts with sequence number and time."""
 
     layout = RIGID_LAYOUT
 
@@ -109,7 +108,7 @@ class MySensor:
         # A sheet whose conductance rises with the load, in a divider with 4.7 kilohm to ground.
         ohm = REST_OHM / (1 + 2 * self.plates.force_n / self.layout.pixels)
         counts = round(1024 * 4700 / (4700 + ohm))
-        # A reading flickers by a count; one that never does is taken for a broken link.
+        # Real readings flicker by one count; constant readings are reported as a broken link.
         flicker = self.chance.integers(-1, 2, size=(self.layout.rows, self.layout.cols))
         return Frame(
             time_s=self.plates.clock.now_s(),
@@ -118,15 +117,15 @@ class MySensor:
         )
 
     def close(self) -> None:
-        """Close the port; here there is none."""
+        """Close the port; this example has none."""
 
 
 def my_calibration() -> Calibration:
-    """Return readings beside known forces. On hardware `palpate calibrate` makes this file."""
+    """Return a synthetic calibration; on hardware `palpate calibrate` creates it."""
     force_n = np.tile([0.3, 0.6, 1.2, 2.5, 5.0, 10.0], 2)
     rest = np.full((RIGID_LAYOUT.rows, RIGID_LAYOUT.cols), REST_OHM)
     block_n = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
-    # The raw pairs of a real calibration scatter; so do these, by 2 %.
+    # Scatter of 2 %, as in the pairs of a real calibration.
     scatter = np.exp(np.tile([0.02, -0.02], 6))
     return Calibration(
         sensor_id="toy",
@@ -151,7 +150,7 @@ def my_calibration() -> Calibration:
 
 
 def open_mine(*, object_name: str | None = None, seed: int = 0) -> Rig:
-    """Open the rig, as palpate asks for it; a hand of metal ignores both arguments."""
+    """Open the rig; a real rig ignores both arguments."""
     chance = np.random.default_rng(seed)
     clock = ManualClock()
     plates = Plates(clock, size_mm=chance.uniform(30, 60), n_per_mm=chance.uniform(1, 4))
@@ -168,7 +167,7 @@ def open_mine(*, object_name: str | None = None, seed: int = 0) -> Rig:
 
 
 def main() -> None:
-    """Grasp the spring and compare."""
+    """Grasp the spring and compare the result with the truth."""
     rig = open_mine(seed=1)
     plan = palpate.plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=6.0)
     result = palpate.run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
@@ -177,11 +176,11 @@ def main() -> None:
     print(f"{result.outcome} (simulated)")
     for name in ("size_mm", "stiffness_n_per_mm"):
         found = getattr(result, name)
-        if found.value is None:  # an end of the interval at most is known, and the reason
-            print(f"{name}: {found.status}, {found.reason}; truly {truth[name]:.2f}")
+        if found.value is None:  # only a limit of the interval is known, with the reason
+            print(f"{name}: {found.status}, {found.reason}; true value {truth[name]:.2f}")
             continue
         print(f"{name}: {found.value:.2f} ({found.low:.2f} to {found.high:.2f})", end="")
-        print(f", truly {truth[name]:.2f}")
+        print(f", true value {truth[name]:.2f}")
 
 
 if __name__ == "__main__":

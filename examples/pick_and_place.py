@@ -1,8 +1,8 @@
-"""Pick, carry and place a fruit under force control, in an arm's own loop.
+"""Pick, carry and place a fruit under force control, in the loop of an arm.
 
     python examples/pick_and_place.py [RIG]
 
-The rig is simulated by default; give a rig file for a real one.
+The default rig is simulated; give a rig file for real hardware.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import sys
 
 import palpate
 
-#: Frames that the way takes; a real arm moves meanwhile.
-WAY_FRAMES = 10
+#: Frames of the carrying movement, during which a real arm moves.
+CARRY_FRAMES = 10
 
 
 def main(rig_name: str) -> None:
-    """Grasp at 2 N, watch the force on the way, and place what is held."""
+    """Grasp at 2 N, monitor the force while carrying, and place the object."""
     with palpate.open_rig(rig_name, seed=1) as rig:
         grip = rig.grasp(target_force_n=2.0)
         print(grip)
-        for _ in range(WAY_FRAMES):
+        for _ in range(CARRY_FRAMES):
             if not grip.is_holding:
                 break
             reading = rig.read()

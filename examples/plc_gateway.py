@@ -1,10 +1,10 @@
-"""What a PLC's gateway does: grasp over HTTP, and put the answer into registers.
+"""A gateway for a PLC: grasp over HTTP, and convert the result to registers.
 
-Standard library alone, so that it can be copied. Start `palpate serve`, then:
+It uses only the standard library, so the file can be copied. Start `palpate serve`, then run:
 
     python examples/plc_gateway.py http://127.0.0.1:8080 A17
 
-`PALPATE_TOKEN` is sent where it is set. Stop from anywhere, whoever drives:
+`PALPATE_TOKEN` is sent if it is set. Any client can stop the hand:
 
     curl -X POST http://127.0.0.1:8080/api/stop
 """
@@ -20,17 +20,17 @@ import urllib.request
 from collections.abc import Callable
 from typing import Any
 
-#: A PLC knows words as numbers; 0 is for what this list does not know.
+#: The number of an outcome is its index; 0 means another outcome.
 OUTCOMES = ("", "held", "nothing_there", "slipped", "too_weak", "force_limit", "timed_out")
-#: Register by register: the quantity, and how many units of the register make one of its unit.
+#: Quantity of each register -> register units per unit of the quantity.
 REGISTERS = {"size_mm": 10, "force_n": 1000, "stiffness_n_per_mm": 1000}
-#: What a register holds where nothing was measured. It is never 0, which would be a value.
+#: Register value without a measurement; 0 would be a valid value.
 NOT_MEASURED = -1
 POLL_S, PATIENCE_S = 0.05, 120.0
 
 
 def ask(address: str, method: str, path: str, body: object = None) -> Any:
-    """Ask the API; a refusal ends the program with its one line."""
+    """Send a request to the API; exit with the message of a refusal."""
     request = urllib.request.Request(
         f"{address.rstrip('/')}/api{path}",
         method=method,
@@ -47,37 +47,40 @@ def ask(address: str, method: str, path: str, body: object = None) -> Any:
         sys.exit(f"{method} {path}: {json.loads(refused.read())['detail']}")
 
 
-def wait(address: str, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Ask for the state until it is as wanted, and return it."""
+def wait_for_state(address: str, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Poll the state until a condition holds, and return it."""
     until_s = time.monotonic() + PATIENCE_S
     while True:
         state: dict[str, Any] = ask(address, "GET", "/state")
         if reached(state):
             return state
         if time.monotonic() > until_s:
-            sys.exit(f"waited {PATIENCE_S:g} s, and it is {state['activity']}: {state['trouble']}")
+            sys.exit(
+                f"timed out after {PATIENCE_S:g} s in activity {state['activity']}: "
+                f"{state['trouble']}"
+            )
         time.sleep(POLL_S)
 
 
 def measure(address: str, item_id: str) -> dict[str, Any]:
-    """Grasp what lies between the fingers, give it back, and return the result."""
-    ready = wait(address, lambda at: at["activity"] == "watching" and at["fresh"])
-    # Whoever stops from now on stops this order too, even if it comes later.
+    """Grasp the object between the fingers, release it, and return the result."""
+    ready = wait_for_state(address, lambda at: at["activity"] == "watching" and at["fresh"])
+    # A stop after this state was read also cancels this order.
     order = {"item_id": item_id, "stops": ready["stops"]}
-    begun = ask(address, "POST", "/grasp", order)
-    # The grasp may end by itself: nothing there, slipped, stopped.
-    wait(address, lambda at: at["activity"] == "watching" or at["answered"])
+    started = ask(address, "POST", "/grasp", order)
+    # The grasp may end by itself, for example with nothing_there, slipped or stopped.
+    wait_for_state(address, lambda at: at["activity"] == "watching" or at["answered"])
     if ask(address, "GET", "/state")["activity"] == "grasping":
         ask(address, "POST", "/release")
-        wait(address, lambda at: at["activity"] == "watching")
+        wait_for_state(address, lambda at: at["activity"] == "watching")
     result: dict[str, Any] = ask(address, "GET", "/result")
-    if result["recording"] != begun["recording"]:
-        sys.exit(f"the grasp did not begin: {ask(address, 'GET', '/state')['trouble']}")
+    if result["recording"] != started["recording"]:
+        sys.exit(f"the grasp did not start: {ask(address, 'GET', '/state')['trouble']}")
     return result
 
 
-def registers(result: dict[str, Any]) -> list[int]:
-    """Return what the PLC reads: the outcome, whether it is simulated, then the quantities."""
+def list_registers(result: dict[str, Any]) -> list[int]:
+    """Return the registers: outcome, simulated flag, quantities."""
     outcome = result["outcome"]
     found = [OUTCOMES.index(outcome) if outcome in OUTCOMES else 0]
     found.append(int(result.get("simulated", False)))
@@ -90,4 +93,4 @@ def registers(result: dict[str, Any]) -> list[int]:
 if __name__ == "__main__":
     answer = measure(sys.argv[1], sys.argv[2])
     print(answer["verdict"]["text"])
-    print("registers", *registers(answer))
+    print("registers", *list_registers(answer))

@@ -1,9 +1,9 @@
-"""Four figures on the limits of one exponential, to read like a notebook.
+"""Four figures on the limits of a single exponential, in the form of a notebook.
 
     python examples/understand_prediction.py pictures
 
-Every hold here is simulated, as sums of decays, which is how `relaxation` sees the world too: it is
-at home here. What the methods do on real recordings stands in docs/prediction.md.
+All holds are simulated as sums of decays, which is also the model of `relaxation` and favours it.
+Results on real recordings are in docs/prediction.md.
 """
 
 # %%
@@ -23,13 +23,13 @@ OUT = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
 OUT.mkdir(parents=True, exist_ok=True)
 
 
-def save(figure: Figure, name: str, says: str) -> None:
+def save(figure: Figure, name: str, caption: str) -> None:
     figure.savefig(OUT / name, dpi=120)
-    print(f"{OUT / name}: {says}")
+    print(f"{OUT / name}: {caption}")
 
 
-# %% A sheet under constant load keeps falling: its decays have time constants from hundredths of a
-# second to minutes. We draw holds like that: thirteen decays, weights spread at random around even.
+# %% The resistance of a sheet under constant load keeps falling, with time constants from
+# hundredths of a second to minutes. The drawn holds have thirteen decays with random weights.
 chance = np.random.default_rng(20)
 time_s = np.arange(0.0, 20.5, 1 / 15)
 tau_s = np.geomspace(0.1, 200.0, 13)
@@ -38,8 +38,8 @@ decays = np.exp(-time_s[:, None] / tau_s)
 holds = 100 + 3.0 * weights @ decays.T + chance.normal(0, 0.05, size=(60, time_s.size))
 settled = holds[:, (time_s > 19.5) & (time_s <= HORIZON_S)].mean(axis=1)
 
-# %% One hold, and what each method makes of its first seconds. The exponential takes the decays it
-# can see for the whole story, so its answer moves down as the window grows.
+# %% One hold, and the predictions from its first seconds. The exponential fits only the decays in
+# the window, so its prediction decreases as the window grows.
 figure = Figure(figsize=(9, 3.2), layout="constrained")
 for axes, cutoff_s in zip(figure.subplots(1, 3, sharey=True), (1.0, 2.5, 5.0), strict=True):
     used = time_s <= cutoff_s
@@ -53,9 +53,9 @@ for axes, cutoff_s in zip(figure.subplots(1, 3, sharey=True), (1.0, 2.5, 5.0), s
     axes.set(title=f"seen: {cutoff_s:g} s", xlabel="time, s")
 figure.axes[0].set_ylabel("resistance, ohm (simulated)")
 figure.axes[0].legend(frameon=False, fontsize=8)
-save(figure, "1-one-hold.png", "black is what was seen, grey is what came")
+save(figure, "1-one-hold.png", "black: samples used; grey: later samples")
 
-# %% All sixty holds: error at the horizon against the time waited.
+# %% All sixty holds: error at the horizon over the waiting time.
 cutoffs_s = (1.0, 1.5, 2.5, 5.0, 10.0)
 figure = Figure(figsize=(6, 3.6), layout="constrained")
 axes = figure.subplots()
@@ -73,8 +73,8 @@ axes.set_xticks(cutoffs_s, [f"{c:g}" for c in cutoffs_s])
 axes.legend(frameon=False)
 save(figure, "2-error-against-waiting.png", "sixty simulated holds")
 
-# %% The answer comes with an interval, and the interval narrows. That is what lets a gripper decide
-# as soon as it is sure enough, not after a fixed time.
+# %% Each prediction has an interval, which narrows over time. A gripper can therefore decide as
+# soon as the interval is narrow enough, instead of after a fixed time.
 grid_s = np.arange(0.6, 12.0, 0.4)
 answers = [palpate.predict_settled(time_s, holds[1], cutoff_s=c) for c in grid_s]
 figure = Figure(figsize=(6, 3.6), layout="constrained")
@@ -86,17 +86,17 @@ axes.plot(grid_s, [a.value for a in answers], color="#0072B2", label="predicted 
 axes.axhline(settled[1], color="#222222", linewidth=0.8, linestyle="--", label="settled")
 axes.set(xlabel="seen so far, s", ylabel="resistance, ohm (simulated)", ylim=(95, 130))
 axes.legend(frameon=False, fontsize=8)
-save(figure, "3-the-band-narrows.png", "one hold, predicted again and again")
+save(figure, "3-the-band-narrows.png", "repeated predictions of one hold")
 
-# %% How often does the 90 % interval hold the settled value? Over the sixty, at each waiting time.
+# %% Coverage of the 90 % interval over the sixty holds at each waiting time.
 figure = Figure(figsize=(6, 3.2), layout="constrained")
 axes = figure.subplots()
-shares = []
+coverage = []
 for cutoff_s in cutoffs_s:
     answer = palpate.predict_settled(time_s, holds, cutoff_s=cutoff_s)
-    shares.append(np.mean((answer.low <= settled) & (settled <= answer.high)))
-axes.plot(cutoffs_s, shares, "o-", color="#0072B2")
+    coverage.append(np.mean((answer.low <= settled) & (settled <= answer.high)))
+axes.plot(cutoffs_s, coverage, "o-", color="#0072B2")
 axes.axhline(0.9, color="#222222", linewidth=0.8, linestyle="--")
-axes.set(xlabel="time waited, s", ylabel="share of holds inside", ylim=(0, 1.02), xscale="log")
+axes.set(xlabel="time waited, s", ylabel="coverage", ylim=(0, 1.02), xscale="log")
 axes.set_xticks(cutoffs_s, [f"{c:g}" for c in cutoffs_s])
-save(figure, "4-coverage.png", "dashed: what the interval promises; above it is cautious")
+save(figure, "4-coverage.png", "dashed: nominal coverage; values above it are conservative")

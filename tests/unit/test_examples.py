@@ -28,7 +28,7 @@ def test_own_gripper_grasps_and_measures(run: Any, capsys: pytest.CaptureFixture
     run("own_gripper.py")
     said = capsys.readouterr().out
     assert said.startswith("held (simulated)")
-    found = re.findall(r"(\w+): ([\d.]+) \(([\d.]+) to ([\d.]+)\), truly ([\d.]+)", said)
+    found = re.findall(r"(\w+): ([\d.]+) \(([\d.]+) to ([\d.]+)\), true value ([\d.]+)", said)
     assert [name for name, *_ in found] == ["size_mm", "stiffness_n_per_mm"]
     for _, value, low, high, true in found:
         assert float(low) <= float(value) <= float(high)

@@ -263,7 +263,7 @@ def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path
             ["gentle.mcap", "pad.mcap", "--lerobot", "new"],
             "pad.mcap: the recording names no",
         ),
-        (["gentle.mcap", "soft.mcap", "--lerobot", "new"], "holds one kind"),
+        (["gentle.mcap", "soft.mcap", "--lerobot", "new"], "must have one kind"),
         (["gentle.mcap", "--lerobot", "there"], "exists already"),
         (["gentle.mcap", "--lerobot", "no/new"], "make it first"),
         (["gentle.mcap", "--lerobot", "new", "--holds"], "leave out"),

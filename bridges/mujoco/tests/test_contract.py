@@ -1,32 +1,32 @@
-"""The hand does what every gripper does: the product's own suite, on MuJoCo."""
+"""The gripper contract tests of palpate, run on the MuJoCo hand."""
 
 from __future__ import annotations
 
 import pytest
 from tests.contract.hands import Hand
 from tests.contract.test_grippers import (
-    test_closing_lets_go_of_the_port_and_not_of_the_object,
-    test_commands_are_clamped_and_returned_as_sent,
-    test_it_goes_where_it_was_sent_and_says_so,
-    test_it_is_no_faster_than_it_says,
-    test_limits_make_sense,
-    test_release_opens_fully,
-    test_state_tells_its_own_quantity_alone,
-    test_stop_never_closes_further,
+    test_gripper_close_keeps_the_position_or_vents,
+    test_gripper_command_is_clamped_and_returned_as_sent,
+    test_gripper_does_not_exceed_the_commanded_rate,
+    test_gripper_limits_are_ordered_and_positive,
+    test_gripper_reaches_the_commanded_target_and_reports_it,
+    test_gripper_release_opens_fully,
+    test_gripper_state_reports_only_its_controlled_quantity,
+    test_gripper_stop_does_not_close_further,
 )
 
 from palpate.twin.devices import TwinGripper
 from palpate_mujoco import MujocoWorld
 
 __all__ = [
-    "test_closing_lets_go_of_the_port_and_not_of_the_object",
-    "test_commands_are_clamped_and_returned_as_sent",
-    "test_it_goes_where_it_was_sent_and_says_so",
-    "test_it_is_no_faster_than_it_says",
-    "test_limits_make_sense",
-    "test_release_opens_fully",
-    "test_state_tells_its_own_quantity_alone",
-    "test_stop_never_closes_further",
+    "test_gripper_close_keeps_the_position_or_vents",
+    "test_gripper_command_is_clamped_and_returned_as_sent",
+    "test_gripper_does_not_exceed_the_commanded_rate",
+    "test_gripper_limits_are_ordered_and_positive",
+    "test_gripper_reaches_the_commanded_target_and_reports_it",
+    "test_gripper_release_opens_fully",
+    "test_gripper_state_reports_only_its_controlled_quantity",
+    "test_gripper_stop_does_not_close_further",
 ]
 
 

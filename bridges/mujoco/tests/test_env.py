@@ -108,4 +108,4 @@ def test_no_way_to_draw_is_one_clear_line() -> None:
         "env.reset(seed=1)",
         "env.render()",
     )
-    assert "InputError: MuJoCo can't draw here: set MUJOCO_GL=egl, or osmesa" in done.stderr
+    assert "InputError: MuJoCo can't render: set MUJOCO_GL=egl or osmesa" in done.stderr

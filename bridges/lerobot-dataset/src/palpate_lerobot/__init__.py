@@ -1,4 +1,1 @@
-"""Recorded grasps as a data set of LeRobot (its format v3.0), to learn grasping from.
-
-Needs LeRobot neither to write nor to test it.
-"""
+"""Export recorded grasps as a LeRobot data set (format v3.0), without LeRobot installed."""

@@ -1,7 +1,7 @@
-"""The files of a LeRobot v3.0 data set: frames, episodes, tasks, statistics, description.
+"""Write the files of a LeRobot v3.0 data set: frames, episodes, tasks, statistics, info.
 
-Written as LeRobot 0.4's own writer lays them out; its loader reads them
-(`bridges/lerobot/check_with_lerobot.py`).
+The layout is that of LeRobot 0.4's writer; `bridges/lerobot/check_with_lerobot.py` reads the files
+with its loader.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from palpate_lerobot.statistics import statistics
 
 _FORMAT = "v3.0"
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-#: What each frame has in every data set of LeRobot.
-_COUNTED = ("frame_index", "episode_index", "index", "task_index")
+#: Integer columns of every LeRobot data set.
+_INDEX_COLUMNS = ("frame_index", "episode_index", "index", "task_index")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """A grasp on the raster of its data set."""
+    """A grasp on the time grid of its data set."""
 
     grasp: GraspTrack
     task: str
@@ -39,56 +39,56 @@ class Episode:
 def write_dataset(
     folder: Path, grasps: Sequence[tuple[GraspTrack, str]], *, fps: int, version: str
 ) -> list[Episode]:
-    """Write a data set, whole or not at all; return its episodes.
+    """Write a data set atomically; return its episodes.
 
     Parameters
     ----------
     folder : Path
         A new folder.
     grasps : sequence of (GraspTrack, str)
-        At least one, of one kind of sensor and gripper, each with its task in words.
+        At least one grasp, all of one kind of sensor and gripper, with their tasks in words.
     fps : int
         Ticks per second.
     version : str
-        Of palpate, which decided the commands.
+        Version of palpate, which recomputed the commands.
 
     Raises
     ------
     InputError
-        If the folder is there already, or the grasps don't go together.
+        If the folder exists, or the grasps differ in sensor or gripper.
     RecordingError
-        If a recording has too few frames for the raster.
+        If a recording has too few frames for the time grid.
     """
-    _check_alike([grasp for grasp, _ in grasps])
-    episodes = _episodes(grasps, fps=fps)
+    _check_same_kind([grasp for grasp, _ in grasps])
+    episodes = _build_episodes(grasps, fps=fps)
     with atomic_folder(folder) as partial:
         _write_frames(partial, episodes)
-        _write_tasks(partial, _tasks(grasps))
+        _write_tasks(partial, _list_tasks(grasps))
         _write_episodes(partial, episodes)
         every = {name: _join(episodes, name) for name in episodes[0].columns}
         stats = {name: statistics(values) for name, values in every.items()}
         _write_json(partial / "meta/stats.json", stats)
-        _write_json(partial / "meta/info.json", _info(episodes, fps=fps, version=version))
-        (partial / "README.md").write_text(_card(episodes), encoding="utf-8")
+        _write_json(partial / "meta/info.json", _describe(episodes, fps=fps, version=version))
+        (partial / "README.md").write_text(_write_card_text(episodes), encoding="utf-8")
     return episodes
 
 
-def _check_alike(grasps: Sequence[GraspTrack]) -> None:
+def _check_same_kind(grasps: Sequence[GraspTrack]) -> None:
     first = grasps[0]
     for other in grasps[1:]:
         if other.state_names != first.state_names:
             raise InputError(
-                f"{other.path}: its sensor or gripper is not of the kind of {first.path} "
-                f"({', '.join(other.state_names)}); a data set holds one kind"
+                f"{other.path}: its sensor or gripper differs from that of {first.path} "
+                f"({', '.join(other.state_names)}); a data set must have one kind"
             )
 
 
-def _tasks(grasps: Sequence[tuple[GraspTrack, str]]) -> list[str]:
+def _list_tasks(grasps: Sequence[tuple[GraspTrack, str]]) -> list[str]:
     return list(dict.fromkeys(task for _, task in grasps))
 
 
-def _episodes(grasps: Sequence[tuple[GraspTrack, str]], *, fps: int) -> list[Episode]:
-    tasks, episodes, begin = _tasks(grasps), list[Episode](), 0
+def _build_episodes(grasps: Sequence[tuple[GraspTrack, str]], *, fps: int) -> list[Episode]:
+    tasks, episodes, begin = _list_tasks(grasps), list[Episode](), 0
     for number, (grasp, task) in enumerate(grasps):
         ticks = grasp.at_rate(fps)
         index = np.arange(len(ticks))
@@ -126,7 +126,7 @@ def _write_frames(folder: Path, episodes: Sequence[Episode]) -> None:
 
 
 def _write_tasks(folder: Path, tasks: list[str]) -> None:
-    """Write the tasks as pandas writes a frame whose index they are: LeRobot looks there."""
+    """Write the tasks as the index of a pandas frame, where LeRobot expects them."""
     import pyarrow
     import pyarrow.parquet
 
@@ -199,7 +199,7 @@ def _write_parquet(folder: Path, table: Any) -> None:
     pyarrow.parquet.write_table(table, path)
 
 
-def _info(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, Any]:
+def _describe(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, Any]:
     grasp = episodes[0].grasp
     vectors = {"observation.state": grasp.state_names, "action": grasp.action_names}
     origins = sorted({episode.grasp.info.origin for episode in episodes})
@@ -222,7 +222,7 @@ def _info(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, A
                 for name, names in vectors.items()
             },
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
-            **{name: {"dtype": "int64", "shape": [1], "names": None} for name in _COUNTED},
+            **{name: {"dtype": "int64", "shape": [1], "names": None} for name in _INDEX_COLUMNS},
         },
         "palpate": {
             "version": version,
@@ -240,8 +240,8 @@ def _describe_origin(episodes: Sequence[Episode]) -> str:
     return f" ({count} of {len(episodes)} episodes SIMULATED)"
 
 
-def _card(episodes: Sequence[Episode]) -> str:
-    """Return the card that a hub of data sets shows."""
+def _write_card_text(episodes: Sequence[Episode]) -> str:
+    """Return the data set card for a hub."""
     config = "configs:\n- config_name: default\n  data_files: data/*/*.parquet\n"
     return (
         f"---\ntags:\n- LeRobot\n{config}---\n\n"

@@ -1,7 +1,7 @@
 """A recorded grasp as an episode: observations and commands on an even time grid.
 
-A recording keeps no commands. They are decided again, by the controller and from the recorded
-frames, as `palpate replay` does; what the hand did is as it was recorded.
+A recording contains no commands. The controller recomputes them from the recorded frames, as in
+`palpate replay`; the states of the hand are the recorded ones.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ from palpate.signal.relative import excess_conductance, relative_change_percent
 
 #: Unit of position and rate, by the gripper's drive.
 _POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa", "rate_kpa_per_s")}
-#: Outcomes after which the commands may not be those that were sent: a recording cut short, or of a
-#: hand that was driven otherwise.
+#: Outcomes with which the recomputed commands may differ from those sent: truncated recordings, or
+#: other control of the hand.
 _BROKEN = (Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
-#: A recording this much slower than the raster can't fill it.
-_SLOWEST_SHARE = 0.95
+#: Smallest ratio of the frame rate to the rate of the time grid.
+_LEAST_RATE_FRACTION = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspTrack:
-    """A grasp as it was recorded, with the commands decided again; n frames.
+    """A recorded grasp of n frames with recomputed commands.
 
     Attributes
     ----------
     path : Path
         The recording.
     info : RecordingInfo
-        Where it comes from.
+        Description of the recording.
     outcome : str
-        How the grasp ended.
+        Outcome of the grasp.
     time_s : ndarray, shape (n,)
-        When each frame was scanned.
+        Time of each frame.
     state : ndarray, shape (n, n_state)
-        By `state_names`: position, force with its interval, change of each pixel against rest. NaN
-        where a pixel did not read.
+        Columns `state_names`: position, force with its interval, change of each pixel relative to
+        rest; NaN for pixels without a reading.
     action : ndarray, shape (n, 2)
-        By `action_names`: where the hand was last sent, and how fast, as decided on this frame.
+        Columns `action_names`: target and speed of the last command, as decided on this frame.
     """
 
     path: Path
@@ -89,9 +89,9 @@ class GraspTrack:
         Raises
         ------
         RecordingError
-            If there are too few frames for it: none is made up.
+            If there are too few frames; frames are not interpolated.
         """
-        if self.rate_hz < _SLOWEST_SHARE * fps:
+        if self.rate_hz < _LEAST_RATE_FRACTION * fps:
             raise RecordingError(
                 f"{self.path}: {self.rate_hz:.3g} frames/s can't fill {fps} ticks/s; lower --fps"
             )
@@ -116,7 +116,7 @@ def state_names(layout: ArrayLayout, drive: str) -> list[str]:
 
 
 def action_names(drive: str) -> list[str]:
-    """Return the names of what is commanded.
+    """Return the names of the action of a drive.
 
     Examples
     --------
@@ -127,28 +127,28 @@ def action_names(drive: str) -> list[str]:
 
 
 def read_grasp(path: Path) -> GraspTrack:
-    """Read a recorded grasp, and decide it again.
+    """Read a recorded grasp and recompute its commands.
 
     Raises
     ------
     RecordingError
-        If it is not of a grasp, ended before the sensor's rest was known, or its hand did not go
-        where the commands send it.
+        If the recording is not of a grasp, ends before the rest measurement, or its hand did not
+        follow the recomputed commands.
     """
     with RecordingReader(path) as reader:
         start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
     clock = ManualClock(start_s)
     source = Replay(path, clock=clock)
     try:
-        scribe = _Scribe(source)
+        recorder = _CommandRecorder(source)
         result = decide_again(
             source,
             clock=clock,
-            gripper=scribe,
-            subscribers=[scribe.see],
-            watchers=[scribe.believe],
+            gripper=recorder,
+            subscribers=[recorder.add_observation],
+            watchers=[recorder.add_state],
         )
-        return _track(path, source.info, result, scribe)
+        return _build_track(path, source.info, result, recorder)
     except RecordingError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise RecordingError(f"{where}{error}") from error
@@ -156,18 +156,20 @@ def read_grasp(path: Path) -> GraspTrack:
         source.close()
 
 
-def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe) -> GraspTrack:
+def _build_track(
+    path: Path, info: RecordingInfo, result: GraspResult, recorder: _CommandRecorder
+) -> GraspTrack:
     if result.outcome is Outcome.STOPPED:
-        if scribe.steps and scribe.steps[-1][0].frame.time_s >= scribe.end_s:
+        if recorder.steps and recorder.steps[-1][0].frame.time_s >= recorder.end_s:
             raise RecordingError("its user stopped it; leave it out")
-        # Not the recorded grasp, but this reading of it.
+        # The stop interrupts this program, not the recorded grasp.
         raise KeyboardInterrupt
     if result.outcome in _BROKEN:
         why = " ".join(result.faults)
         raise RecordingError(f"decided again, it ends with {result.outcome} ({why}); leave it out")
-    steps = scribe.steps
-    if scribe.rest_ohm is None or len(steps) < 2:
-        raise RecordingError("the grasp ended before the sensor's rest was known")
+    steps = recorder.steps
+    if recorder.rest_ohm is None or len(steps) < 2:
+        raise RecordingError("the grasp ended before the sensor's rest was measured; leave it out")
     assert info.gripper is not None
     calibration = Calibration.from_text(info.calibration or "", where="the recording")
     following = force_now(calibration.force)
@@ -177,9 +179,9 @@ def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe
         ohm = pixel_resistance_ohm(
             frame.counts, layout=info.layout, oversampling=frame.oversampling
         )
-        excess = excess_conductance(ohm, rest_ohm=scribe.rest_ohm)
+        excess = excess_conductance(ohm, rest_ohm=recorder.rest_ohm)
         force = following.step(frame.time_s, excess)
-        change = relative_change_percent(ohm, rest_ohm=scribe.rest_ohm)
+        change = relative_change_percent(ohm, rest_ohm=recorder.rest_ohm)
         position = info.gripper.drive_reading(seen.gripper)
         state.append([position, force.value, force.low, force.high, *change.ravel()])
     return GraspTrack(
@@ -192,17 +194,17 @@ def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe
     )
 
 
-class _Scribe:
-    """The recorded gripper, which notes what it was sent after each observation.
+class _CommandRecorder:
+    """The recorded gripper, which records the command after each observation.
 
     Attributes
     ----------
     rest_ohm : ndarray or None, shape (rows, cols)
-        The rest that the grasp itself took.
+        Rest values measured by the grasp.
     end_s : float
-        When its user released the object or stopped; infinite where that was not recorded.
+        Time of the user's release or stop; infinite if it was not recorded.
     steps : list of (Observation, GripperCommand)
-        Each observation with the command that held from then on.
+        Each observation with the command after it.
     """
 
     def __init__(self, source: Replay) -> None:
@@ -213,13 +215,13 @@ class _Scribe:
         self.steps: list[tuple[Observation, GripperCommand]] = []
         self._sent: GripperCommand | None = None
 
-    def see(self, observation: Observation) -> None:
-        """Take an observation: what is sent from here on was decided on it."""
+    def add_observation(self, observation: Observation) -> None:
+        """Add an observation, on which the following commands are based."""
         here = GripperCommand(target=self.limits.drive_reading(observation.gripper), rate=0.0)
         self.steps.append((observation, self._sent or here))
 
-    def believe(self, grasp_state: GraspState) -> None:
-        """Take a grasp_state: the first that knows the rest is the grasp's own."""
+    def add_state(self, grasp_state: GraspState) -> None:
+        """Add a state; the first with rest values defines the rest of the grasp."""
         if self.rest_ohm is None and grasp_state.estimate.rest_ohm is not None:
             self.rest_ohm = grasp_state.estimate.rest_ohm
 
@@ -228,17 +230,17 @@ class _Scribe:
         return self._recorded.state()
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Note a command."""
+        """Record a command."""
         self._sent = self._recorded.command(wanted)
         if self.steps:
             self.steps[-1] = (self.steps[-1][0], self._sent)
         return self._sent
 
     def stop(self) -> None:
-        """Hold where the hand is."""
+        """Do nothing."""
 
     def release(self) -> None:
-        """Do nothing: a grasp opens the hand by a command."""
+        """Do nothing; a grasp opens the hand with a command."""
 
     def close(self) -> None:
         """Do nothing."""

@@ -1,4 +1,4 @@
-"""`palpate export --lerobot DIR`: recorded grasps as a data set to learn from."""
+"""`palpate export --lerobot DIR`: export recorded grasps as a data set."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from palpate_lerobot.episode import GraspTrack, read_grasp
 
 
 def export_lerobot(files: list[Path], *, folder: Path, task: str | None, fps: int | None) -> None:
-    """Read grasps, write them, and print what the data set holds.
+    """Read grasps, write them as a data set, and print a summary.
 
-    Raises `InputError` if the folder is there already, or the grasps don't go together;
-    `RecordingError` if a file is not of a grasp, or has too few frames.
+    Raises `InputError` if the folder exists, or the grasps differ in sensor or gripper;
+    `RecordingError` if a file is not of a grasp or has too few frames.
     """
     if folder.exists():
-        raise InputError(f"--lerobot {folder}: exists already and is not overwritten")
+        raise InputError(f"--lerobot {folder}: exists already; name a new folder")
     grasps = [read_grasp(file) for file in files]
     fps = round(grasps[0].rate_hz) if fps is None else fps
     episodes = [(grasp, task or _task(grasp)) for grasp in grasps]
@@ -44,11 +44,11 @@ def _report(folder: Path, episodes: list[Episode], *, fps: int) -> None:
     )
     unread = sum(int(np.isnan(one.columns["observation.state"]).sum()) for one in episodes)
     if unread:
-        print(f"{unread} values are NaN: pixels that did not read", file=sys.stderr)
+        print(f"{unread} values are NaN: pixels without a reading", file=sys.stderr)
     others = sum(one.grasp.info.versions.get("palpate") != __version__ for one in episodes)
     if others:
         print(
-            f"{others} recordings are of another version of palpate; their commands are decided "
-            "by this one",
+            f"{others} recordings are of another version of palpate; their commands are "
+            "recomputed by this version",
             file=sys.stderr,
         )

@@ -1,7 +1,7 @@
-"""A calibrated gripper for a learned policy: newtons out, openings in, force limited.
+"""A calibrated gripper for a learned policy, with force observations and a force limit.
 
-Its names are those of the data sets that `palpate export --lerobot` writes, so that what was
-learned from recorded grasps can drive it.
+Observations and actions have the names of the data sets of `palpate export --lerobot`, so that a
+policy trained on recorded grasps can control the hand.
 """
 
 from __future__ import annotations
@@ -28,53 +28,52 @@ from palpate.signal.relative import excess_conductance, relative_change_percent,
 from palpate_lerobot.episode import action_names, state_names
 
 _FRAME_S = 2.0
-#: For this long the spike of a movement may hide a touch.
+#: Duration of the spike after a movement, which may hide a contact, seconds.
 _HIDDEN_S = 0.15
-#: A stiffness of which nothing is known.
-_ANY = Measurement(value=1e3, low=1e-6, high=1e9, unit="n_per_mm", level=0.9)
+#: An unknown stiffness.
+_UNKNOWN_STIFFNESS = Measurement(value=1e3, low=1e-6, high=1e9, unit="n_per_mm", level=0.9)
 
 
 def read_learned_limit_n(path: Path, *, kind: str = "") -> float:
-    """Return the force that any object of a kind withstands, at most the ceiling, N.
+    """Return the force limit for objects of a kind, at most the ceiling, N.
 
-    Nothing is known of the one object yet: the limit is that of soft and stiff ones together.
+    The limit holds for an object of unknown stiffness.
 
     Raises
     ------
     CalibrationError, InputError
-        If the file can't be read, or does not know the kind.
+        If the file can't be read, or does not contain the kind.
     """
     file = DamageFile.load(path)
     known = file.check_kind(kind, where=str(path)) if kind else ""
-    return min(file.model.bound_n(_ANY, kind=known), FORCE_CEILING_N)
+    return min(file.model.bound_n(_UNKNOWN_STIFFNESS, kind=known), FORCE_CEILING_N)
 
 
 class PolicyHand:
-    """A hand with its sensor: observations in newtons, and closing that keeps below a limit.
+    """A hand with its sensor: observations in newtons, and closing below a force limit.
 
-    A policy's action is cut so that upper force + upper stiffness x way stays below the limit,
-    whatever is between the fingers (`palpate.grasp.safety.largest_step`). A sheet lags while it is
-    pressed, so once something is felt that force is the one read last at rest: a policy that
-    presses on has to wait for the next reading. Where the force passes the limit, the hand opens.
-    Opening is never cut.
+    A policy's action is limited so that upper force + upper stiffness x travel stays below the
+    limit for any object (`palpate.grasp.safety.largest_step`). The sheet lags during pressing, so
+    after contact the force is the last reading at standstill; to press further, a policy must wait
+    for the next reading. If the force exceeds the limit, the hand opens. Opening is never limited.
 
     Parameters
     ----------
     array, gripper
-        The devices, open; the fingers apart.
+        The devices, with the fingers open.
     calibration : Calibration
-        Of this sensor on this gripper.
+        Calibration of this sensor on this gripper.
     limit_n : float
-        What the object withstands; `read_learned_limit_n` takes it from a damage file.
+        Force limit of the object; `read_learned_limit_n` reads it from a damage file.
 
     Raises
     ------
     InputError
-        If the limit is not above 0, or above the ceiling of every grasp.
+        If the limit is not positive, or above the force ceiling.
     CalibrationError
         If the calibration has no force, or the sheet is not at rest.
     DeviceError
-        If the sensor is silent.
+        If the sensor sends no frames.
 
     Examples
     --------
@@ -104,24 +103,24 @@ class PolicyHand:
         self._force = force_now(calibration.force)
         self.state_names = state_names(array.layout, gripper.limits.drive)
         self.action_names = action_names(gripper.limits.drive)
-        self._rest_ohm = self._rest()
+        self._rest_ohm = self._measure_rest()
         self._closure, self._moved_s = 0.0, -math.inf
-        self._felt_n, self._known_n, self._known_closure = 0.0, math.inf, 0.0
-        #: Times and closures, back to what a moving hand may not have felt yet.
-        self._way: deque[tuple[float, float]] = deque()
+        self._contact_n, self._known_n, self._known_closure = 0.0, math.inf, 0.0
+        #: Times and closures since the last reading that shows a contact.
+        self._path: deque[tuple[float, float]] = deque()
         self._sent: GripperCommand | None = None
         self.observe()
 
     def observe(self) -> dict[str, float]:
-        """Take the newest frame, waiting for one if need be, and return what it shows.
+        """Read the newest frame, waiting if necessary; return the observation.
 
         Raises
         ------
         DeviceError
-            If the sensor or the gripper is gone; the hand was stopped.
+            If the sensor or the gripper is lost; the hand is then stopped.
         """
         try:
-            frame, state = self._newest(), self._gripper.state()
+            frame, state = self._read_newest(), self._gripper.state()
         except DeviceError:
             self._gripper.stop()
             raise
@@ -130,32 +129,33 @@ class PolicyHand:
         change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
-        self._note(frame.time_s, state, force, touched=touched)
+        self._record_state(frame.time_s, state, force, touched=touched)
         values = [position, force.middle, force.low, force.high, *change.ravel().tolist()]
         return dict(zip(self.state_names, values, strict=True))
 
     def send(self, action: Mapping[str, float]) -> dict[str, float]:
-        """Move towards the policy's opening as far as is safe; return the opening sent.
+        """Move towards the policy's target within the force limit; return the command sent.
 
         Parameters
         ----------
         action : mapping
-            By `action_names`: where to, and how fast.
+            Target and speed, with the keys `action_names`.
 
         Raises
         ------
         InputError
             If a number is missing or not finite.
         DeviceError
-            If the gripper is gone.
+            If the gripper is lost.
         """
         wanted = [action.get(name, np.nan) for name in self.action_names]
         if not np.isfinite(wanted).all():
-            raise InputError(f"an action has {', '.join(self.action_names)}, finite; got {action}")
-        safe = self._within(GripperCommand(target=wanted[0], rate=wanted[1]))
+            names = ", ".join(self.action_names)
+            raise InputError(f"an action needs {names}, finite; got {action}")
+        safe = self._limit_command(GripperCommand(target=wanted[0], rate=wanted[1]))
         if safe != self._sent:
             self._sent = safe = self._gripper.command(safe)
-            self._moved_s = self._way[-1][0]
+            self._moved_s = self._path[-1][0]
         return dict(zip(self.action_names, (safe.target, safe.rate), strict=True))
 
     def stop(self) -> None:
@@ -170,26 +170,26 @@ class PolicyHand:
             self._array.close()
             self._gripper.close()
 
-    def _note(
+    def _record_state(
         self, time_s: float, state: GripperState, force: Measurement, *, touched: bool
     ) -> None:
-        """Note where the hand is, and the upper force there if it can be known."""
+        """Record the closure, and the upper force if this reading determines it."""
         closure, self._closure = self._closure, self._gripper.limits.closure(state)
-        self._felt_n = force.middle
+        self._contact_n = force.middle
         if state.moving or abs(self._closure - closure) > self._plan.resolution:
             self._moved_s = time_s
-        self._way.append((time_s, self._closure))
+        self._path.append((time_s, self._closure))
         if time_s - self._moved_s >= self._plan.dwell_s:
             self._known_n, self._known_closure = force.high, self._closure
         elif not touched:
-            while len(self._way) > 1 and time_s - self._way[1][0] >= _HIDDEN_S:
-                self._way.popleft()
-            self._known_n, self._known_closure = force.high, min(c for _, c in self._way)
+            while len(self._path) > 1 and time_s - self._path[1][0] >= _HIDDEN_S:
+                self._path.popleft()
+            self._known_n, self._known_closure = force.high, min(c for _, c in self._path)
 
-    def _within(self, wanted: GripperCommand) -> GripperCommand:
-        """Return a command as far as it is safe after what was felt last."""
+    def _limit_command(self, wanted: GripperCommand) -> GripperCommand:
+        """Limit a command to the safe range after the last reading."""
         limits, plan = self._gripper.limits, self._plan
-        if self._felt_n > self._limit_n:
+        if self._contact_n > self._limit_n:
             return GripperCommand(target=limits.target(0.0), rate=limits.fastest)
         furthest = self._known_closure + largest_step(
             force_high_n=self._known_n,
@@ -203,11 +203,11 @@ class PolicyHand:
             return wanted
         if furthest - self._closure >= plan.smallest_step:
             return GripperCommand(target=limits.target(furthest), rate=wanted.rate)
-        # Not worth a movement, which would put off the next reading.
+        # Too small for a movement, which would delay the next reading.
         return self._sent or GripperCommand(target=limits.target(self._closure), rate=wanted.rate)
 
-    def _newest(self) -> Frame:
-        """Return the newest frame: one that waits is old already where policies are slow."""
+    def _read_newest(self) -> Frame:
+        """Return the newest frame; queued frames are outdated if a policy is slow."""
         frame = self._array.read(timeout_s=_FRAME_S)
         while True:
             try:
@@ -215,8 +215,8 @@ class PolicyHand:
             except DeviceTimeoutError:
                 return frame
 
-    def _rest(self) -> np.ndarray:
-        """Take the rest of the open hand, as a grasp does."""
+    def _measure_rest(self) -> np.ndarray:
+        """Measure the rest of the open hand, like a grasp."""
         plan, frames = self._plan, [self._array.read(timeout_s=_FRAME_S)]
         while len(frames) < plan.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s:
             frames.append(self._array.read(timeout_s=_FRAME_S))

@@ -1,4 +1,4 @@
-"""Statistics of a data set's columns, by the names and shapes that LeRobot normalises with."""
+"""Statistics of a data set's columns, with LeRobot's names and shapes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 
 def statistics(values: NDArray[Any]) -> dict[str, list[float]]:
-    """Return statistics of each column; NaN is left out, and `count` counts rows.
+    """Return statistics of each column, ignoring NaN; `count` is the number of rows.
 
     Parameters
     ----------
@@ -27,13 +27,13 @@ def statistics(values: NDArray[Any]) -> dict[str, list[float]]:
     """
     columns = np.asarray(values, float).reshape(len(values), -1)
     with warnings.catch_warnings():
-        # A pixel that never read: its statistics are NaN.
+        # The statistics of a pixel without readings are NaN.
         warnings.filterwarnings("ignore", "All-NaN|Mean of empty|Degrees of freedom")
         found = {
             "min": np.nanmin(columns, axis=0),
             "max": np.nanmax(columns, axis=0),
             "mean": np.nanmean(columns, axis=0),
             "std": np.nanstd(columns, axis=0),
-            **{name: np.nanquantile(columns, share, axis=0) for name, share in _QUANTILES.items()},
+            **{name: np.nanquantile(columns, q, axis=0) for name, q in _QUANTILES.items()},
         }
     return {name: row.tolist() for name, row in found.items()} | {"count": [len(columns)]}

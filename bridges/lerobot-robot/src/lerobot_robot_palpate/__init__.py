@@ -1,6 +1,6 @@
-"""A hand with palpate's sensor as a robot of LeRobot: newtons observed, closing limited.
+"""A hand with palpate's sensor as a LeRobot robot, with a force limit on closing.
 
-LeRobot finds this package by its name, and the robot by its type::
+LeRobot discovers this package by its name and the robot by its type::
 
     lerobot-record --robot.type=palpate --robot.rig=rig.toml --robot.limit_n=4 ...
 """

@@ -1,4 +1,4 @@
-"""What a user states of the hand."""
+"""Configuration of the hand."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from palpate.grasp.safety import FORCE_CEILING_N
 @RobotConfig.register_subclass("palpate")
 @dataclass(kw_only=True)
 class PalpateHandConfig(RobotConfig):
-    """A hand with its sensor, and what it may press.
+    """A hand with its sensor and its force limit.
 
     Attributes
     ----------
     rig : str
-        A rig file, or a simulated rig.
+        A rig file, or the name of a simulated rig.
     limit_n : float
-        What the object withstands, N. No action closes the hand beyond it.
+        Force limit of the object, N. Actions cannot close the hand beyond it.
     damage : str or None
-        A file of `palpate calibrate damage`: what it teaches lowers the limit.
+        A file of `palpate calibrate damage`, which may lower the limit.
     kind : str
-        Kind of object that the file knows; empty if unknown.
+        Kind of object in the damage file; empty if unknown.
     cameras : dict
-        By name; `lerobot_camera_palpate` is not needed for the numbers.
+        Cameras by name; the observations do not need `lerobot_camera_palpate`.
     """
 
     rig: str = "rig.toml"

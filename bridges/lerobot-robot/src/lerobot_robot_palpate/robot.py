@@ -1,4 +1,4 @@
-"""The robot: a hand's opening and newtons as observations, its opening as the action."""
+"""The robot: opening and force as observations, opening and speed as the action."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from palpate_lerobot.hand import PolicyHand, read_learned_limit_n
 
 
 class PalpateHand(Robot):
-    """A hand with palpate's sensor as LeRobot's robots are driven.
+    """A hand with palpate's sensor that implements LeRobot's robot interface.
 
     Parameters
     ----------
     config : PalpateHandConfig
-        The rig, and what the object withstands.
+        The rig and the force limit.
     """
 
     config_class = PalpateHandConfig
@@ -37,7 +37,7 @@ class PalpateHand(Robot):
 
     @cached_property
     def _rig(self) -> Rig:
-        """The devices, opened when something is first asked of them."""
+        """The devices, opened at first use."""
         rig = open_rig(self.config.rig)
         if rig.is_simulated:
             logging.getLogger(__name__).warning("%s is SIMULATED", self)
@@ -52,27 +52,27 @@ class PalpateHand(Robot):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Where to, and how fast."""
+        """Names of target and speed."""
         return dict.fromkeys(action_names(self._rig.gripper.limits.drive), float)
 
     @property
     def is_connected(self) -> bool:
-        """Whether the hand can be driven."""
+        """Whether the hand is connected."""
         return self._hand is not None
 
     @property
     def is_calibrated(self) -> bool:
-        """Yes: by `palpate calibrate`, or the rig does not open."""
+        """Always true; a rig without calibration does not open."""
         return True
 
     def calibrate(self) -> None:
-        """Do nothing: `palpate calibrate` does."""
+        """Do nothing; use `palpate calibrate`."""
 
     def configure(self) -> None:
-        """Do nothing: the rig file does."""
+        """Do nothing; the rig file contains the configuration."""
 
     def connect(self, calibrate: bool = True) -> None:
-        """Take the rest of the open hand, and connect the cameras."""
+        """Measure the rest of the open hand, and connect the cameras."""
         if self._hand is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         limit_n = self.config.limit_n
@@ -87,12 +87,12 @@ class PalpateHand(Robot):
         )
 
     def get_observation(self) -> dict[str, Any]:
-        """Return numbers and images."""
+        """Return the hand's observation and the cameras' images."""
         images = {name: camera.read_latest() for name, camera in self.cameras.items()}
         return self._require_hand().observe() | images
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
-        """Close or open as far as is safe; return what was sent."""
+        """Move within the force limit; return the command sent."""
         return self._require_hand().send({name: float(value) for name, value in action.items()})
 
     def disconnect(self) -> None:
@@ -101,7 +101,7 @@ class PalpateHand(Robot):
         try:
             hand.close()
         finally:
-            # A hand that does not answer leaves no camera open, and may be connected again.
+            # Close the cameras and reset the rig even if the hand does not respond.
             del self._rig
             for camera in self.cameras.values():
                 camera.disconnect()

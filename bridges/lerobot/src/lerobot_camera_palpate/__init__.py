@@ -1,6 +1,6 @@
-"""palpate's pressure pixels as a camera of LeRobot: an image of what the fingers feel.
+"""palpate's pressure array as a LeRobot camera: an image of the contact.
 
-LeRobot finds this package by its name. A robot takes the camera by its type::
+LeRobot discovers this package by its name. A robot selects the camera by its type::
 
     --robot.cameras="{touch: {type: palpate, rig: rig.toml, width: 64, height: 128, fps: 15}}"
 """

@@ -1,4 +1,4 @@
-"""The camera: a thread reads the sensor, and the caller gets the newest image."""
+"""The camera: a thread reads the sensor and provides the newest image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 from lerobot_camera_palpate.config import PalpateCameraConfig
-from lerobot_camera_palpate.picture import picture
+from lerobot_camera_palpate.image import render_image
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import RealClock
@@ -22,17 +22,17 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.ports import list_serial_ports
 
 _PIXEL_SIZE = 32
-#: Until the first image: without a calibration the first second is taken for rest.
+#: Timeout of the first image; without a calibration the first second is used as rest.
 _FIRST_S = 5.0
 
 
 class PalpateCamera(Camera):
-    """A pressure sensor as LeRobot's robots read cameras.
+    """A pressure sensor that implements LeRobot's camera interface.
 
     Parameters
     ----------
     config : PalpateCameraConfig
-        The rig, and the size of the image.
+        The rig and the size of the image.
     """
 
     def __init__(self, config: PalpateCameraConfig) -> None:
@@ -42,7 +42,7 @@ class PalpateCamera(Camera):
         self._rig = config.rig
         self._thread: threading.Thread | None = None
         self._ended = threading.Event()
-        #: Guards what follows; woken by every image, and by the end.
+        #: Guards the attributes below; notified by every image and by the end.
         self._news = threading.Condition()
         self._image: NDArray[np.uint8] | None = None
         self._taken_s = 0.0
@@ -64,7 +64,7 @@ class PalpateCamera(Camera):
         ]
 
     def connect(self, warmup: bool = True) -> None:
-        """Open the rig and begin to read it.
+        """Open the rig and start reading it.
 
         Parameters
         ----------
@@ -78,13 +78,13 @@ class PalpateCamera(Camera):
         ValueError
             If the size of the image does not fit the sensor.
         TimeoutError
-            If there is no image.
+            If no image arrives in time.
         """
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         source = open_source(rig=self._rig)
         try:
-            self._fit(source.array.layout)
+            self._choose_size(source.array.layout)
             reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=RealClock())
         except BaseException:
             source.close()
@@ -93,7 +93,9 @@ class PalpateCamera(Camera):
             logging.getLogger(__name__).warning("%s is SIMULATED: the twin is squeezed", self)
         self._ended.clear()
         self._image, self._failure, self._unread = None, None, False
-        self._thread = threading.Thread(target=self._read_on, args=(source, reading), daemon=True)
+        self._thread = threading.Thread(
+            target=self._read_frames, args=(source, reading), daemon=True
+        )
         self._thread.start()
         if warmup:
             try:
@@ -109,12 +111,12 @@ class PalpateCamera(Camera):
         return self.async_read(timeout_ms=1e3 * _FIRST_S)
 
     def async_read(self, timeout_ms: float = 200) -> NDArray[Any]:
-        """Return the newest image that was not returned yet; wait for one if need be.
+        """Return the newest unread image; wait for one if necessary.
 
         Raises
         ------
         TimeoutError
-            If none came in time.
+            If no image arrives in time.
         DeviceNotConnectedError
             If the camera is not connected.
         PalpateError
@@ -133,14 +135,14 @@ class PalpateCamera(Camera):
             return self._image
 
     def read_latest(self, max_age_ms: int = 500) -> NDArray[Any]:
-        """Return the newest image at once.
+        """Return the newest image immediately.
 
         Raises
         ------
         TimeoutError
-            If it is older than that.
+            If the newest image is older than `max_age_ms`.
         RuntimeError
-            If there is none yet.
+            If there is no image yet.
         DeviceNotConnectedError
             If the camera is not connected.
         PalpateError
@@ -172,13 +174,13 @@ class PalpateCamera(Camera):
         if not self.is_connected:
             raise DeviceNotConnectedError(f"{self} is not connected; call connect() first")
 
-    def _fit(self, layout: ArrayLayout) -> None:
-        """Settle the image's size.
+    def _choose_size(self, layout: ArrayLayout) -> None:
+        """Set the size of the image.
 
         Raises
         ------
         ValueError
-            If it is not a multiple of the sensor's.
+            If the size is not a multiple of the sensor's.
         """
         width, height = (
             self.width or _PIXEL_SIZE * layout.cols,
@@ -192,8 +194,8 @@ class PalpateCamera(Camera):
             )
         self.width, self.height = width, height
 
-    def _read_on(self, source: SensorSource, reading: LiveReading) -> None:
-        """Read until the end, in the thread."""
+    def _read_frames(self, source: SensorSource, reading: LiveReading) -> None:
+        """Read frames until the end, in the thread."""
         clock = RealClock()
         with closing(source):
             try:
@@ -202,19 +204,19 @@ class PalpateCamera(Camera):
                         return
                     if frame is not None:
                         reading.add(frame)
-                        self._show(reading, now_s=clock.now_s())
+                        self._store_image(reading, now_s=clock.now_s())
             except PalpateError as error:
                 with self._news:
                     self._failure = error
                     self._news.notify_all()
 
-    def _show(self, reading: LiveReading, *, now_s: float) -> None:
+    def _store_image(self, reading: LiveReading, *, now_s: float) -> None:
         if reading.change_percent is None:
             return
         assert self.width is not None
         assert self.height is not None
-        image = picture(reading.change_percent, width=self.width, height=self.height)
-        # The caller may keep it: it must stay what was seen.
+        image = render_image(reading.change_percent, width=self.width, height=self.height)
+        # Callers may keep the image, so it must not change.
         image.flags.writeable = False
         with self._news:
             self._image, self._taken_s, self._unread = image, now_s, True

@@ -1,4 +1,4 @@
-"""What a user states of the camera."""
+"""Configuration of the camera."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from lerobot.cameras import CameraConfig
 @CameraConfig.register_subclass("palpate")
 @dataclass(kw_only=True)
 class PalpateCameraConfig(CameraConfig):
-    """A pressure sensor, and the size of its image.
+    """A pressure sensor and the size of its image.
 
     Attributes
     ----------
     rig : str
-        A rig file (its gripper is left alone), or a simulated rig, whose object is squeezed.
+        A rig file (its gripper is not used), or a simulated rig, whose object is squeezed.
     width, height : int or None
-        Size of the image: whole multiples of the sensor's columns and rows. None takes 32 for each
-        pixel of the sensor; LeRobot's robots need the numbers before they connect.
+        Size of the image: integer multiples of the sensor's columns and rows. None means 32 per
+        pixel of the sensor; LeRobot's robots require both numbers before they connect.
     fps : int or None
-        LeRobot's robots need a number; the rig's own rate is the camera's.
+        Required by LeRobot's robots; the actual rate is that of the rig.
     """
 
     rig: str = "rig.toml"

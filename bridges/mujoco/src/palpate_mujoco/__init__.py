@@ -1,4 +1,4 @@
-"""palpate in MuJoCo: the sensor on pads of any model, and a gripper that grasps."""
+"""palpate in MuJoCo: the sensor on the pads of any model, and simulated grippers."""
 
 from palpate_mujoco.pads import Pad, TouchGrid
 from palpate_mujoco.sensor import PadSensor

@@ -1,4 +1,4 @@
-"""The gymnasium environment `palpate/Grasp-v0`: close on an object by what the pads feel."""
+"""The gymnasium environment `palpate/Grasp-v0`: grasp an object with tactile feedback."""
 
 from __future__ import annotations
 
@@ -19,48 +19,48 @@ from palpate.twin.objects import OBJECTS, draw_object
 from palpate_mujoco.hand import find_hand
 from palpate_mujoco.world import MujocoWorld
 
-Felt: TypeAlias = dict[str, Any]
+Observation: TypeAlias = dict[str, Any]
 Info: TypeAlias = dict[str, Any]
 
-#: Frames whose mean is the rest of the sheet, at the start of an episode.
+#: Frames of the rest measurement at the start of an episode.
 _REST_FRAMES = 15
-#: A relative change is reported up to this, percent.
+#: Limit of the reported relative change, percent.
 _MOST_PERCENT = 100.0
-#: Height and width of a picture.
+#: Height and width of a rendered image.
 _PICTURE = 240, 320
-#: What damage costs, in steps without any force.
+#: Cost of damage, in units of the cost of a step without force.
 _DAMAGE_COST = 20.0
 
 
-class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
+class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """One grasp in MuJoCo, a frame of the sensor at each step.
 
     Observation: `change_percent`, change of each pixel's resistance relative to rest, shape
-    (rows, cols), and `width_mm`, the opening as the servo reads it, shape (1,). Action: where to go
-    at a fixed speed, -1 closed, 1 open. Reward: minus the error of the grip force as a share of
-    the target's, with a cost once the object is damaged, which ends the episode. `info["truth"]`
-    has what no hand knows.
+    (rows, cols), and `width_mm`, the opening read by the servo, shape (1,). Action: target opening
+    at a fixed speed, from -1 (closed) to 1 (open). Reward: minus the relative error of the grip
+    force, minus a cost when the object is damaged, which ends the episode. `info["truth"]` contains
+    the true state of the simulation.
 
     Parameters
     ----------
     object_name : str, optional
-        What to grasp (`palpate.twin.objects.OBJECTS`); drawn at each reset by default.
+        Object to grasp (`palpate.twin.objects.OBJECTS`); drawn at each reset by default.
     target_force_n : float
-        Grip force to reach and keep.
+        Target grip force.
     rate_mm_per_s : float
         Speed of the fingers.
     level : {"lab", "field"}
-        How much sheets scatter; each reset draws another.
+        Scatter of the sheets; each reset draws a new sheet.
     hand : {"widowx", "so101"}
-        Like which robot's.
+        Model of the hand.
     render_mode : {"rgb_array"}, optional
-        Whether `render` draws pictures. Without a screen, MuJoCo draws where ``MUJOCO_GL`` is
-        ``egl`` or ``osmesa`` before Python starts.
+        Enables `render`. Without a display, MuJoCo requires ``MUJOCO_GL=egl`` or ``osmesa`` before
+        Python starts.
 
     Raises
     ------
     InputError
-        If there is no such object or hand.
+        If the object or hand is unknown.
 
     Examples
     --------
@@ -108,18 +108,18 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Felt, Info]:
-        """Draw another sheet and object, open the hand and take the rest values."""
+    ) -> tuple[Observation, Info]:
+        """Draw a new sheet and object, open the hand and measure the rest values."""
         super().reset(seed=seed)
         self._open(seed=int(self.np_random.integers(2**31)))
         ohm = [self._ohm() for _ in range(_REST_FRAMES)]
         self._rest_ohm = np.mean(ohm, axis=0)
         return self._measure(ohm[-1]), self._info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Felt, float, bool, bool, Info]:
-        """Send the fingers on their way, and let one frame pass."""
-        share = 0.5 + 0.5 * float(np.clip(action, -1.0, 1.0)[0])
-        target_mm = self._lowest_mm + share * self._span_mm
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
+        """Command the fingers and read one frame."""
+        opening = 0.5 + 0.5 * float(np.clip(action, -1.0, 1.0)[0])
+        target_mm = self._lowest_mm + opening * self._span_mm
         self._gripper.command(GripperCommand(target=target_mm, rate=self._rate_mm_per_s))
         felt, info = self._measure(self._ohm()), self._info()
         truth = info["truth"]
@@ -128,9 +128,9 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         return felt, reward, truth["damaged"], False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture from the front, shape (240, 320, 3); None without a `render_mode`.
+        """Return an image from the front, shape (240, 320, 3); None without a `render_mode`.
 
-        Raises `InputError` if OpenGL has neither a screen nor another way to draw.
+        Raises `InputError` if OpenGL cannot render.
         """
         if self.render_mode is None:
             return None
@@ -139,7 +139,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
                 self._renderer = mujoco.Renderer(self._world.model, *_PICTURE)
             except (mujoco.FatalError, RuntimeError, AttributeError, ImportError) as error:
                 raise InputError(
-                    "MuJoCo can't draw here: set MUJOCO_GL=egl, or osmesa, before Python starts "
+                    "MuJoCo can't render: set MUJOCO_GL=egl or osmesa before Python starts "
                     f"({error})"
                 ) from error
         self._renderer.update_scene(self._world.data, camera="front")
@@ -147,13 +147,13 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         return picture
 
     def close(self) -> None:
-        """Let go of what draws."""
+        """Close the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
     def _open(self, *, seed: int) -> None:
-        self.close()  # it draws the model before
+        self.close()  # the renderer belongs to the previous model
         obj = draw_object(np.random.default_rng([seed, 10]), self._object_name)
         self._world = MujocoWorld(obj, seed=seed, level=self._level, hand=self._hand)
         self._array, self._gripper = TwinArray(self._world), TwinGripper(self._world)
@@ -164,9 +164,9 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         layout = self._array.layout
         return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
 
-    def _measure(self, ohm: FloatArray) -> Felt:
+    def _measure(self, ohm: FloatArray) -> Observation:
         change_percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
-        # An open pixel has no finite change: it reads the most.
+        # An open pixel has no finite change and gets the limit.
         change_percent = np.nan_to_num(change_percent, nan=_MOST_PERCENT)
         change_percent = np.clip(change_percent, -_MOST_PERCENT, _MOST_PERCENT)
         width_mm = np.array([self._gripper.state().width_mm])
@@ -189,7 +189,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         }
 
 
-#: `gymnasium.make("palpate_mujoco.env:palpate/Grasp-v0")` imports this file and finds it.
+#: Id of the environment; `gymnasium.make("palpate_mujoco.env:palpate/Grasp-v0")` imports this file.
 ENV_ID = "palpate/Grasp-v0"
 if ENV_ID not in gymnasium.registry:
     gymnasium.register(ENV_ID, entry_point="palpate_mujoco.env:GraspEnv", max_episode_steps=300)

@@ -22,18 +22,18 @@ class Hand:
     Attributes
     ----------
     model : str
-        File in `palpate_mujoco/hands`. Its servo's command is a speed, and its state the position
-        that the servo goes to (MuJoCo's `intvelocity`).
+        File in `palpate_mujoco/hands`. The servo's command is a speed, and its state is the target
+        position (MuJoCo's `intvelocity`).
     servo : str
-        Its name.
+        Name of the servo.
     joints : tuple of str
-        Joints of the fingers that move, that of the servo first; all read the same.
+        Joints of the moving fingers with equal values, starting with the servo's.
     pads : tuple of Pad
-        One on each finger, facing each other along x; first the one at lower x.
+        One pad per finger, facing each other along x, starting with the pad at lower x.
     width_mm, position : callable
-        From a joint's value to the opening as a user's gripper reports it, mm, and back.
+        From a joint's value to the opening that a real gripper reports, mm, and back.
     fixed_face_mm : float or None
-        Where on x the face of the first pad is, if its finger does not move.
+        Position on x of the first pad's face, if its finger does not move.
     """
 
     model: str
@@ -45,20 +45,20 @@ class Hand:
     fixed_face_mm: float | None = None
 
     def spec(self) -> mujoco.MjSpec:
-        """Return the model, to add to and compile."""
+        """Return the model specification, for extension and compilation."""
         return mujoco.MjSpec.from_file(str(files("palpate_mujoco") / "hands" / self.model))
 
     def place_mm(self, size_mm: float, *, lead_mm: float, first_finger: int) -> float:
-        """Return the x of an object that one finger reaches `lead_mm` before the other.
+        """Return the x of an object that one finger touches `lead_mm` before the other.
 
-        That finger is always the one that moves, if only one does.
+        If only one finger moves, it is always the first to touch.
         """
         if self.fixed_face_mm is not None:
             return self.fixed_face_mm + 0.5 * size_mm + lead_mm
         return 0.5 * lead_mm * (1 if first_finger else -1)
 
 
-#: Like the WidowX 250 S's: 74 mm wide; each joint reads half of the opening, metres.
+#: Like the WidowX 250 S's: opens to 74 mm; each joint has half of the opening, metres.
 WIDOWX = Hand(
     model="widowx.xml",
     servo="servo",
@@ -67,8 +67,8 @@ WIDOWX = Hand(
     width_mm=lambda half_m: _OPENING_MM * half_m,
     position=lambda width_mm: width_mm / _OPENING_MM,
 )
-#: As `palpate.gripper.feetech` reads the opening of an SO-101, with the numbers that its user would
-#: measure: from the hinge to the middle of the pad, and the angle from where the pads touch.
+#: Conversion of `palpate.gripper.feetech` for the opening of an SO-101: distance from the hinge to
+#: the middle of the pad, and angle from the closed position.
 _JAW = HingedJaw(jaw_mm=64.0)
 #: Like the SO-101's: one fixed jaw and one that swings.
 SO101 = Hand(
@@ -80,17 +80,17 @@ SO101 = Hand(
     position=_JAW.angle_rad,
     fixed_face_mm=-19.0,
 )
-#: By the names that users choose.
+#: Name -> hand.
 HANDS = {"widowx": WIDOWX, "so101": SO101}
 
 
 def find_hand(name: str) -> Hand:
-    """Return a hand.
+    """Return a hand by name.
 
     Raises
     ------
     InputError
-        If there is none of this name.
+        If the name is unknown.
     """
     if name not in HANDS:
         raise InputError(f"no hand {name!r} in MuJoCo; there are: {', '.join(HANDS)}")
@@ -103,9 +103,9 @@ class Servo:
     Parameters
     ----------
     hand : Hand
-        Which names to look for.
+        Hand with the names of servo and joints.
     model, data : MjModel, MjData
-        Where it is.
+        Model and state that contain the hand.
     """
 
     def __init__(self, hand: Hand, *, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -116,17 +116,17 @@ class Servo:
 
     @property
     def width_mm(self) -> float:
-        """Opening as the servo's encoder reads it."""
+        """Opening read by the servo's encoder."""
         return self._hand.width_mm(float(self._data.qpos[self._joint]))
 
-    def put(self, width_mm: float) -> None:
-        """Put the fingers at an opening, at rest."""
+    def set_width(self, width_mm: float) -> None:
+        """Place the fingers at an opening, at rest."""
         position = self._hand.position(width_mm)
         self._data.act[self._act] = position
         for joint in self._hand.joints:
             self._data.joint(joint).qpos = position
 
-    def head_for(self, width_mm: float, *, within_s: float) -> None:
-        """Set the speed so that the commanded opening is there after a time."""
-        way = self._hand.position(width_mm) - float(self._data.act[self._act])
-        self._data.ctrl[self._ctrl] = way / within_s
+    def move_towards(self, width_mm: float, *, within_s: float) -> None:
+        """Set the speed that reaches an opening after a time."""
+        travel = self._hand.position(width_mm) - float(self._data.act[self._act])
+        self._data.ctrl[self._ctrl] = travel / within_s

@@ -1,4 +1,4 @@
-"""What presses on pads of a MuJoCo model: its contacts, as newtons on pixels."""
+"""Convert the contacts on the pads of a MuJoCo model to loads of pixels, newtons."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from palpate.twin.placement import PixelGrid
 
 _MM_PER_M = 1e3
 
-#: A contact on a pad: which pad, what presses on it along its normal (N), and where from the middle
-#: of its pixels, along and across (mm).
+#: A contact on a pad: index of the pad, normal force (N), and position relative to the middle of
+#: the pixels, along and across (mm).
 Touch: TypeAlias = tuple[int, float, tuple[float, float]]
 
 
@@ -28,9 +28,9 @@ class Pad:
     Attributes
     ----------
     geom : str
-        Name of the geom that carries the sheet.
+        Name of the geom with the sheet.
     along, across : tuple of float
-        The way in which the rows of pixels follow each other, and that of the columns.
+        Directions of increasing row and column number.
     centre_mm : tuple of float
         Middle of the pixels.
     """
@@ -45,8 +45,8 @@ class Pad:
 class TouchGrid:
     """A `touch_grid` sensor of the model as the pixels of one finger.
 
-    Its bins are the pixels: as many as the finger has, its columns along the site's x, its rows
-    along the site's y. What its first channel reads, newtons, loads them as it is.
+    Its bins are the pixels of the finger, with columns along the site's x and rows along the site's
+    y. Its first channel, newtons, is the load of the pixels.
 
     Attributes
     ----------
@@ -58,9 +58,9 @@ class TouchGrid:
 
 
 class GridLoads:
-    """What grids of the model read, as loads of pixels.
+    """Loads of pixels from grids of the model.
 
-    Raises `InputError` if the model has no such sensor, or its bins are not the pixels.
+    Raises `InputError` if the model has no such sensor, or its bins differ from the pixels.
     """
 
     def __init__(
@@ -73,10 +73,10 @@ class GridLoads:
             is_plugin = index >= 0 and model.sensor_type[index] == mujoco.mjtSensor.mjSENS_PLUGIN
             pixels = np.flatnonzero(layout.finger_mask(finger))
             if not is_plugin or model.sensor_dim[index] % len(pixels):
-                found = f"reads {model.sensor_dim[index]} numbers" if is_plugin else "is none"
+                found = f"has {model.sensor_dim[index]} values" if is_plugin else "does not exist"
                 raise InputError(
                     f"the model needs a touch_grid {grid.sensor!r} with the {len(pixels)} pixels "
-                    f"of finger {finger} (layout {layout.name}); the one of this name {found}"
+                    f"of finger {finger} (layout {layout.name}); a touch_grid of this name {found}"
                 )
             self._places.append((pixels, int(model.sensor_adr[index])))
         self._pixels = layout.pixels
@@ -85,7 +85,7 @@ class GridLoads:
         """Return the load of every pixel, shape (pixels,); `reach_mm` is not used."""
         load_n = np.zeros(self._pixels)
         for pixels, start in self._places:
-            # Up to MuJoCo 3.3 what presses on the site is negative there.
+            # Up to MuJoCo 3.3, pressure on the site is negative.
             load_n[pixels] = np.abs(data.sensordata[start : start + len(pixels)])
         return load_n
 
@@ -99,18 +99,18 @@ def _check_count(pads: Sequence[Pad | TouchGrid], *, layout: ArrayLayout) -> Non
 
 
 class PadLoads:
-    """Contacts on the pads of a model, shared out to pixels.
+    """Loads of pixels from the contacts on the pads of a model.
 
-    The cover of the sheet spreads the force of a contact over a patch, a paraboloid; what arrives
-    beyond the outermost pixels counts for the nearest. So the pixels of a pad together carry what
-    MuJoCo's contacts press on it.
+    The cover of the sheet spreads the force of a contact over a patch with a parabolic profile. A
+    contact beyond the outermost pixels is assigned to the nearest edge, so the sum over the pixels
+    of a pad equals the force of its contacts.
 
     Parameters
     ----------
     model : MjModel
-        Any model that has the pads' geoms.
+        Any model with the pads' geoms.
     pads : sequence of Pad
-        One for each finger of the layout, in its order.
+        One pad per finger of the layout, in its order.
     layout : ArrayLayout
         The pixels.
 
@@ -124,16 +124,17 @@ class PadLoads:
         _check_count(pads, layout=layout)
         grid = PixelGrid.of(layout)
         self._model = model
-        self._geom = [_geom_id(model, pad.geom) for pad in pads]
+        self._geom = [_find_geom(model, pad.geom) for pad in pads]
         self._pad_of_geom = [-1] * model.ngeom
         for index, geom in enumerate(self._geom):
             self._pad_of_geom[geom] = index
         #: Columns are a pad's normal, along and across, in the frame of its geom.
-        self._turn = [_axes(pad).T for pad in pads]
+        self._rotation = [_unit_axes(pad).T for pad in pads]
         self._middle_mm = [
-            (pad.centre_mm @ turn)[1:].tolist() for pad, turn in zip(pads, self._turn, strict=True)
+            (pad.centre_mm @ turn)[1:].tolist()
+            for pad, turn in zip(pads, self._rotation, strict=True)
         ]
-        #: Along and across, shape (pads, 2, pixels); those of other pads are out of reach.
+        #: Along and across, shape (pads, 2, pixels); infinite for pixels of other pads.
         pixel_mm = np.stack([grid.along_mm, grid.across_mm])
         mine = grid.finger == np.arange(len(pads))[:, None, None]
         self._pixel_mm = np.where(mine, pixel_mm, np.inf)
@@ -142,7 +143,7 @@ class PadLoads:
     def load_n(self, data: mujoco.MjData, *, reach_mm: float) -> FloatArray:
         """Return the load of every pixel, shape (pixels,).
 
-        `reach_mm` is how far a contact's force spreads, at least 0.71 of the pitch.
+        `reach_mm` is the radius of a contact's spread, at least 0.71 of the pitch.
         """
         touched = self.contacts(data)
         if not touched:
@@ -158,7 +159,7 @@ class PadLoads:
     def contacts(self, data: mujoco.MjData) -> list[Touch]:
         """Return the contacts on the pads.
 
-        A hand has few: plain floats are faster here than arrays of a few rows.
+        With few contacts, plain floats are faster than small arrays.
         """
         contact, pad_of = data.contact, self._pad_of_geom
         pads = [max(pad_of[one], pad_of[other]) for one, other in contact.geom.tolist()]
@@ -178,24 +179,24 @@ class PadLoads:
             x, y, z = places_m[index]
             place_m = (x - origin_m[0], y - origin_m[1], z - origin_m[2])
             at_mm = (
-                _MM_PER_M * _dot(place_m, along) - middle_mm[0],
-                _MM_PER_M * _dot(place_m, across) - middle_mm[1],
+                _MM_PER_M * _dot_product(place_m, along) - middle_mm[0],
+                _MM_PER_M * _dot_product(place_m, across) - middle_mm[1],
             )
-            touched.append((pad, abs(_dot(push, normal)), at_mm))
+            touched.append((pad, abs(_dot_product(push, normal)), at_mm))
         return touched
 
     def _frame(self, data: mujoco.MjData, pad: int) -> Any:
         """Return a pad's origin (m), normal, along and across in the world, and middle (mm)."""
         geom = self._geom[pad]
-        axes = (data.geom_xmat[geom].reshape(3, 3) @ self._turn[pad]).T
+        axes = (data.geom_xmat[geom].reshape(3, 3) @ self._rotation[pad]).T
         return data.geom_xpos[geom].tolist(), axes.tolist(), self._middle_mm[pad]
 
 
-def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+def _dot_product(one: Sequence[float], other: Sequence[float]) -> float:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
-def _geom_id(model: mujoco.MjModel, name: str) -> int:
+def _find_geom(model: mujoco.MjModel, name: str) -> int:
     geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
     if geom < 0:
         known = [model.geom(index).name for index in range(model.ngeom)]
@@ -205,7 +206,7 @@ def _geom_id(model: mujoco.MjModel, name: str) -> int:
     return int(geom)
 
 
-def _axes(pad: Pad) -> FloatArray:
+def _unit_axes(pad: Pad) -> FloatArray:
     """Return a pad's normal, along and across as unit rows."""
     along, across = np.array(pad.along), np.array(pad.across)
     rows = np.stack([np.cross(across, along), along, across])

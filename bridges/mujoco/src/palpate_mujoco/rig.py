@@ -16,23 +16,23 @@ from palpate_mujoco.world import MujocoWorld
 def open_mujoco(*, object_name: str | None, seed: int, level: str = "lab") -> Rig:
     """Open a hand like the WidowX 250's with an object between its fingers.
 
-    The object and the sheet are those that the rig `sim-rigid` draws for the same seed.
+    Object and sheet are the same as in the rig `sim-rigid` with the same seed.
 
     Raises
     ------
     InputError
-        If there is no such object.
+        If the object is unknown.
     """
     return _open_rig("mujoco", WIDOWX, object_name=object_name, seed=seed, level=level)
 
 
 def open_so101(*, object_name: str | None, seed: int, level: str = "lab") -> Rig:
-    """Open a hand like the SO-101's, as `open_mujoco` does.
+    """Open a hand like the SO-101's, otherwise like `open_mujoco`.
 
     Raises
     ------
     InputError
-        If there is no such object.
+        If the object is unknown.
     """
     return _open_rig("mujoco-so101", SO101, object_name=object_name, seed=seed, level=level)
 

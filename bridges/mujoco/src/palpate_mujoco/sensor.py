@@ -1,4 +1,4 @@
-"""A sensor on pads of any MuJoCo model: contacts through the simulated sheet to counts."""
+"""A simulated sensor on the pads of any MuJoCo model, from contacts to counts."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import Environment, draw_sheet
 from palpate_mujoco.pads import GridLoads, Pad, PadLoads, TouchGrid
 
-#: How far the force of a contact spreads, as a share of the pixels' pitch (as on the twin).
-REACH = 0.8
-#: A pad that was free for this long is touched anew, at another place of the sheet, seconds.
+#: Radius of a contact's spread relative to the pitch of the pixels, as on the twin.
+SPREAD_RATIO = 0.8
+#: Time without contact after which a contact is at another place of the sheet, seconds.
 _FREE_S = 0.2
 
 
 class PadSensor:
-    """Pixels on the pads of a model, the sheet under them and its readout.
+    """The pixels on the pads of a model, with their sheet and readout.
 
-    `palpate.twin.devices.TwinArray(sensor)` is its array: reading a frame steps the model on to it.
-    Programs that step the model themselves call `feel` after each step, and `counts` for a frame.
-    Contacts are taken in from time to time, and loads are straight lines in between.
+    `palpate.twin.devices.TwinArray(sensor)` is the array; reading a frame steps the model. Programs
+    that step the model themselves call `feel` after each step, and `counts` for a frame. Contacts
+    are evaluated periodically, and loads are linear in between.
 
     Parameters
     ----------
     model, data : MjModel, MjData
-        Any model that has the pads' geoms, and its state.
+        Any model with the pads' geoms, and its state.
     pads : sequence of Pad, or of TouchGrid
-        One for each finger of the layout.
+        One per finger of the layout.
     layout : ArrayLayout
         Pixels and readout.
     seed : int
-        Of what differs from touch to touch, and of noise.
+        Seed of the variation between contacts, and of noise.
     sheet_seed : int, optional
-        Of the sheet; `seed` by default.
+        Seed of the sheet; `seed` by default.
     level : {"lab", "field"}
-        How much sheets scatter (`palpate.twin.ranges`).
+        Scatter of the sheets (`palpate.twin.ranges`).
     clock : ManualClock, optional
-        The clock that the array moves; one that starts at the model's time by default.
+        Clock of the array; by default a clock that starts at the model's time.
     frame_rate_hz : float
-        Rate at which the array is scanned.
+        Scan rate of the array.
     oversampling : int
         Conversions summed per pixel.
     every_s : float, optional
-        How often contacts are taken in; once a frame by default.
+        Period of the evaluation of contacts; once per frame by default.
 
     Raises
     ------
     InputError
-        If the model lacks a pad, or the layout is wired in a way that is not simulated.
+        If the model lacks a pad, or the wiring of the layout is not simulated.
 
     Examples
     --------
@@ -100,10 +100,10 @@ class PadSensor:
         self._every_s = 1.0 / frame_rate_hz if every_s is None else every_s
         self.layout, self.frame_rate_hz, self.oversampling = layout, frame_rate_hz, oversampling
         self.clock = ManualClock(data.time) if clock is None else clock
-        #: Called with the time before the world moves on to it (an array scanning on its own).
+        #: Called with the new time before the world advances, such as by a scanning array.
         self.watchers: list[Callable[[float], None]] = []
-        #: How far the force of a contact spreads, mm.
-        self.reach_mm = REACH * layout.pitch_mm
+        #: Radius of a contact's spread, mm.
+        self.reach_mm = SPREAD_RATIO * layout.pitch_mm
         self._pads = tuple(pads)
         self._ranges = ranges_of(level)
         sheet_seed = seed if sheet_seed is None else sheet_seed
@@ -128,22 +128,22 @@ class PadSensor:
 
     @property
     def placement(self) -> Placement:
-        """What chance gave to the present touch."""
+        """Random variation of the current contact."""
         return self._placements.of(self._placed, self._touches, environment=self._environment)
 
     @property
     def load_n(self) -> FloatArray:
-        """Load of every pixel when the sheet last took it in, shape (rows, cols)."""
+        """Load of every pixel at the last update, shape (rows, cols)."""
         return self._load_n.reshape(self.layout.rows, self.layout.cols)
 
     @property
     def finger_n(self) -> FloatArray:
-        """What presses on each finger's pad, shape (fingers,)."""
+        """Force on each finger's pad, shape (fingers,)."""
         finger_n: FloatArray = self._on_finger @ self._load_n
         return finger_n
 
     def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Continue with the same pads in another model, or another state of it."""
+        """Continue with the same pads in another model or state."""
         self.model, self.data = model, data
         grids = [pad for pad in self._pads if isinstance(pad, TouchGrid)]
         pads = [pad for pad in self._pads if isinstance(pad, Pad)]
@@ -153,10 +153,10 @@ class PadSensor:
             else PadLoads(model, pads=pads, layout=self.layout)
         )
         self._load_n = np.zeros(self.layout.pixels)
-        self._felt_s = data.time
+        self._updated_s = data.time
 
     def renew(self) -> None:
-        """Take the next object: it lies elsewhere on the pads."""
+        """Start with a new object, at another place on the pads."""
         self._placed += 1
 
     def copy(self, data: mujoco.MjData) -> PadSensor:
@@ -166,36 +166,36 @@ class PadSensor:
         return other
 
     def step_to(self, time_s: float) -> None:
-        """Step the model to a time, and take in its contacts on the way."""
+        """Step the model to a time, updating the sheet periodically."""
         while (left_s := time_s - self.data.time) > 0.5 * self.model.opt.timestep:
             steps = max(round(min(left_s, self._every_s) / self.model.opt.timestep), 1)
             mujoco.mj_step(self.model, self.data, steps)
             self.take_in()
 
     def feel(self) -> None:
-        """Take in the contacts if it is time to."""
-        if self.data.time - self._felt_s >= self._every_s - 0.5 * self.model.opt.timestep:
+        """Update the sheet if its period has elapsed."""
+        if self.data.time - self._updated_s >= self._every_s - 0.5 * self.model.opt.timestep:
             self.take_in()
 
     def take_in(self, *, travel_mm: float = 0.0) -> None:
-        """Let the sheet take in the contacts at the model's time.
+        """Update the sheet with the contacts at the model's time.
 
-        `travel_mm` is how far the fingers moved since the last call: that alone makes spikes.
+        `travel_mm` is the travel of the fingers since the last call, which causes spikes.
 
         Raises
         ------
         ValueError
-            If the model's time went back: a sheet can't forget what pressed it.
+            If the model's time decreased, because the sheet's history can't be undone.
         """
-        step_s = self.data.time - self._felt_s
+        step_s = self.data.time - self._updated_s
         if step_s < 0:
             raise ValueError(
-                f"the model's time went back from {self._felt_s:g} to {self.data.time:g} s; after "
-                "a reset make a new sensor (MuJoCo also resets a simulation that diverges)"
+                f"the model's time decreased from {self._updated_s:g} to {self.data.time:g} s; "
+                "create a new sensor after a reset (MuJoCo also resets a diverged simulation)"
             )
         if step_s == 0:
             return
-        self._felt_s = self.data.time
+        self._updated_s = self.data.time
         self._load_n = self._loads.load_n(self.data, reach_mm=self.reach_mm)
         loaded = bool(np.count_nonzero(self._load_n))
         self._touches += loaded and self._free_s > _FREE_S
@@ -227,7 +227,7 @@ class PadSensor:
         return self._readout.volts(self.resistance_ohm(), time_s=self.data.time)
 
     def counts(self) -> NDArray[np.int32]:
-        """Take in the contacts and return one scan at the model's time, shape (rows, cols)."""
+        """Update the sheet and return one scan at the model's time, shape (rows, cols)."""
         self.take_in()
         return self._readout.counts(self.resistance_ohm(), time_s=self.data.time)
 

@@ -1,4 +1,4 @@
-"""A gripper, an object and pads in MuJoCo, as a stage for the twin's devices."""
+"""A gripper, an object and pads in MuJoCo, as a world for the twin's devices."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from palpate.twin.mechanics import Motion, patch_reach_mm
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.world import OPEN_MM
 from palpate_mujoco.hand import WIDOWX, Hand, Servo
+from palpate_mujoco.object_dynamics import ObjectDynamics, add_object
 from palpate_mujoco.sensor import PadSensor
-from palpate_mujoco.thing import Thing, add_object
 
-#: How often servo, object and sheet are brought up to date, seconds.
+#: Update period of servo, object and sheet, seconds.
 EVERY_S = 0.02
-#: Fingers that touch nothing have come to rest so long after their way's end, seconds.
-_STILL_S = 0.5
+#: Time after the end of a movement at which free fingers are at rest, seconds.
+_AT_REST_S = 0.5
 
 
 class MujocoWorld:
-    """A simulated grasp in MuJoCo, advanced by whoever holds its clock.
+    """A simulated grasp in MuJoCo, advanced by its clock.
 
-    A stage as `palpate.twin.stage.Stage` describes it: the twin's array, gripper and load cell work
-    on it as they do on the twin's own world. Times asked for must not go backwards.
+    It implements `palpate.twin.stage.Stage`, so the twin's array, gripper and load cell work with
+    it as with the twin's own world. Times must not decrease.
 
     Parameters
     ----------
     obj : TwinObject or None
-        What lies between the open fingers.
+        Object between the open fingers.
     seed, sheet_seed, level
         As in `palpate_mujoco.sensor.PadSensor`.
     hand : Hand
-        The model of the hand.
+        Model of the hand.
 
     Examples
     --------
@@ -65,7 +65,7 @@ class MujocoWorld:
         self.seed, self.level = seed, level
         self.sheet_seed = seed if sheet_seed is None else sheet_seed
         self.clock = ManualClock()
-        #: Called with the time before the world moves on to it (an array scanning on its own).
+        #: Called with the new time before the world advances, such as by a scanning array.
         self.watchers: list[Callable[[float], None]] = []
         self._hand = hand
         model = hand.spec().compile()
@@ -78,7 +78,7 @@ class MujocoWorld:
             level=level,
             clock=self.clock,
         )
-        #: Pixels and readout, and how they are scanned.
+        #: Pixels and readout, scan rate and oversampling.
         self.layout = self.sensor.layout
         self.frame_rate_hz = self.sensor.frame_rate_hz
         self.oversampling = self.sensor.oversampling
@@ -89,7 +89,7 @@ class MujocoWorld:
 
     @property
     def data(self) -> mujoco.MjData:
-        """State of the physics: read it, render it; the world steps it."""
+        """State of the physics, to read or render; the world steps it."""
         return self.sensor.data
 
     @property
@@ -104,40 +104,40 @@ class MujocoWorld:
     # -- the gripper ------------------------------------------------------------------------------
 
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
-        """Send the fingers to a width (mm, mm/s). Returns the target."""
+        """Command the fingers to a width (mm, mm/s); return the target."""
         if rate <= 0:
             raise ValueError(f"the fingers need a positive rate, not {rate}")
-        now_s = self._at(self.now_s() if time_s is None else time_s)
+        now_s = self._advance_with_watchers(self.now_s() if time_s is None else time_s)
         self._motion = Motion(
             start_s=now_s, from_mm=self._motion.width_mm(now_s), to_mm=target, rate_mm_per_s=rate
         )
-        if self._thing is not None and target < self._thing.obj.size_mm:
+        if self._object is not None and target < self._object.obj.size_mm:
             self._hold = self._copy()
         return target
 
     def halt(self, *, time_s: float | None = None) -> None:
-        """Stop the fingers where they are."""
-        now_s = self._at(self.now_s() if time_s is None else time_s)
+        """Stop the fingers at their position."""
+        now_s = self._advance_with_watchers(self.now_s() if time_s is None else time_s)
         self.drive(self._motion.width_mm(now_s), rate=1.0, time_s=now_s)
 
     def drive_value(self, time_s: float) -> float:
-        """Return the present width as the servo reads it, mm."""
-        self._at(time_s)
+        """Return the current width read by the servo, mm."""
+        self._advance_with_watchers(time_s)
         return self._servo.width_mm
 
     def is_moving(self, time_s: float) -> bool:
-        """Return whether the fingers are on their way."""
-        return self._motion.end_s > self._at(time_s)
+        """Return whether the fingers are moving."""
+        return self._motion.end_s > self._advance_with_watchers(time_s)
 
     def place(self, obj: TwinObject | None) -> None:
-        """Take the object away and put another (or none) between the fingers.
+        """Replace the object between the fingers; None removes it.
 
         Raises
         ------
         ValueError
-            If the fingers are closer than the new object is large.
+            If the new object is larger than the opening.
         """
-        now_s = self._at(self.now_s())
+        now_s = self._advance_with_watchers(self.now_s())
         width_mm = self._motion.width_mm(now_s)
         if obj is not None and obj.size_mm >= width_mm:
             raise ValueError(
@@ -148,27 +148,27 @@ class MujocoWorld:
         self.sensor.renew()
         self._build(obj, width_mm=width_mm)
 
-    # -- what is there ----------------------------------------------------------------------------
+    # -- state ------------------------------------------------------------------------------------
 
     def force_n(self, time_s: float) -> float:
-        """Return the grip force: the mean of what presses on the pads."""
-        self._at(time_s)
+        """Return the grip force: the mean of the forces on the pads."""
+        self._advance_with_watchers(time_s)
         return self._grip_n
 
     @property
     def peak_force_n(self) -> float:
-        """Largest grip force on the present object so far, looked at every `EVERY_S`."""
+        """Largest grip force on the current object, sampled every `EVERY_S`."""
         return self._peak_n
 
     @property
     def is_damaged(self) -> bool:
-        """Whether the force ever passed the object's yield force."""
-        thing = self._thing
+        """Whether the force has exceeded the object's yield force."""
+        thing = self._object
         return thing is not None and (thing.ruptured or self._peak_n >= thing.obj.yield_n)
 
     def pixel_voltage_v(self, time_s: float) -> FloatArray:
         """Return the voltage at the converter's input for each pixel, shape (rows, cols)."""
-        self._at(time_s)
+        self._advance_with_watchers(time_s)
         return self.sensor.voltage_v()
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
@@ -177,13 +177,13 @@ class MujocoWorld:
         return self.sensor.counts()
 
     def truth(self, horizon_s: float = 20.0) -> Truth:
-        """Return what really holds, as `palpate.twin.world.World.truth` does.
+        """Return the true state, like `palpate.twin.world.World.truth`.
 
-        The physics is copied at the start of the final hold's last movement and runs on from there.
+        A copy of the physics continues from the start of the final hold's last movement.
         """
         end = self._copy() if self._hold is None else self._hold._copy()
         end._advance(end._motion.start_s + horizon_s)
-        thing, force_n = end._thing, end._grip_n
+        thing, force_n = end._object, end._grip_n
         stiffness = None
         if thing is not None and force_n > 0:
             stiffness = force_n / thing.flattening_mm
@@ -196,14 +196,14 @@ class MujocoWorld:
             damaged=self.is_damaged,
         )
 
-    # -- inside -----------------------------------------------------------------------------------
+    # -- internals --------------------------------------------------------------------------------
 
     @property
     def _grip_n(self) -> float:
         return float(self.sensor.finger_n.mean())
 
     def _build(self, obj: TwinObject | None, *, width_mm: float) -> None:
-        """Compile the hand with an object, at rest at a width, at the clock's time."""
+        """Compile the hand with an object, at rest at a width."""
         spec = self._hand.spec()
         if obj is not None:
             lies = self.sensor.placement
@@ -217,12 +217,12 @@ class MujocoWorld:
         data = mujoco.MjData(model)
         data.time = self.now_s()
         self._servo = Servo(self._hand, model=model, data=data)
-        self._servo.put(width_mm)
+        self._servo.set_width(width_mm)
         self.sensor.attach(model, data)
-        self._thing = None if obj is None else Thing(obj, model=model, data=data)
+        self._object = None if obj is None else ObjectDynamics(obj, model=model, data=data)
 
-    def _at(self, time_s: float) -> float:
-        """Advance to a time, let the watchers see what comes before it, and return it."""
+    def _advance_with_watchers(self, time_s: float) -> float:
+        """Notify the watchers, advance to a time, and return it."""
         for watcher in self.watchers:
             watcher(time_s)
         self._advance(time_s)
@@ -231,37 +231,37 @@ class MujocoWorld:
     def _advance(self, time_s: float) -> None:
         step_s = self.model.opt.timestep
         while (left_s := time_s - self.data.time) > 0.5 * step_s:
-            if self._still:
-                # The physics would change nothing, and the sheet's fading is exact at any length.
+            if self._is_still:
+                # Nothing moves, and the relaxation of the sheet is exact for any time step.
                 self.data.time = time_s
                 self.sensor.take_in()
                 return
             self._step(max(round(min(left_s, EVERY_S) / step_s), 1))
 
     @property
-    def _still(self) -> bool:
-        """Whether fingers and object are at rest, apart from each other."""
+    def _is_still(self) -> bool:
+        """Whether fingers and object are at rest without contact."""
         since_s = self.data.time - self._motion.end_s
-        return since_s > _STILL_S and not self.data.ncon and not self.sensor.load_n.any()
+        return since_s > _AT_REST_S and not self.data.ncon and not self.sensor.load_n.any()
 
     def _step(self, steps: int) -> None:
-        """Step the physics, with servo, object and sheet in step with it."""
+        """Step the physics, and update servo, object and sheet."""
         ends_s = self.data.time + steps * self.model.opt.timestep
         before_mm = self._servo.width_mm
-        self._servo.head_for(self._motion.width_mm(ends_s), within_s=ends_s - self.data.time)
-        if self._thing is not None:
-            self._thing.resist()
+        self._servo.move_towards(self._motion.width_mm(ends_s), within_s=ends_s - self.data.time)
+        if self._object is not None:
+            self._object.apply_force()
             self.sensor.reach_mm = patch_reach_mm(
-                self._thing.obj, self._thing.flattening_mm, pitch_mm=self.layout.pitch_mm
+                self._object.obj, self._object.flattening_mm, pitch_mm=self.layout.pitch_mm
             )
         mujoco.mj_step(self.model, self.data, steps)
         self.sensor.take_in(travel_mm=abs(self._servo.width_mm - before_mm))
         self._peak_n = max(self._peak_n, self._grip_n)
 
     def _copy(self) -> MujocoWorld:
-        """Return a world that continues from here on its own, without devices."""
+        """Return an independent copy of the world, without devices."""
         other, data = copy.copy(self), copy.copy(self.data)
         other.watchers, other.sensor = [], self.sensor.copy(data)
         other._servo = Servo(self._hand, model=self.model, data=data)
-        other._thing = None if self._thing is None else self._thing.copy(data)
+        other._object = None if self._object is None else self._object.copy(data)
         return other

@@ -1,8 +1,8 @@
 """A simulated object in MuJoCo: two halves with the twin's force law between them.
 
-The halves lie in each other; the left pad meets only the left half, the right pad the right one.
-Their one joint is by how much the object is flattened. On what it stands, it slides along the
-closing axis against friction; it can neither turn nor fall.
+The halves overlap; the left pad touches only the left half, the right pad only the right half. The
+joint between the halves is the deformation of the object. The object slides on its support along
+the closing axis with friction; it can neither turn nor fall.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.plant import TABLE_FRICTION
 
 _MM_PER_M = 1e3
-#: The slope of the law is taken no nearer to first contact than here: Hertz's begins with none.
-_LEAST_MM = 0.03
-#: The halves get the inertia that keeps the fastest swing at this phase per time step, radians.
+#: Smallest deformation for the slope of the law, because Hertz contact starts with slope 0.
+_LEAST_DEPTH_MM = 0.03
+#: Phase of the fastest oscillation per time step, radians; the inertia of the halves ensures it.
 _PHASE = 0.6
-#: Force at which that is worked out, newtons.
+#: Force at which the fastest oscillation is computed, newtons.
 _STIFFEST_N = 60.0
-#: Of the halves against each other (0.04 N at 20 mm/s), and of the whole on what it stands.
+#: Damping between the halves (0.04 N at 20 mm/s), and of the object on its support.
 _FLATTENING_N_S_PER_M, _SLIDING_N_S_PER_M = 2.0, 0.5
-#: Faces of a flat object, half their side in metres: larger than the pads.
+#: Half side of the faces of a flat object, metres: larger than the pads.
 _FACE_M = 0.02
-#: MuJoCo's contacts give way, the more so the lighter what they touch, and no calibration on a
-#: block can take that out. As hard as is stable at steps of 1 ms: 0.005 to 0.03 mm/N, and not 0.02
-#: to 0.11 as by default.
-_HARD = [0.97, 0.97, 0.001, 0.5, 2.0]
+#: MuJoCo's contacts are compliant, more so for light objects, which a block calibration cannot
+#: correct. These are the hardest contacts that are stable at steps of 1 ms: 0.005 to 0.03 mm/N
+#: instead of 0.02 to 0.11 by default.
+_CONTACT_IMPEDANCE = [0.97, 0.97, 0.001, 0.5, 2.0]
 _PUSH, _SPRING, _FLATTENED = "object_push", "object_spring", "object_flattened"
 
 
@@ -42,7 +42,7 @@ def add_object(
     place_mm: tuple[float, float, float],
     pads: tuple[str, str],
 ) -> None:
-    """Add an object to a model that has two pads facing each other along x."""
+    """Add an object to a model with two pads facing each other along x."""
     body = spec.worldbody.add_body(name="object", pos=[mm / _MM_PER_M for mm in place_mm])
     body.add_joint(
         name="object",
@@ -69,7 +69,7 @@ def add_object(
 def _add_half(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, obj: TwinObject, *, pad: str, side: int
 ) -> None:
-    """Add the shape of one half, which meets its own pad alone."""
+    """Add the geom of one half, which collides only with its own pad."""
     half_m, name = 0.5 * obj.size_mm / _MM_PER_M, f"object_{pad}"
     geom = body.add_geom(
         name=name,
@@ -84,14 +84,19 @@ def _add_half(
         geom.type = mujoco.mjtGeom.mjGEOM_BOX
         geom.size, geom.pos = [0.5 * half_m, _FACE_M, _FACE_M], [0.5 * side * half_m, 0, 0]
     spec.add_pair(
-        name=name, geomname1=pad, geomname2=name, condim=1, solref=[0.004, 1.0], solimp=_HARD
+        name=name,
+        geomname1=pad,
+        geomname2=name,
+        condim=1,
+        solref=[0.004, 1.0],
+        solimp=_CONTACT_IMPEDANCE,
     )
 
 
 def _add_law(spec: mujoco.MjSpec) -> None:
-    """Add the force between the halves: a push and a spring whose sizes are commands.
+    """Add the force between the halves: a push and a spring, both set by commands.
 
-    So the law is part of the model's state, not of the model.
+    The law is then part of the state, not of the model.
     """
     joint = {"trntype": mujoco.mjtTrn.mjTRN_JOINT, "target": _FLATTENED}
     spec.add_actuator(name=_PUSH, **joint).gainprm[0] = 1.0
@@ -100,22 +105,22 @@ def _add_law(spec: mujoco.MjSpec) -> None:
 
 
 def _stiffest_n_per_m(obj: TwinObject) -> float:
-    """Return the slope of an object's law at about the largest force."""
-    unhurt, deep_mm = replace(obj, yield_n=float("inf")), 0.01
-    while object_force_n(unhurt, deep_mm, ruptured=False)[0] < _STIFFEST_N:
+    """Return the slope of an object's law near the largest force."""
+    elastic, deep_mm = replace(obj, yield_n=float("inf")), 0.01
+    while object_force_n(elastic, deep_mm, ruptured=False)[0] < _STIFFEST_N:
         deep_mm *= 1.1
-    return _MM_PER_M * object_force_n(unhurt, deep_mm, ruptured=False)[1]
+    return _MM_PER_M * object_force_n(elastic, deep_mm, ruptured=False)[1]
 
 
-class Thing:
-    """The object's law at work.
+class ObjectDynamics:
+    """Apply the force law of an object during a simulation.
 
     Parameters
     ----------
     obj : TwinObject
-        What it is.
+        The object.
     model, data : MjModel, MjData
-        Where `add_object` added it.
+        Model and state with the object of `add_object`.
     """
 
     def __init__(self, obj: TwinObject, *, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -126,7 +131,7 @@ class Thing:
         self._now_s = data.time
         self.ruptured = False
 
-    def copy(self, data: mujoco.MjData) -> Thing:
+    def copy(self, data: mujoco.MjData) -> ObjectDynamics:
         """Return an independent object that continues from a copy of the state."""
         other = copy.copy(self)
         other._data = data
@@ -134,16 +139,16 @@ class Thing:
 
     @property
     def flattening_mm(self) -> float:
-        """By how much it is flattened."""
+        """Deformation of the object."""
         return max(_MM_PER_M * float(self._data.qpos[self._flattened]), 0.0)
 
-    def resist(self) -> None:
-        """Take in how far it is flattened, and set its force until the next call."""
+    def apply_force(self) -> None:
+        """Set the force for the current deformation until the next call."""
         deep_mm = self.flattening_mm
         elastic_n, _ = object_force_n(self.obj, deep_mm, ruptured=self.ruptured)
         self.ruptured = self.ruptured or elastic_n >= self.obj.rupture_n
         step_s, self._now_s = self._data.time - self._now_s, self._data.time
         self._squeeze = self._squeeze.change_to(self.obj, elastic_n=elastic_n, step_s=step_s)
-        slope = object_force_n(self.obj, max(deep_mm, _LEAST_MM), ruptured=self.ruptured)[1]
+        slope = object_force_n(self.obj, max(deep_mm, _LEAST_DEPTH_MM), ruptured=self.ruptured)[1]
         self._data.ctrl[self._push] = slope * deep_mm - self._squeeze.force_n
         self._data.ctrl[self._spring] = -_MM_PER_M * slope

@@ -1,34 +1,36 @@
-"""Changes against rest as an image."""
+"""Relative changes of the pixels as an image."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: The change that is white; at rest a pixel is black.
+#: Change of a white pixel; a pixel at rest is black.
 WHITE_PERCENT = -100.0
-#: A pixel that does not read: no change has a colour.
+#: Colour of a pixel without a reading; changes are grey.
 UNREAD_RGB = (255, 0, 0)
 
 
-def picture(change_percent: NDArray[np.float64], *, width: int, height: int) -> NDArray[np.uint8]:
-    """Return an image in which each pixel of the sensor is an even area.
+def render_image(
+    change_percent: NDArray[np.float64], *, width: int, height: int
+) -> NDArray[np.uint8]:
+    """Return an image with one uniform area per pixel of the sensor.
 
     Parameters
     ----------
     change_percent : ndarray, shape (rows, cols)
-        Relative to rest, percent; NaN where a pixel does not read.
+        Change relative to rest, percent; NaN for pixels without a reading.
     width, height : int
-        Whole multiples of cols and rows.
+        Integer multiples of cols and rows.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        Grey from black (rest, or above) to white (-100 %), red where nothing was read.
+        Grey from black (rest or above) to white (-100 %), red for pixels without a reading.
 
     Examples
     --------
-    >>> picture(np.array([[0.0, -50.0, np.nan]]), width=3, height=1).tolist()
+    >>> render_image(np.array([[0.0, -50.0, np.nan]]), width=3, height=1).tolist()
     [[[0, 0, 0], [128, 128, 128], [255, 0, 0]]]
     """
     rows, cols = change_percent.shape
