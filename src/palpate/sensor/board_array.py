@@ -145,8 +145,8 @@ def open_board(
     Parameters
     ----------
     port : str, optional
-        Device, e.g. ``"/dev/ttyACM0"``. By default the USB id identifies the board, or its answer
-        on one of the ports.
+        Device, e.g. ``"/dev/ttyACM0"``. By default the only board is found, from its USB id or its
+        answer.
     layout, reference_ohm, taxel_leg, idle_lines, line_ohm, fingers, pitch_mm
         As in `find_layout`.
     rate_hz : float

@@ -22,7 +22,7 @@ from palpate.sensor.wire_messages import (
 #: Opening the port resets most boards, and any received byte keeps a boot loader in programming
 #: mode. The host therefore sends nothing until the firmware's first message. The stock boot loader
 #: of a Mega takes 0.9 s, or 5.2 s after a received byte (both measured on the simulator). The
-#: longer wait follows when a board falls silent, because a byte may have been on its way to it.
+#: longer wait applies after a board falls silent, because it may still receive an earlier byte.
 LISTEN_S, RESTART_S = 2.0, 6.0
 #: Time limit for an answer after that wait.
 ANSWER_TIMEOUT_S = 2.0

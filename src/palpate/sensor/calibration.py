@@ -56,7 +56,7 @@ class ForcePairs:
     Attributes
     ----------
     run : tuple of int
-        Number of the load cell placement. Pairs of one run share the position on the sheet.
+        Number of the load cell placement. The cell does not move on the sheet during a run.
     since_move_s : tuple of float
         Time since the last movement.
     excess : tuple of float

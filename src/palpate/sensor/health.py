@@ -260,7 +260,7 @@ def _resistor_finding(fit: ResistorFit, *, measured: bool, layout: ArrayLayout) 
         f"{fit.low_ohm:.0f} to {fit.high_ohm:.0f} ohm ({source}); with {fit.recommended_ohm:g} ohm "
         f"it would be {fit.recommended_step_percent:.1f} %",
         f"{layout.divider.reference_ohm:g} ohm",
-        _severity_of(measured),
+        _choose_severity(measured),
     )
 
 
@@ -296,12 +296,12 @@ def _link_findings(link: LinkReadings, *, requested_hz: float | None) -> Iterato
     lost_percent = 100.0 * link.lost / (link.frames + link.lost)
     if link.lost:
         text = f"{link.lost} of {link.frames + link.lost} frames lost ({lost_percent:.2g} %)"
-        yield Finding("lost", text, severity=_severity_of(lost_percent > _LOST_PERCENT))
+        yield Finding("lost", text, severity=_choose_severity(lost_percent > _LOST_PERCENT))
     counters = link.counters
     if counters.corrupt:
         text = f"{counters.corrupt} packets or lines rejected as corrupt"
         bad = 100.0 * counters.corrupt / link.frames > _LOST_PERCENT
-        yield Finding("corrupt", text, severity=_severity_of(bad))
+        yield Finding("corrupt", text, severity=_choose_severity(bad))
     if counters.late:
         yield Finding(
             "late",
@@ -318,5 +318,5 @@ def _link_findings(link: LinkReadings, *, requested_hz: float | None) -> Iterato
         yield Finding("restarted", f"the stream was restarted {restarts} times")
 
 
-def _severity_of(bad: bool) -> Severity:
+def _choose_severity(bad: bool) -> Severity:
     return Severity.FAULT if bad else Severity.ADVICE

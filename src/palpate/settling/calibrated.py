@@ -4,7 +4,7 @@ With holds of the same sensor (`learn`), the correction is a weighted mean of ex
 are the method itself, a constant multiple of the last reading, and lines and multiples of one
 feature of a hold (the method's forecast, the log law, the rate in the last e-fold of time). Each
 expert is fitted to the past holds and weighted by its leave-one-out errors. Holds of other
-specimens set only the interval width. The interval is the range of these errors (Lei et al.,
+specimens set only the interval width. The half-width is a quantile of these errors (Lei et al.,
 "Distribution-Free Predictive Inference for Regression", JASA 113, 2018), shrunk towards the
 method's own interval if there are few holds.
 """

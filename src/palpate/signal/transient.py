@@ -43,7 +43,7 @@ def find_peak(values: ArrayLike) -> NDArray[np.intp]:
 
     Ohm and relative change fall after contact, other readings rise. The peak is the extreme
     opposite to the direction of settling, so that the result does not depend on sign, scale or
-    offset. If both extremes are equally far, the earlier extreme is the peak.
+    offset. Of equal extremes the earlier is the peak.
 
     Source: Paper, section 2.2: t_p is the time of the peak resistance within the cut-off.
 
