@@ -37,7 +37,7 @@ def _outcomes() -> str:
 
 
 def _schema(path: Path) -> str:
-    """Return the fields of a JSON schema, without the fields of objects and arrays in it."""
+    """Return the top-level fields of a JSON schema."""
     fields = _fields(json.loads(path.read_text(encoding="utf-8")))
     return _table(
         ("field and type", "meaning"),
