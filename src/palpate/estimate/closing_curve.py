@@ -328,7 +328,7 @@ class CurveSamples:
     width_mm: FloatArray
     #: ln force, relative to where the gain was estimated.
     above: FloatArray
-    #: Its rise that still lags, beyond that of the last step.
+    #: Lagging rise, minus that of the last step.
     lagging: FloatArray
 
 

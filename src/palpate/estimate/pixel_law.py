@@ -50,7 +50,7 @@ class PixelReading:
     3.5
     """
 
-    #: A pixel's share is sum_k weights[k] * excess ** exponents[k].
+    #: A pixel contributes sum_k weights[k] * excess ** exponents[k].
     exponents: tuple[float, ...]
     weights: tuple[float, ...]
     #: Gain of each pixel; empty for equal gains.

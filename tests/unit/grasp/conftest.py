@@ -1,4 +1,4 @@
-"""A spring between two fingers, small enough to read: devices for the runner's tests."""
+"""Simulated devices for the tests of the grasp: a spring between two fingers."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def plan() -> Plan:
 
 @pytest.fixture(scope="session")
 def damage() -> DamageModel:
-    """Springs that yield after 1.5 mm, more or less."""
+    """Damage model of springs that yield after about 1.5 mm."""
     rng = np.random.default_rng(3)
     paths, limits_n = [], []
     for stiffness in np.geomspace(0.5, 8.0, 24):
