@@ -19,7 +19,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
 from palpate.recording.channels import SCHEMAS
-from palpate.rig.file import in_words
+from palpate.rig.file import describe_type
 from palpate.sensor.board_array import find_layout, open_board
 
 
@@ -113,7 +113,7 @@ def _keys(opener: Callable[..., object], *described: Callable[..., object], **ot
     for name, parameter in inspect.signature(opener).parameters.items():
         # Not a key of the file: `open_rig` passes the open array.
         if name != "array":
-            kind = in_words(hints[name]).removeprefix("a ").removeprefix("one of ")
+            kind = describe_type(hints[name]).removeprefix("a ").removeprefix("one of ")
             row = (f"`{name}`", kind, _default(parameter.default))
             rows.setdefault(meanings[name], []).append(row)
     return _table(
