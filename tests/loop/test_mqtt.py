@@ -197,12 +197,12 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     subscriber.until("online")
     broker.hang()
     for number in range(3):
-        first.result({"number": number})
+        first.publish_result({"number": number})
     first.close()
     broker.kill()
     broker.start()
     second = publisher_to(broker, tmp_path / "items.sqlite", Queue())
-    second.result({"number": 3})
+    second.publish_result({"number": 3})
     heard = [subscriber.until("result") for _ in range(4)]
     assert numbers(heard) == [0, 1, 2, 3]
     second.close()
