@@ -3,8 +3,7 @@
     python examples/batch_ripeness.py items.sqlite Monday
 
 reads a store written by `palpate grasp --item`. Without arguments it first creates the simulated
-store of `palpate demo packhouse`: a batch on three mornings, eight fruits labelled by a person, and
-a rubber ball that shows the drift of the sensor.
+store of `palpate demo packhouse`: a batch on three mornings, and twelve fruits labelled by a person.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness.history import drift_of, history_of, judge_ripeness, learn_rule
+from palpate.produce.ripeness.history import history_of, judge_ripeness, learn_rule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate.produce.store import Store
 
@@ -27,12 +26,9 @@ def main(arguments: list[str]) -> None:
     if not arguments and not path.exists():
         write_packhouse(path.parent)
     with Store.open(path, create=False) as store:
-        drift = drift_of(store, "ball", drive="width")
-        rule = learn_rule(store, kind="avocado", drive="width", stages=STAGES, drift=drift)
+        rule = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
         fruits = [
-            history_of(
-                store.grasps_of(item.item_id), item_id=item.item_id, drive="width", drift=drift
-            )
+            history_of(store.grasps_of(item.item_id), item_id=item.item_id, drive="width")
             for item in store.of_batch(batch)
         ]
     judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
@@ -45,12 +41,11 @@ def main(arguments: list[str]) -> None:
             when = "it is or was ripe"
         percent = 100 * verdict.probabilities[verdict.stage]
         print(f"  {fruit.item_id}: {verdict.stage} ({percent:.0f} %), {when}")
-    print(f"the ball reads {100 * np.expm1(drift.moved[-1]):+.0f} % since the first day")
     plot(fruits, rule, Path("batch.png"))
 
 
 def plot(fruits: list, rule: object, path: Path) -> None:
-    """Draw the firmness of every fruit, corrected for drift, and the stage boundaries."""
+    """Draw the firmness of every fruit and the stage boundaries."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4), layout="constrained")

@@ -41,7 +41,7 @@ EXTRAS = (
     ("settle demo-recordings/ohm.csv --plot settled.png", 0, "settled.png"),
     ("demo packhouse", 0, "simulated"),
     ("live --rig sim-rigid --duration 1 --foxglove 127.0.0.1:0", 0, "layout.json"),
-    (f"ripeness --batch Monday --reference ball {STORE}", 0, "ripe"),
+    (f"ripeness --batch Monday {STORE}", 0, "ripe"),
     (f"sort --rules demo-packhouse/rules.toml --batch Monday {STORE}", 0, "guacamole"),
 )
 

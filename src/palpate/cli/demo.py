@@ -28,7 +28,7 @@ NAMES = {
         "demo-packhouse",
         (
             "cd demo-packhouse",
-            "palpate ripeness --batch Monday --reference ball",
+            "palpate ripeness --batch Monday",
             "palpate sort --rules rules.toml --batch Monday",
             "palpate items fruit-3",
             "palpate bruise A17    # exit status 1: it is bruised",

@@ -22,7 +22,6 @@ from palpate.plots.style import check_plot, save_figure
 from palpate.produce.records import Drive, Item
 from palpate.produce.ripeness.history import (
     FirmnessHistory,
-    drift_of,
     drive_of,
     explanation,
     history_of,
@@ -31,7 +30,6 @@ from palpate.produce.ripeness.history import (
     learn_rule,
     verdict_of,
 )
-from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import SURE, Days, Ripeness, RipenessRule
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table
@@ -50,14 +48,6 @@ def ripeness(
     ] = None,
     batch: BatchOption = None,
     store: StoreOption = None,
-    reference: Annotated[
-        str | None,
-        opt(
-            "--reference ITEM",
-            "Item that never changes (a rubber ball), grasped on each day: it "
-            "separates drift of the sensor from softening.",
-        ),
-    ] = None,
     stages: Annotated[
         str, opt("--stages A,B,...", "Stages as people label them, firmest first.")
     ] = _DEFAULT_STAGES,
@@ -71,7 +61,7 @@ def ripeness(
     --set kind=avocado --say ripeness=ripe); without labels an item is judged by its own first
     day, taken as hard. The answer is kept with the item, unless it is no more than that assumption.
 
-    Example: palpate ripeness A17 --reference ball --plot a17.png
+    Example: palpate ripeness A17 --plot a17.png
     """
     names = _stage_names(stages, ripe=ripe)
     check_plot(plot)
@@ -79,7 +69,7 @@ def ripeness(
         asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
             raise InputError(f"--plot {plot}: draws one item; {len(asked)} were given")
-        judge = _Judge(known, reference=reference, stages=names, ripe=ripe)
+        judge = _Judge(known, stages=names, ripe=ripe)
         judged = [judge.judge(item) for item in asked]
         for one in judged:
             if not one.is_assumed:
@@ -123,7 +113,6 @@ class _Judged:
     history: FirmnessHistory
     ripeness: Ripeness
     rule: RipenessRule | None
-    drift: Drift | None
 
     @property
     def is_assumed(self) -> bool:
@@ -136,10 +125,6 @@ class _Judged:
     def to_dict(self) -> dict[str, object]:
         """Return the JSON form; the time of a stage that is never reached is null."""
         history, found = self.history, self.ripeness
-        moved = None
-        if self.drift is not None:
-            # Width: of the measured forces; pressure: of how the load is distributed.
-            moved = 100 * math.expm1(self.drift.at(history.grasps[-1].taken_at))
         return {
             "item_id": self.item.item_id,
             "kind": self.item.kind,
@@ -152,28 +137,21 @@ class _Judged:
             "basis": found.basis,
             "explanation": explanation(found, history),
             "days": _day_rows(history),
-            "reference_moved_percent": moved,
         }
 
 
 class _Judge:
     """Judges items by labelled ones; learned once for each kind and gripper."""
 
-    def __init__(
-        self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
-    ) -> None:
+    def __init__(self, store: Store, *, stages: tuple[str, ...], ripe: str) -> None:
         self._store, self._stages, self._ripe = store, stages, ripe
-        self._drift_of = cache(
-            lambda drive: None if reference is None else drift_of(store, reference, drive=drive)
-        )
         self._rule_of = cache(self._learn_rule)
 
     def judge(self, item: Item) -> _Judged:
         """Judge one item by labelled ones of its kind and kind of gripper."""
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
-        drift = self._drift_of(drive)
-        history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
+        history = history_of(grasps, item_id=item.item_id, drive=drive)
         try:
             if item.kind is None:
                 raise InputError(
@@ -190,13 +168,10 @@ class _Judge:
             history=history,
             ripeness=judge_ripeness(history, rule=rule, ripe=self._ripe),
             rule=rule,
-            drift=drift,
         )
 
     def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule:
-        return learn_rule(
-            self._store, kind=kind, drive=drive, stages=self._stages, drift=self._drift_of(drive)
-        )
+        return learn_rule(self._store, kind=kind, drive=drive, stages=self._stages)
 
 
 def _print(judged: Sequence[_Judged]) -> None:
@@ -239,9 +214,6 @@ def _print(judged: Sequence[_Judged]) -> None:
             "more grasps on the same day help",
             markup=False,
         )
-    for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
-        if advice:
-            console.print(f"[yellow]! {advice}[/]")
     if any(one.is_simulated for one in judged):
         console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
 

@@ -37,10 +37,9 @@ from palpate.twin.world import World
 _SEED = 11
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 _DAYS = 3
-#: Fruits of a batch and grasps of each a day: eight that a person labels, six to judge, whose stage
-#: stays unsure with fewer grasps; and grasps of the ball.
+#: Batch, name of its fruits, number of fruits, grasps of each fruit per day. With fewer grasps the
+#: stages of the fruits to judge stay uncertain.
 _BATCHES = (("labelled", "taught", 12, 1), ("Monday", "fruit", 6, 2))
-_BALL_GRASPS = 2
 #: Elastic force at 1 mm of a hard and of an overripe avocado (ends of the twin's ranges), and below
 #: which a person calls it by the next stage (middles between its four days), newtons.
 _HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)
@@ -99,8 +98,8 @@ def write_packhouse(
 
     `folder`: made where it does not exist.
     `progress`: takes which fraction of the mornings is done.
-    Writes `palpate-items.sqlite`: eight avocados that a person labelled ("labelled"), six to judge
-    ("Monday"), on three mornings, a ball that does not ripen, and four apples, of which "A17" fell
+    Writes `palpate-items.sqlite`: twelve avocados that a person labelled ("labelled"), six to judge
+    ("Monday"), on three mornings, and four apples, of which "A17" fell
     before its second visit. `rules.toml`: by ripeness. `by-size.toml`: by size. Every grasp is one
     of the twin. Raises `InputError` if the folder has such a store already: nothing is added to it.
     """
@@ -119,9 +118,9 @@ def write_packhouse(
 
 
 def _fill(store: Store, *, progress: Callable[[float], None]) -> None:
-    """Grasp everything on each morning: the ball first, then apples, then avocados."""
+    """Grasp everything on each morning: apples first, then avocados."""
     rng = np.random.default_rng(_SEED)
-    ball, hand = draw_object(rng, "ball-44lbs"), _Station(rng)
+    hand = _Station(rng)
     apples = {f"apple-{number + 1}": draw_object(rng, "apple") for number in range(_APPLES)}
     apples["A17"] = draw_object(rng, "apple")
     for name in apples:
@@ -136,7 +135,7 @@ def _fill(store: Store, *, progress: Callable[[float], None]) -> None:
         for day in range(_DAYS):
             progress((_DAYS * week + day) / (2 * _DAYS))
             hand.begin_morning(7 * week + day)
-            grasps = [hand.grasp(ball, "ball") for _ in range(_BALL_GRASPS)]
+            grasps = list[Grasp]()
             if week == 0 and day < 2:
                 grasps += _grasp_apples(hand, apples if day == 0 else {"A17": apples["A17"]}, day)
             for item_id, fruit in fruits.items():
@@ -210,7 +209,7 @@ class _Station:
     """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self._calibrated = calibrate_twin(seed=_SEED, level="lab", apart_from="ball-44lbs")
+        self._calibrated = calibrate_twin(seed=_SEED, level="lab", apart_from="")
         self._rng = rng
 
     def begin_morning(self, day: int) -> None:

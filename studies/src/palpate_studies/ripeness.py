@@ -1,4 +1,4 @@
-"""Ripeness of simulated avocados: stages and days to ripe, with drift compensation."""
+"""Ripeness of simulated avocados: stages and days to ripe."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from palpate_studies.ripeness_station import (
     LABELLED_GRASPS,
     LATER_DAYS,
     MOST_GRASPS,
-    REFERENCE_GRASPS,
     run_station,
 )
 from palpate_studies.station_records import StationRecords
@@ -147,9 +146,8 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
             f"The fruits to judge follow {LATER_DAYS} days after the first labelled day, with "
             f"{GRASPS_AT_ONCE} grasps a day, repeated up to {MOST_GRASPS} grasps while the stage "
             f"has a probability below {100 * SURE:.0f} %. A nest centres the fruit. Each morning "
-            f"a rubber ball is grasped {REFERENCE_GRASPS} times, half before and half after the "
-            "fruit, and new rest values are taken with the hand empty. A judgement uses the days "
-            "up to its own.",
+            "new rest values are taken with the hand empty. A judgement uses the days up to its "
+            "own.",
             "Aging: break-in and wear from 100 to 400 other grasps a day, mornings at 14.8 to "
             "26.8 C.",
             "Labels are true stages. People make errors, and their labels then limit the accuracy.",

@@ -19,16 +19,14 @@ from palpate_studies.ripeness_station import DAYS
 from palpate_studies.station_records import (
     StationRecords,
     days_of,
-    drift_of,
     learn_rule,
     select_labelled,
 )
 
 #: Method -> description.
 METHODS = {
-    "ours": "discriminant of the day's firmness, drift corrected with the reference object",
-    "ours, no reference": "the same without the reference object",
-    "own first day": "softening since the item's first day, with the reference, without labels",
+    "ours": "discriminant of the day's firmness",
+    "own first day": "softening since the item's first day, without labels",
     "settled change": "the paper's method: change at one width or pressure, learned thresholds",
     **STAGE_LEARNERS,
 }
@@ -51,7 +49,7 @@ class Judged:
     wait_days : float
         True days until ripe; 0 or less for a ripe fruit.
     value_days, low_days, high_days : float
-        palpate's estimate with the reference object.
+        palpate's estimate.
     day : int
         Number of the morning.
     grasps : int
@@ -83,16 +81,15 @@ def judge_days(
     name : str
         Name of the station.
     """
-    drift = drift_of(felt)
-    with_reference, without = (learn_rule(felt, one) for one in (drift, None))
+    rule = learn_rule(felt)
     published = _learn_published(felt)
     learners = _learners([felt, *taught])
     found = []
     for number, fruit in enumerate(felt.others):
-        days, raw = (days_of(felt, f"fruit-{number}", one) for one in (drift, None))
+        days = days_of(felt, f"fruit-{number}")
         for count in range(1, len(days) + 1):
             day = round(days[count - 1].day)
-            ours = with_reference.judge(days[:count])
+            ours = rule.judge(days[:count])
             wait = ours.days_to_ripe
             if wait is None:
                 raise InputError(
@@ -102,14 +99,13 @@ def judge_days(
             if felt.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)
             change = felt.as_published[f"fruit-{number}", day]
-            shown = _list_inputs(felt, f"fruit-{number}", days[:count], raw[:count])
+            shown = _list_inputs(felt, f"fruit-{number}", days[:count])
             found.append(
                 Judged(
                     fruit=f"{name}/{number}",
                     truth=STAGES.index(fruit.stage(day)),
                     stages={
                         "ours": STAGES.index(ours.stage),
-                        "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
                         "own first day": own,
                         "settled change": STAGES.index(published.predict([[change]])[0]),
                         **{learner: stage(shown) for learner, stage in learners.items()},
@@ -171,22 +167,18 @@ def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequenc
     """Train the learners on every labelled fruit and day."""
     rows, stages = list[list[float]](), list[int]()
     for felt in stations:
-        freed, raw = (select_labelled(felt, drift) for drift in (drift_of(felt), None))
-        for number, (fruit, days) in enumerate(freed):
+        for number, (fruit, days) in enumerate(select_labelled(felt)):
             for count in range(1, len(days) + 1):
-                so_far = days[:count], raw[number][1][:count]
-                rows.append(_list_inputs(felt, f"labelled-{number}", *so_far))
+                rows.append(_list_inputs(felt, f"labelled-{number}", days[:count]))
                 stages.append(STAGES.index(fruit.stage(round(days[count - 1].day))))
     return {learner: learn_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
 
 
-def _list_inputs(
-    felt: StationRecords, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
-) -> list[float]:
+def _list_inputs(felt: StationRecords, item_id: str, days: Sequence[DayFelt]) -> list[float]:
     """Return a learner's inputs for one day.
 
-    The inputs are the firmness with and without drift correction, the day's means, and the settled
-    change at one width or pressure. A missing mean is 0.
+    The inputs are the firmness, the day's means, and the settled change at one width or pressure.
+    A missing mean is 0.
     """
     day = round(days[-1].day)
     first = min(grasp.taken_at for grasp in felt.grasps if grasp.item_id == item_id).date()
@@ -201,7 +193,7 @@ def _list_inputs(
         for values in [[one[name].middle for one in today if name in one]]
     ]
     change = felt.as_published[item_id, day]
-    return [*list_day_inputs(days), *list_day_inputs(raw), *means, change]
+    return [*list_day_inputs(days), *means, change]
 
 
 def _learn_published(felt: StationRecords) -> LabelLearner:

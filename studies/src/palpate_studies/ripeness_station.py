@@ -1,9 +1,8 @@
 """A bench for simulated avocados on several mornings, with a sensor that may age.
 
-A nest centres each fruit and the reference object, a rubber ball that is grasped first every
-morning. Between mornings the same hand grasps other objects all day. All measurements use the
-devices, the controller and a calibration with a user's steps. The records contain the data of a
-store and the twin's truth.
+A nest centres each fruit. Between mornings the same hand grasps other objects all day. All
+measurements use the devices, the controller and a calibration with a user's steps. The records
+contain the data of a store and the twin's truth.
 """
 
 from __future__ import annotations
@@ -35,27 +34,19 @@ from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
-from palpate_studies.station_records import (
-    REFERENCE_ID,
-    StationRecords,
-    days_of,
-    drift_of,
-    learn_rule,
-)
+from palpate_studies.station_records import StationRecords, days_of, learn_rule
 from palpate_studies.stoppable import require_uninterrupted
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
-#: Mornings; grasps of a labelled fruit on each morning, as in the paper; grasps of the reference
-#: object on each morning.
-DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30
+#: Mornings; grasps of a labelled fruit on each morning, as in the paper.
+DAYS, LABELLED_GRASPS = 4, 10
 #: Grasps of a fruit to judge, repeated while its stage is uncertain up to a maximum per day.
 GRASPS_AT_ONCE, MOST_GRASPS = 3, 30
-REFERENCE = "ball-44lbs"
 #: Days from the labelled fruits to the fruits to judge.
 LATER_DAYS = 7
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
@@ -90,7 +81,7 @@ def run_station(
     rule = None
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
         if first and name == "fruit":
-            rule = learn_rule(learned := bench.read_all(first), drift_of(learned))
+            rule = learn_rule(bench.read_all(first))
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
@@ -101,10 +92,7 @@ def run_station(
                 )
                 cycles += uniform(climate, STATION.cycles_per_day)
             bench.begin_day(begins + day, surroundings=surroundings)
-            # Half before and half after the fruit, because the servo warms up in between.
-            bench.grasp_reference(REFERENCE_GRASPS // 2)
             bench.grasp_fruits(fruits, name=name, day=day, rule=rule)
-            bench.grasp_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
         cycles += (LATER_DAYS - DAYS) * uniform(climate, STATION.cycles_per_day)
     return bench.read_all(first, second)
 
@@ -122,14 +110,11 @@ class _Bench:
 
     def __init__(self, sensor: int, *, level: str, gripper: GripperKind) -> None:
         self._sensor, self._level, self._gripper = sensor, level, gripper
-        self.calibration = calibrate_twin(
-            seed=sensor, level=level, apart_from=REFERENCE, kind=gripper
-        )
+        self.calibration = calibrate_twin(seed=sensor, level=level, apart_from="", kind=gripper)
         self.grasps: list[Grasp] = []
         self.damaged = 0
         self.as_published: dict[tuple[str, int], float] = {}
         self._ids = np.random.default_rng([sensor, 33])
-        self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
 
     def begin_day(self, day: int, *, surroundings: Environment) -> None:
         """Start a day: create a new world for the same sensor in these surroundings.
@@ -152,11 +137,6 @@ class _Bench:
         self._array, self._hand = TwinArray(self._world), TwinGripper(self._world)
         plan = plan_grasp(calibration, gripper=self._hand, target_force_n=RIPENESS_N, hold_s=0.0)
         self._plan = replace(plan, force_step_n=_FORCE_STEP_N)
-
-    def grasp_reference(self, times: int) -> None:
-        """Grasp the reference object."""
-        for _ in range(times):
-            self._grasp(self._reference, item_id=REFERENCE_ID)
 
     def grasp_fruits(
         self, fruits: Sequence[Avocado], *, name: str, day: int, rule: RipenessRule | None
@@ -189,8 +169,7 @@ class _Bench:
         """Return whether the fruit's stage is uncertain after the grasps so far."""
         if rule is None:
             return False
-        felt = self.read_all(())
-        days = days_of(felt, item_id, drift_of(felt))
+        days = days_of(self.read_all(()), item_id)
         return not days or rule.judge(days).unsure
 
     def _approach_and_settle(self, size_mm: float) -> None:

@@ -1,21 +1,16 @@
-"""Records of a ripeness station, their drift, and a rule learned from their labels."""
+"""Records of a ripeness station, and a rule learned from their labels."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.estimate.compliance import Compliance
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.history import history_of
-from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
 from palpate_studies.twin_avocado import Avocado
-
-#: Item name of the reference object; fruits are named `labelled-N` and `fruit-N`.
-REFERENCE_ID = "reference"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +24,7 @@ class StationRecords:
     labelled, others : tuple of Avocado
         Fruits of the items `labelled-N` and `fruit-N`.
     grasps : tuple of Grasp
-        All grasps, including the reference object's.
+        All grasps.
     damaged : int
         Grasps that pressed a fruit beyond its yield.
     as_published : dict of (str, int) to float
@@ -46,36 +41,23 @@ class StationRecords:
     as_published: dict[tuple[str, int], float]
 
 
-def drift_of(felt: StationRecords) -> Drift:
-    """Learn the drift of a station from its reference object."""
-    drive, block = felt.grasps[0].drive, felt.calibration.block
-    compliance = None
-    if drive == "width":
-        compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
-    return Drift.learn(grasps, drive=drive, compliance=compliance)
-
-
-def days_of(felt: StationRecords, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
-    """Return the days of an item, corrected for drift if it is given."""
+def days_of(felt: StationRecords, item_id: str) -> tuple[DayFelt, ...]:
+    """Return the days of an item."""
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
     drive = felt.grasps[0].drive
-    return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
+    return history_of(grasps, item_id=item_id, drive=drive).days
 
 
-def select_labelled(
-    felt: StationRecords, drift: Drift | None
-) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+def select_labelled(felt: StationRecords) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
     """Return every labelled fruit with its days."""
     return [
-        (fruit, days_of(felt, f"labelled-{number}", drift))
-        for number, fruit in enumerate(felt.labelled)
+        (fruit, days_of(felt, f"labelled-{number}")) for number, fruit in enumerate(felt.labelled)
     ]
 
 
-def learn_rule(felt: StationRecords, drift: Drift | None) -> RipenessRule:
+def learn_rule(felt: StationRecords) -> RipenessRule:
     """Learn a rule from the labelled fruits with their true stages."""
-    known = select_labelled(felt, drift)
+    known = select_labelled(felt)
     return RipenessRule.learn(
         [days for _, days in known],
         labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],

@@ -12,7 +12,6 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.errors import InputError
-from palpate.estimate.compliance import Compliance
 from palpate.estimate.firmness import firmness_index
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
@@ -20,13 +19,11 @@ from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
 from palpate.produce.ripeness.history import (
-    drift_of,
     history_of,
     judge_ripeness,
     learn_rule,
     verdict_of,
 )
-from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
@@ -243,100 +240,6 @@ def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
     assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
 
 
-def drifted(item_id: str, truth: float, *, ratio: float, day: float) -> Grasp:
-    """Return a grasp at 5 N by a sensor that reads `ratio` times the force.
-
-    Of a thing of 60 mm by a hand that gives way by 0.25 mm/N; the ball is like a spring, fruit is
-    round.
-    """
-    force_n, compliance = 5.0 / ratio, 0.25
-    exponent = 1.0 if item_id == "ball" else 2.0 / 3.0
-    deformation = 5.0 / truth * (force_n / 5.0) ** exponent
-    return grasp(
-        item_id,
-        5.0 / (deformation + compliance * (force_n - 5.0)),
-        day=day,
-        width_mm=60.0 - deformation - compliance * force_n,
-    )
-
-
-def ball_at(read_over_true: float, *, day: float) -> Grasp:
-    """Return a grasp of a 4 N/mm ball by a gripper without compliance."""
-    return grasp("ball", 4.0, day=day, width_mm=60.0 + 5.0 / 4.0 / 1.25 * math.log(read_over_true))
-
-
-@pytest.mark.parametrize("fruit", [1.0, 2.5, 6.0])
-def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
-    ball = [
-        drifted("ball", 4.0, ratio=ratio, day=day)
-        for day, ratio in ((0.0, 1.0), (6.0, 0.85))
-        for _ in range(6)
-    ]
-    measured = Compliance.fit(
-        [0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0
-    )
-    drift = Drift.learn(ball, drive="width", compliance=measured)
-    worn = drifted("fruit", fruit, ratio=0.85, day=6.0)
-    felt = firmness_of(worn)
-    assert felt is not None
-    error, mended = (abs(one - math.log(fruit)) for one in (felt, drift.correct(felt, grasp=worn)))
-    assert error > 0.1
-    assert mended < 0.25 * error
-
-
-def test_scatter_of_the_reference_is_not_taken_for_drift() -> None:
-    rng = np.random.default_rng(5)
-    ball = [
-        ball_at(math.exp(0.5 * rng.standard_normal()), day=float(day))
-        for day in (0, 1)
-        for _ in range(2)
-    ]
-    drift = Drift.learn(ball, drive="width")
-    widths = np.array([one.measurements["width_mm"].value for one in ball]).reshape(2, 2)
-    raw = float(np.diff(widths.mean(axis=1))[0])
-    assert abs(raw) > 0.1
-    assert abs(drift.moved[1]) < 0.4 * abs(raw)
-    assert drift.advice == ""
-
-
-def test_steady_reference_means_no_drift() -> None:
-    """Mornings that differ by no more than their grasps scatter are no drift at all."""
-    rng = np.random.default_rng(4)
-
-    def left(wear: float) -> float:
-        ball = [
-            ball_at(math.exp(wear * day + 0.06 * rng.standard_normal()), day=float(day))
-            for day in (0, 1, 2, 3, 7, 8, 9, 10)
-            for _ in range(6)
-        ]
-        moved = Drift.learn(ball, drive="width").moved
-        return float(np.max(np.abs(np.array(moved) - wear * np.array((0, 1, 2, 3, 7, 8, 9, 10)))))
-
-    assert left(0.0) < 0.03
-    assert left(-0.03) < 0.06
-
-
-def test_a_worn_sensor_is_advised_about() -> None:
-    ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
-    assert "calibrate force again" in Drift.learn(ball, drive="width").advice
-    with pytest.raises(InputError, match="was grasped on 1 day"):
-        Drift.learn(ball[:2], drive="width")
-
-
-def test_reference_without_stored_widths_is_refused() -> None:
-    bare = [
-        replace(
-            one,
-            measurements={
-                name: felt for name, felt in one.measurements.items() if name != "width_mm"
-            },
-        )
-        for one in (ball_at(1.0, day=0), ball_at(1.0, day=3))
-    ]
-    with pytest.raises(InputError, match=r"0 day\(s\) with its width kept"):
-        Drift.learn(bare, drive="width")
-
-
 def test_day_is_the_mean_firmness_of_its_grasps() -> None:
     found = by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
     assert math.exp(found[0].firmness) == pytest.approx(3.0, rel=1e-4)
@@ -384,8 +287,6 @@ def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
 def test_missing_records_are_reported(store: Store) -> None:
     with pytest.raises(InputError, match="no mango grasped by a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
-    with pytest.raises(InputError, match="no item"):
-        drift_of(store, "ball", drive="width")
     nothing = history_of((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):
         judge_ripeness(nothing, rule=None, ripe="ripe")

@@ -9,13 +9,10 @@ from datetime import datetime
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from palpate.errors import CalibrationError, InputError
-from palpate.estimate.compliance import Compliance
+from palpate.errors import InputError
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 from palpate.produce.ripeness.firmness import DAY_S, DayFelt, by_day, firmness_of
-from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import Ripeness, RipenessRule, judge_by_first_day
-from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -29,7 +26,7 @@ _MOST_ITEMS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmnessHistory:
-    """An item's firmness over time by one kind of gripper, corrected for known drift."""
+    """An item's firmness over time by one kind of gripper."""
 
     #: Which item.
     item_id: str
@@ -62,17 +59,13 @@ def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
     return grasps[-1].drive
 
 
-def history_of(
-    grasps: Sequence[Grasp], *, item_id: str, drive: Drive, drift: Drift | None = None
-) -> FirmnessHistory:
+def history_of(grasps: Sequence[Grasp], *, item_id: str, drive: Drive) -> FirmnessHistory:
     """Return the firmness history of an item with one kind of gripper."""
     felt: list[tuple[Grasp, float]] = []
     for grasp in grasps:
         firmness = firmness_of(grasp) if grasp.drive == drive else None
         if firmness is not None:
-            felt.append(
-                (grasp, firmness if drift is None else drift.correct(firmness, grasp=grasp))
-            )
+            felt.append((grasp, firmness))
     return FirmnessHistory(
         item_id=item_id,
         drive=drive,
@@ -82,30 +75,19 @@ def history_of(
     )
 
 
-def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
-    """Return the drift of the sensor by the reference object.
-
-    Raises `InputError` if it is not in the store, or was grasped on fewer than two days.
-    """
-    store.item(reference_id)
-    grasps = store.grasps_of(reference_id)
-    return Drift.learn(grasps, drive=drive, compliance=_fit_compliance(store, grasps, drive=drive))
-
-
 def learn_rule(
     store: Store,
     *,
     kind: str,
     drive: Drive,
     stages: Sequence[str],
-    drift: Drift | None = None,
 ) -> RipenessRule:
     """Learn from the labelled items of a kind.
 
     Raises `InputError` if there are too few, or a stage was never given.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    last_first = read_labelled_histories(store, verdicts[::-1], drive=drive, drift=drift)
+    last_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
     known = list(islice(last_first, _MOST_ITEMS))
     if not known:
         raise InputError(
@@ -120,7 +102,7 @@ def learn_rule(
 
 
 def read_labelled_histories(
-    store: Store, verdicts: Sequence[Verdict], *, drive: Drive, drift: Drift | None = None
+    store: Store, verdicts: Sequence[Verdict], *, drive: Drive
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
     """Yield the firmness history of each labelled item, with a label per day.
 
@@ -130,7 +112,7 @@ def read_labelled_histories(
     for verdict in verdicts:
         by_item.setdefault(verdict.item_id, []).append(verdict)
     for item_id, given in by_item.items():
-        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
+        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive)
         if not history.days:
             continue
         labels: list[str | None] = [None] * len(history.days)
@@ -207,16 +189,3 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
         "first day": "judged by how it softened since its first day, taken as hard",
     }[ripeness.basis]
     return f"{felt}: {chance} {basis}"
-
-
-def _fit_compliance(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
-    """Return the gripper's compliance by its stored calibration, or None."""
-    known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
-    if drive != "width" or not known:
-        return None
-    try:
-        block = Calibration.from_text(store.calibration(known[0])).block
-        return Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    except (CalibrationError, ValueError):
-        # Made without a block: then drift is taken to affect every fruit alike.
-        return None
