@@ -1,10 +1,10 @@
-"""The softening of a kind over days, and the position of one item on it.
+"""Softening of one kind of produce over days, and the position of an item on that curve.
 
 Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
-hard to a soft level. Items differ in when they are halfway, how fast they go and how firm they
-began; the reading of a day's grasps scatters about the curve. Nothing is fitted to one item: all
-its possible courses are weighed by their agreement with the grasps so far (Bayes over a
-grid), so one day is enough to begin with, and an early day informs about a later one.
+hard level to a soft level. Items differ in the day on which they are halfway, in pace and in
+initial firmness. The readings of a day scatter about the curve. No curve is fitted to a single
+item. Instead, all possible courses of the item are weighted by their agreement with its grasps so
+far (Bayes over a grid). A single day is therefore sufficient for a first estimate.
 """
 
 from __future__ import annotations
@@ -22,48 +22,47 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt, pool_variance
 
-#: Fewest items and days that a course can be learned from.
+#: Minimum number of items, and of days per item, for learning a course.
 FEWEST_COURSES, FEWEST_DAYS = 4, 3
-#: Grid of possible courses, in standard deviations about their means: halfway days, paces, and how
-#: much firmer an item began.
+#: Grid of possible courses, in standard deviations from the mean: halfway day, pace and initial
+#: firmness.
 _HALFWAY, _PACE, _START = (np.linspace(-r, r, n) for r, n in ((2.6, 53), (2.0, 7), (2.4, 7)))
-#: Degrees of freedom of a day's scatter: a bad grasp must not outweigh all the others.
+#: Degrees of freedom of the t distribution of a day's error, which limits the weight of an outlier.
 _FREEDOM = 5.0
-#: A day's own scatter from grasp to grasp is believed as if the usual one had been seen this often.
+#: Prior weight of the usual scatter between grasps, as a number of grasps.
 _USUAL_GRASPS = 6
-#: A course that would begin softer than it ends is limited to this fall.
+#: Minimum fall of a course, for courses that would begin softer than they end.
 _LEAST_FALL = 1e-3
-#: Paces of one kind differ by about this (log sd). A few items can't show it.
+#: Spread of the pace within one kind (log sd); a few items are too few to estimate it.
 _PACE_LOG_SD = 0.3
-#: Weak priors before any grasp: halfway after a few days (give or take a week), at a pace
-#: of a day (e-fold), scatter of a tenth of the whole fall.
-_USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
+#: Weak priors: a pace of one day (e-fold), and scatter of a tenth of the total fall.
+_USUAL_PACE_DAYS, _USUAL_NOISE_FRACTION = 1.0, 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """The softening of one kind, as measured by one rig."""
+    """Softening of one kind of produce, as measured by one rig."""
 
-    #: Mean levels of firmness between which it falls.
+    #: Mean firmness before and after softening.
     hard: float
     soft: float
-    #: Spread of items in firmness before they soften.
+    #: Standard deviation between items of the firmness before softening.
     start_sd: float
-    #: When items are halfway, in days from their first grasp.
+    #: Mean and standard deviation of the halfway day, in days from an item's first grasp.
     halfway_day: float
     halfway_sd: float
     #: Median time scale of the logistic curve.
     pace_days: float
-    #: Scatter of one day's firmness about an item's course, however often it was grasped.
+    #: Standard deviation of a day's firmness about the item's course, for any number of grasps.
     noise_sd: float
-    #: Usual scatter from grasp to grasp of one day, which more grasps average out.
+    #: Usual standard deviation between grasps of one day; averaging over grasps reduces it.
     grasp_sd: float
 
     @classmethod
     def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
         """Learn from items grasped on several days (maximum of the marginal likelihood).
 
-        Raises `InputError` if there are too few, or none of them softened.
+        Raises `InputError` if there are too few items, or no item softened.
         """
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_COURSES:
@@ -71,8 +70,8 @@ class Course:
                 f"the course of ripening: {len(useful)} items were grasped on {FEWEST_DAYS} days "
                 f"or more, {FEWEST_COURSES} are needed; grasp some items daily until they are soft"
             )
-        felt = np.concatenate([[day.firmness for day in item] for item in useful])
-        low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
+        firmness = np.concatenate([[day.firmness for day in item] for item in useful])
+        low, high = (float(level) for level in np.quantile(firmness, [0.05, 0.95]))
         fall = max(high - low, 1e-3)
         last_day = max(1.0, *(day.day for item in useful for day in item))
         grasp_sd = math.sqrt(pool_variance([day for item in useful for day in item]))
@@ -86,14 +85,14 @@ class Course:
                 halfway_day=last_day * (0.5 + 0.5 * float(offset[3])),
                 halfway_sd=0.4 * last_day * float(np.exp(0.4 * offset[4])),
                 pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
-                noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
+                noise_sd=_USUAL_NOISE_FRACTION * fall * float(np.exp(0.7 * offset[6])),
                 grasp_sd=grasp_sd,
             )
 
         def loss(offset: FloatArray) -> float:
             course = course_at(offset)
-            gained = sum(course.courses_of(item).log_evidence for item in useful)
-            return float(0.5 * offset @ offset - gained)
+            evidence = sum(course.courses_of(item).log_evidence for item in useful)
+            return float(0.5 * offset @ offset - evidence)
 
         best = minimize(loss, np.zeros(7), method="L-BFGS-B", options={"maxiter": 60, "eps": 1e-4})
         found = course_at(best.x)
@@ -130,9 +129,9 @@ class Course:
 
     def mean_sd(self, day: DayFelt) -> float:
         """Return the standard deviation of a day's mean from the scatter of its grasps."""
-        seen = day.grasps - 1
-        own = seen * day.spread**2 if seen else 0.0
-        variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + seen)
+        freedom = day.grasps - 1
+        own = freedom * day.spread**2 if freedom else 0.0
+        variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + freedom)
         return math.sqrt(variance / day.grasps)
 
 
@@ -157,14 +156,14 @@ class Courses:
         return float(self.weight @ self.firmness(day)[:, 0])
 
     def day_below(self, firmness: float) -> FloatArray:
-        """Return for every course the day on which it falls below a firmness, shape (courses,).
+        """Return the day on which each course falls below a firmness, shape (courses,).
 
-        Infinite where it never does, minus infinity where it was never above.
+        The day is inf for a course that stays above, and -inf for a course that was always below.
         """
-        share = (firmness - self.soft) / (self.hard - self.soft)
+        fraction = (firmness - self.soft) / (self.hard - self.soft)
         with np.errstate(divide="ignore", invalid="ignore"):
-            day = self.halfway_day + self.pace_days * np.log(1.0 / share - 1.0)
-        return np.where(share <= 0, np.inf, np.where(share >= 1, -np.inf, day))
+            day = self.halfway_day + self.pace_days * np.log(1.0 / fraction - 1.0)
+        return np.where(fraction <= 0, np.inf, np.where(fraction >= 1, -np.inf, day))
 
     def quantile(self, values: FloatArray, q: ArrayLike) -> FloatArray:
         """Return weighted quantiles of one value per course."""

@@ -1,10 +1,10 @@
-"""Firmness of an item by a grasp: one number that falls as it softens.
+"""Firmness of an item from a grasp: one number that decreases as the item softens.
 
-Fingers driven by width measure the item's stiffness. Fingers driven by pressure measure no
-deformation; but a soft item lies against more of the pad than a hard one does under the same force
-(Hertz: the radius of contact goes with the square root of the deformation), so the number of pixels
-that share the load shows it. Both are compared as logarithms: a halving counts alike wherever it
-happens.
+Fingers driven by width measure the item's stiffness. Fingers driven by pressure do not measure
+deformation. With them the firmness comes from the number of pixels that share the load: under the
+same force a soft item touches more of the pad than a hard item (Hertz: the contact radius is
+proportional to the square root of the deformation). Both quantities are logarithms, so halving the
+quantity always causes the same change.
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ from palpate.produce.records import Grasp
 #: Grip force of the ripeness measurement: enough to deform a hard fruit by a third of a millimetre,
 #: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
 RIPENESS_N = 5.0
-#: A pixel that lost less than this fraction of its resistance carries nothing that can be counted.
+#: A pixel whose resistance fell by less than this percentage counts as barely loaded.
 _LEAST_PERCENT = 1.0
 DAY_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DayFelt:
-    """One item on one day."""
+    """Firmness of one item on one day."""
 
-    #: Days since the item's first grasp, as a fraction.
+    #: Days since the item's first grasp, with a fractional part.
     day: float
-    #: Of the day's grasps, as `firmness_of` gives it; what is averaged is how soft they found the
-    #: item (compliance, or pixels that share), because errors lie evenly about that.
+    #: Mean of the day's grasps, on the scale of `firmness_of`. The average is taken over softness
+    #: (compliance or loaded pixels), whose errors are symmetric.
     firmness: float
-    #: How many they were.
+    #: Number of grasps.
     grasps: int
-    #: Their sample standard deviation; NaN for a single one.
+    #: Sample standard deviation of their firmness; NaN for a single grasp.
     spread: float
 
 
 def firmness_of(grasp: Grasp) -> float | None:
-    """Return the firmness by a grasp; None if the object was not held or measured.
+    """Return the firmness from a grasp; None if the object was not held or measured.
 
-    Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N (round bodies stiffen
-    as the cube root of the force), from the firmness index of the answer, because a gentle squeeze
-    only bounds many a stiffness. By pressure: -ln of the number of pixels that share the
-    load, freed of size and force (`palpate.produce.ripeness.shared_load`) where the closing gave
-    the width. The two are not comparable with each other.
+    Fingers driven by width: ln of the stiffness in N/mm at 5 N. The stiffness of a round body is
+    proportional to the cube root of the force. The firmness index is the source, because a gentle
+    squeeze often gives only a bound on the stiffness. Fingers driven by pressure: -ln of the number
+    of pixels that share the load. If the closing measured the width, that number is corrected for
+    size and force (`palpate.produce.ripeness.shared_load`). The two scales are not comparable.
 
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement
@@ -85,9 +85,11 @@ def firmness_of(grasp: Grasp) -> float | None:
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:
-    """Return -ln of (sum of excess)^2 / sum of excess^2, the effective number of pixels.
+    """Return -ln of the effective number of loaded pixels; None without a load.
 
-    `percent`, shape (rows, cols): relative change of each pixel; NaN for one out of use.
+    The effective number is (sum of excess conductance)^2 / sum of (excess conductance)^2.
+
+    `percent`, shape (rows, cols): relative change of each pixel; NaN for a pixel out of use.
 
     >>> round(math.exp(-minus_log_sharing([[-50.0, -50.0], [-50.0, np.nan]])), 6)
     3.0
@@ -100,10 +102,10 @@ def minus_log_sharing(percent: ArrayLike) -> float | None:
     return -math.log(float(excess.sum() ** 2 / (excess**2).sum()))
 
 
-def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
-    """Gather times and firmness into days (24 h from the first grasp on), oldest first.
+def by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
+    """Group firmness readings by day (24 h from the first grasp), oldest first.
 
-    Scatter of a hard item's grasps runs far off on the hard side; of softness it does not.
+    The mean is taken over softness, because the firmness of hard items has large outliers.
 
     >>> from datetime import UTC, datetime
     >>> first, later = datetime(2026, 5, 1, 8, tzinfo=UTC), datetime(2026, 5, 2, 10, tzinfo=UTC)
@@ -111,11 +113,12 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
     >>> [(round(day.day, 3), round(day.firmness, 3)) for day in days]
     [(0.0, 2.38), (1.083, 1.0)]
     """
-    ordered = sorted(felt)
+    ordered = sorted(readings)
     if not ordered:
         return ()
     since = [(at - ordered[0][0]).total_seconds() / DAY_S for at, _ in ordered]
-    # Mornings differ by an hour or two; grasps of one morning must not fall on two days.
+    # The offset of a quarter day keeps grasps of one morning together if mornings start at
+    # different hours.
     number = np.floor(np.array(since) + 0.25).astype(int)
     days = []
     for one in np.unique(number):
@@ -133,12 +136,12 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
 
 
 def pool_variance(days: Sequence[DayFelt]) -> float:
-    """Return the variance between grasps of one day; 0 where no day had two.
+    """Return the pooled variance between grasps of one day; 0 if no day had two grasps.
 
     >>> pool_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
     0.25
     """
-    again = [day for day in days if day.grasps > 1]
-    freedom = sum(day.grasps - 1 for day in again)
-    squared = sum((day.grasps - 1) * day.spread**2 for day in again)
+    repeated = [day for day in days if day.grasps > 1]
+    freedom = sum(day.grasps - 1 for day in repeated)
+    squared = sum((day.grasps - 1) * day.spread**2 for day in repeated)
     return squared / freedom if freedom else 0.0

@@ -1,4 +1,4 @@
-"""Ripeness of stored items, learned from the labels of some."""
+"""Ripeness of stored items, learned from labelled items."""
 
 from __future__ import annotations
 
@@ -18,41 +18,40 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: A label is of a day of a grasp if it was given this close to it, days.
+#: Maximum time between a label and the day of grasps that it applies to, days.
 _SAME_DAY = 0.5
-#: At most this many labelled items, the last ones labelled, are learned from.
+#: Maximum number of labelled items in the training set; the most recently labelled count.
 _MOST_ITEMS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmnessHistory:
-    """An item's firmness over time by one kind of gripper."""
+    """Firmness of an item over time, measured with one kind of gripper."""
 
-    #: Which item.
     item_id: str
-    #: The gripper.
+    #: Kind of gripper.
     drive: Drive
-    #: Those that measured its firmness, oldest first.
+    #: Grasps that measured the firmness, oldest first.
     grasps: tuple[Grasp, ...]
-    #: Of each grasp.
+    #: Firmness from each grasp.
     firmness: tuple[float, ...]
-    #: The same by day.
+    #: Firmness on each day.
     days: tuple[DayFelt, ...]
 
     def day_of(self, when: datetime) -> float:
-        """Return a time in days since the first grasp."""
+        """Return the days from the first grasp to a time."""
         return (when - self.grasps[0].taken_at).total_seconds() / DAY_S
 
     def nearest_day(self, when: datetime) -> int:
-        """Return the number of the measured day nearest to a time."""
-        at = self.day_of(when)
-        return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - at))
+        """Return the index of the measured day nearest to a time."""
+        wanted = self.day_of(when)
+        return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - wanted))
 
 
 def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
     """Return the kind of gripper that grasped an item last.
 
-    Raises `InputError` if it was never grasped.
+    Raises `InputError` if the item was never grasped.
     """
     if not grasps:
         raise InputError(f"item {item_id!r} was never grasped; grasp it first")
@@ -61,17 +60,17 @@ def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
 
 def history_of(grasps: Sequence[Grasp], *, item_id: str, drive: Drive) -> FirmnessHistory:
     """Return the firmness history of an item with one kind of gripper."""
-    felt: list[tuple[Grasp, float]] = []
-    for grasp in grasps:
-        firmness = firmness_of(grasp) if grasp.drive == drive else None
-        if firmness is not None:
-            felt.append((grasp, firmness))
+    measured = [
+        (grasp, firmness)
+        for grasp in grasps
+        if grasp.drive == drive and (firmness := firmness_of(grasp)) is not None
+    ]
     return FirmnessHistory(
         item_id=item_id,
         drive=drive,
-        grasps=tuple(grasp for grasp, _ in felt),
-        firmness=tuple(firmness for _, firmness in felt),
-        days=by_day((grasp.taken_at, firmness) for grasp, firmness in felt),
+        grasps=tuple(grasp for grasp, _ in measured),
+        firmness=tuple(firmness for _, firmness in measured),
+        days=by_day((grasp.taken_at, firmness) for grasp, firmness in measured),
     )
 
 
@@ -82,9 +81,9 @@ def learn_rule(
     drive: Drive,
     stages: Sequence[str],
 ) -> RipenessRule:
-    """Learn from the labelled items of a kind.
+    """Learn a rule from the labelled items of a kind.
 
-    Raises `InputError` if there are too few, or a stage was never given.
+    Raises `InputError` if there are too few items, or a stage has no label.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
     last_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
@@ -92,7 +91,7 @@ def learn_rule(
     if not known:
         raise InputError(
             f"no {kind} grasped by a gripper driven by {drive} is labelled; label the ripeness of "
-            f"some: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+            f"some items: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
     return RipenessRule.learn(
         [history.days for history, _ in known],
@@ -106,7 +105,7 @@ def read_labelled_histories(
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
     """Yield the firmness history of each labelled item, with a label per day.
 
-    `verdicts`: of people; the label of a day is the last one given near it.
+    `verdicts`: labels by people; the latest label near a day applies to that day.
     """
     by_item: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
@@ -124,10 +123,10 @@ def read_labelled_histories(
 
 
 def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
-    """Judge an item by a rule, or by its own first day without one.
+    """Judge an item by a rule, or without a rule relative to its first day.
 
-    Raises `InputError` if it was never grasped, or there is no rule and the gripper is driven by
-    pressure.
+    Raises `InputError` if no grasp measured the firmness, or if there is no rule and the gripper is
+    driven by pressure.
     """
     if not history.days:
         raise InputError(
@@ -139,13 +138,13 @@ def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe:
     if history.drive == "pressure":
         raise InputError(
             f"item {history.item_id!r}: fingers driven by pressure need labelled items to judge "
-            "stages; label how ripe some are (palpate items ITEM --say ripeness=ripe)"
+            "stages; label the ripeness of some items (palpate items ITEM --say ripeness=ripe)"
         )
     return judge_by_first_day(history.days)
 
 
 def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
-    """Return a judgement as a verdict of the store; equal judgements give equal verdicts."""
+    """Return the stored verdict of a judgement; equal judgements have the same verdict ID."""
     last, days = history.grasps[-1], ripeness.days_to_ripe
     details: dict[str, object] = {
         "probabilities": dict(ripeness.probabilities),
@@ -173,19 +172,19 @@ def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
 
 
 def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
-    """Whether a judgement is no finding: without labels the first day is hard by assumption."""
+    """Return whether the stage is only assumed: first day, without labels."""
     return ripeness.basis == "first day" and len(history.days) == 1
 
 
 def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
-    """Return the reason in a sentence."""
+    """Return the reason for a stage as a sentence."""
     count, days = len(history.grasps), len(history.days)
-    felt = f"grasped {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
+    count_text = f"grasped {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
     if is_assumed(ripeness, history):
-        return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
+        return f"{count_text}: assumed to be hard on its first day, nothing yet to compare it with"
     chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
     basis = {
         "labels": "judged by labelled items",
-        "first day": "judged by how it softened since its first day, taken as hard",
+        "first day": "judged by its softening since its first day, assumed to be hard",
     }[ripeness.basis]
-    return f"{felt}: {chance} {basis}"
+    return f"{count_text}: {chance} {basis}"

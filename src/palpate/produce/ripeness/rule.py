@@ -1,4 +1,4 @@
-"""The verdict on one item: its stage, the probability, and the days to ripe."""
+"""Ripeness of one item: stage, probabilities and days to ripe."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.stages import RIPE, STAGES, own_probabilities
 
-#: A stage that is less probable than this is unsure.
+#: A stage with a lower probability is reported as uncertain.
 SURE = 0.9
-#: Probability that the interval of the days to ripe is meant to cover.
+#: Nominal coverage of the interval of the days to ripe.
 LEVEL = 0.9
-#: How much wider it is than the weighed courses give: a few labelled items leave the mean course
-#: uncertain, real ones are no logistic curves, rooms are not equally warm on all days. On 322 days
-#: of fruit grasped at seven development stations (twelve labelled at each) 1.0 covered 88 %, 1.1 90
-#: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits grasped by rigid fingers (soft
-#: 91): set to 1.2 in view of those, which covers 87 and 94 % of them.
-_WIDER = 1.2
-#: Firmness of a day about its mean, standard deviations (Gauss-Hermite).
+#: Factor that widens the interval of the weighted courses. It accounts for the uncertainty of the
+#: mean course from few labelled items, for courses that are not logistic, and for changes of room
+#: temperature. Coverage on 322 fruit days of seven development stations (twelve labelled fruits
+#: each): 88 % at 1.0, 90 % at 1.1, 92 % at 1.2. On 200 further fruits 1.1 covered only 83 % with
+#: rigid fingers (soft: 91 %). The factor was therefore set to 1.2, which covers 87 and 94 % of
+#: these fruits.
+_WIDENING = 1.2
+#: Gauss-Hermite nodes for the error of a day's firmness, in standard deviations.
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Days:
-    """Days until a stage, with their interval; negative once it has passed."""
+    """Days until a stage, with an interval; negative if the stage has passed."""
 
-    #: Median and ends of the interval, days; infinite where it may never come.
+    #: Median and limits of the interval, days; infinite if the stage may never be reached.
     value: float
     low: float
     high: float
@@ -61,34 +62,34 @@ class Ripeness:
 
     #: The most probable stage.
     stage: str
-    #: Of every stage, firmest first.
+    #: Probability of every stage, firmest first.
     probabilities: dict[str, float]
-    #: Firmness on that day, by all grasps up to it.
+    #: Firmness on that day, estimated from all grasps up to that day.
     firmness: float
-    #: Until the ripe stage begins; None where no course is known.
+    #: Days until the ripe stage begins; None without a course.
     days_to_ripe: Days | None
-    #: One of "labels", "first day". What the stages rest on.
+    #: Source of the stages: "labels" or "first day".
     basis: str
 
     @property
     def unsure(self) -> bool:
-        """Whether another grasp on the same day is worth its while."""
+        """Whether the stage is uncertain, so that another grasp on the same day helps."""
         return max(self.probabilities.values()) < SURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipenessRule:
-    """The rule learned for one kind on one rig: stages by labels, days by course.
+    """Rule for one kind on one rig: stages from labels, days from the course.
 
-    A day's firmness alone shows the stage: on fruit of five generators no learner with all
-    days so far names more (palpate study ripeness --second).
+    The stage depends on the firmness of the day only. On fruit from five generators, no learner
+    with all days so far identified more stages (`palpate study ripeness --second`).
     """
 
-    #: How it softens.
+    #: Softening of the kind over days.
     course: Course
     #: All stages in order, firmest first.
     stages: tuple[str, ...]
-    #: Learns the stage from the firmness of a day.
+    #: Classifier of the stage from the firmness of a day.
     learner: LabelLearner
 
     @classmethod
@@ -102,9 +103,9 @@ class RipenessRule:
         """Learn from items grasped over days, some of them labelled.
 
         `items`: each item's days.
-        `labels`: stage of each item on each of its days, where a person gave one.
+        `labels`: stage of each item on each of its days; None without a person's label.
         `stages`: all stages in order, firmest first.
-        Raises `InputError` if there are too few items, a label is no stage, or a stage has no
+        Raises `InputError` if there are too few items, a label is not a stage, or a stage has no
         label; `MissingExtraError` if scikit-learn is not installed.
         """
         course = Course.learn(items)
@@ -131,23 +132,23 @@ class RipenessRule:
         return self.learner.probabilities(np.reshape(firmness, (-1, 1)))[:, order]
 
     def find_boundary(self, stage: str) -> float:
-        """Return the firmness below which a stage, or a softer one, is the more probable.
+        """Return the firmness below which this or a softer stage is more probable.
 
-        Raises `InputError` if it is the first stage or none of them.
+        Raises `InputError` if `stage` is the first stage or unknown.
         """
         if stage not in self.stages[1:]:
             raise InputError(
                 f"{stage!r} is not reached by softening; choose one of: "
                 f"{', '.join(self.stages[1:])}"
             )
-        # From hard to soft the probability of being that soft rises from 0 to 1.
+        # The probability of this or a softer stage rises from 0 to 1 as the firmness falls.
         span = self.course.hard - self.course.soft
         firmness = np.linspace(self.course.hard + span, self.course.soft - span, 601)
         is_softer = self.probabilities(firmness)[:, self.stages.index(stage) :].sum(axis=1)
         return float(firmness[int(np.argmax(is_softer >= 0.5))])
 
     def judge(self, days: Sequence[DayFelt], *, ripe: str = RIPE) -> Ripeness:
-        """Judge an item by its days up to and including the last."""
+        """Judge an item on its last day, using all its days."""
         courses, last = self.course.courses_of(days), days[-1]
         chance = _NODE_WEIGHTS @ self.probabilities(
             last.firmness + self.course.mean_sd(last) * _NODES
@@ -156,7 +157,7 @@ class RipenessRule:
         wait = courses.day_below(self.find_boundary(ripe)) - last.day
         low, value, high = courses.quantile(wait, [tail, 0.5, 1.0 - tail])
         if np.isfinite(value):
-            low, high = value - _WIDER * (value - low), value + _WIDER * (high - value)
+            low, high = value - _WIDENING * (value - low), value + _WIDENING * (high - value)
         return Ripeness(
             stage=self.stages[int(np.argmax(chance))],
             probabilities=dict(zip(self.stages, chance.tolist(), strict=True)),
@@ -171,10 +172,9 @@ def learn_stages(
 ) -> LabelLearner:
     """Learn stages from the firmness of labelled days.
 
-    `firmness`, `labels`, `items`: of each day its firmness, the stage that a person gave, and which
-        item it was.
+    `firmness`, `labels`, `items`: firmness, a person's label and the item's name for each day.
     `stages`: all stages in order, firmest first.
-    Raises `InputError` if a label is no stage, or a stage has no label.
+    Raises `InputError` if a label is not a stage, or a stage has no label.
     """
     unknown = sorted(set(labels) - set(stages))
     if unknown:
@@ -192,9 +192,9 @@ def learn_stages(
 
 
 def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
-    """Judge an item by its softening since its own first day, taken as hard.
+    """Judge an item by its softening since its first day, when it is assumed to be hard.
 
-    For fingers driven by width alone. Without a course there are no days to ripe.
+    Only for fingers driven by width. Days to ripe are not available without a course.
 
     >>> felt = [DayFelt(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     >>> judge_by_first_day(felt).stage
