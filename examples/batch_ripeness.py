@@ -3,7 +3,7 @@
     python examples/batch_ripeness.py items.sqlite Monday
 
 reads a store written by `palpate grasp --item`. Without arguments it first creates the simulated
-store of `palpate demo packhouse`: a batch on three mornings, and twelve fruits labelled by a person.
+store of `palpate demo packhouse`: a batch on three mornings, and twelve labelled fruits.
 """
 
 from __future__ import annotations
