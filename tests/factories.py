@@ -37,7 +37,7 @@ def touch(reading: float, *, percent: float = -20.0, time_s: float = 1.0) -> Tou
 def closing_steps(
     readings: Sequence[float], *, step_mm: float, begin: float = 20.0, percent: float = -20.0
 ) -> tuple[ClosingStep, ...]:
-    """Return steps of equal length that read so, one a second."""
+    """Return closing steps of equal length, one per second, with these readings."""
     return tuple(
         ClosingStep(
             closure=begin + step_mm * number,
@@ -48,7 +48,7 @@ def closing_steps(
 
 
 def draw(name: str, *seed: int) -> TwinObject:
-    """Return the object of that name that the seed draws."""
+    """Draw an object by name with a seed."""
     return draw_object(np.random.default_rng(seed), name)
 
 

@@ -1,4 +1,4 @@
-"""Grasps on the twin, healthy and with single faults, against what came of them before."""
+"""Seeded grasps on the twin, with and without faults, compared with stored results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def check(case: Case) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
-def test_seeded_grasp_gives_the_kept_result(case: Case) -> None:
+def test_quick_seeded_grasp_matches_stored_result(case: Case) -> None:
     check(case)
 
 
@@ -42,5 +42,5 @@ def test_seeded_grasp_gives_the_kept_result(case: Case) -> None:
 @pytest.mark.parametrize(
     "case", [case for case in ALL if case not in QUICK], ids=lambda case: case.name
 )
-def test_other_seeded_grasp_gives_the_kept_result(case: Case) -> None:
+def test_remaining_seeded_grasp_matches_stored_result(case: Case) -> None:
     check(case)

@@ -14,7 +14,7 @@ from palpate.cli.settle import settle
 GOLDEN = Path(__file__).parent / "settle"
 
 
-def test_the_document_is_the_one_worked_out_by_hand(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settle_json_matches_hand_calculation(capsys: pytest.CaptureFixture[str]) -> None:
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
     app.command()(settle)
     holds = GOLDEN / "holds.csv"

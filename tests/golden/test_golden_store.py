@@ -51,7 +51,7 @@ def layout(path: Path) -> dict[str, list[object]]:
 
 
 @pytest.mark.parametrize("schema", SCHEMAS)
-def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> None:
+def test_old_store_opens_with_all_records(schema: int, tmp_path: Path) -> None:
     with Store.open(restored(schema, tmp_path), create=False) as store:
         (item,) = store.items()
         assert (item.item_id, item.kind, item.batch) == ("A17", "avocado", "Monday")
@@ -70,7 +70,7 @@ def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("schema", SCHEMAS)
-def test_an_older_store_ends_up_like_a_new_one(schema: int, tmp_path: Path) -> None:
+def test_old_store_migrates_to_current_schema(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"
     Store.open(old).close()
     Store.open(new).close()

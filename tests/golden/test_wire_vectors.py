@@ -1,4 +1,4 @@
-"""Both codecs on the same bytes: Python's, and C++'s through the host build."""
+"""The Python and C++ codecs on the same bytes, the latter through the host build."""
 
 from __future__ import annotations
 
@@ -110,13 +110,13 @@ def _frame(fields: dict[str, Any]) -> wm.FrameMessage:
 
 
 @pytest.mark.parametrize("vector", VECTORS["commands"], ids=lambda v: v["name"])
-def test_commands_in_python(vector: dict[str, Any]) -> None:
+def test_python_encodes_command_vectors(vector: dict[str, Any]) -> None:
     command = getattr(wm, vector["name"])(**vector["fields"])
     assert encode_command(command, tag=vector["tag"]).hex() == vector["bytes"]
 
 
 @pytest.mark.parametrize("vector", VECTORS["commands"], ids=lambda v: v["name"])
-def test_commands_in_the_firmware(vector: dict[str, Any], core: Core) -> None:
+def test_firmware_acknowledges_command_vectors(vector: dict[str, Any], core: Core) -> None:
     (answer,) = core.decoder.feed(core.give(bytes.fromhex(vector["bytes"])))
     assert answer.tag == vector["tag"]
     if isinstance(answer, wm.Ack):
@@ -126,7 +126,7 @@ def test_commands_in_the_firmware(vector: dict[str, Any], core: Core) -> None:
 
 
 @pytest.mark.parametrize("vector", VECTORS["identities"])
-def test_identities_of_both_versions_in_python(vector: dict[str, Any]) -> None:
+def test_python_identity_vectors_roundtrip(vector: dict[str, Any]) -> None:
     data = bytes.fromhex(vector["bytes"])
     given = vector["fields"] | {"version": tuple(vector["fields"]["version"])}
     identity = wm.BoardIdentity(**given)
@@ -135,7 +135,7 @@ def test_identities_of_both_versions_in_python(vector: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("vector", VECTORS["frames"])
-def test_frames_in_python(vector: dict[str, Any]) -> None:
+def test_python_frame_vectors_roundtrip(vector: dict[str, Any]) -> None:
     data = bytes.fromhex(vector["bytes"])
     assert encode_message(_frame(vector["fields"])) == data
     (frame,) = Decoder().feed(data)
@@ -149,7 +149,7 @@ def test_frames_in_python(vector: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS["frames"] if not v["fields"]["status"]])
-def test_frames_in_the_firmware(vector: dict[str, Any], library: ctypes.CDLL) -> None:
+def test_firmware_encodes_frame_vectors(vector: dict[str, Any], library: ctypes.CDLL) -> None:
     wanted = _frame(vector["fields"])
     core = Core(library, seed=(wanted.stream - 1) % 256)
     rows, cols = wanted.counts.shape
@@ -189,14 +189,14 @@ def test_frames_in_the_firmware(vector: dict[str, Any], library: ctypes.CDLL) ->
         assert sent.hex() == vector["bytes"]
 
 
-def test_identity_at_boot(core: Core) -> None:
+def test_firmware_sends_identity_at_boot(core: Core) -> None:
     (identity,) = Decoder().feed(core.at_boot)
     assert isinstance(identity, wm.BoardIdentity)
     assert (identity.tag, identity.protocol, identity.board) == (0, wm.PROTOCOL_VERSION, "host")
     assert (identity.features, identity.full_scale) == (7, 1024)
 
 
-def test_a_rate_that_cannot_be_met_is_refused_with_the_highest(core: Core) -> None:
+def test_firmware_refuses_rate_above_reported_maximum(core: Core) -> None:
     answer = core.ask(wm.SetRate(rate_hz=5000.0))
     assert isinstance(answer, wm.Ack)
     assert answer.result == wm.Result.TOO_FAST
@@ -204,7 +204,7 @@ def test_a_rate_that_cannot_be_met_is_refused_with_the_highest(core: Core) -> No
     assert core.result(wm.SetRate(rate_hz=answer.highest_rate_hz)) == wm.Result.OK
 
 
-def test_start_is_refused_when_the_layout_grew_after_the_rate(core: Core) -> None:
+def test_firmware_refuses_start_after_layout_growth(core: Core) -> None:
     assert core.result(wm.SetRate(rate_hz=500.0)) == wm.Result.OK
     assert core.result(wm.SetLayout(rows=16, cols=16)) == wm.Result.OK
     assert core.result(wm.Start()) == wm.Result.TOO_FAST
@@ -227,20 +227,20 @@ def test_start_is_refused_when_the_layout_grew_after_the_rate(core: Core) -> Non
         (wm.SetServo(target_us=1000, rate_us_per_s=1), wm.Result.TRIPPED),
     ],
 )
-def test_arguments_out_of_range_are_refused(
+def test_firmware_refuses_arguments_out_of_range(
     core: Core, command: wm.Command, result: wm.Result
 ) -> None:
     assert core.result(command) == result
 
 
-def test_settings_are_refused_while_streaming(core: Core) -> None:
+def test_firmware_refuses_settings_while_streaming(core: Core) -> None:
     core.result(wm.Start())
     assert core.result(wm.SetRate(rate_hz=10.0)) == wm.Result.STREAMING
     core.result(wm.Stop())
     assert core.result(wm.SetRate(rate_hz=10.0)) == wm.Result.OK
 
 
-def test_pressure_slews_and_vents_without_heartbeat(core: Core) -> None:
+def test_firmware_pressure_ramps_and_vents_without_heartbeat(core: Core) -> None:
     core.at_ms(1000)
     core.result(wm.SetPressure(target_kpa=20.0, slew_kpa_per_s=100.0))
     core.at_ms(1100)
@@ -258,7 +258,7 @@ def test_pressure_slews_and_vents_without_heartbeat(core: Core) -> None:
     assert core.pressure_pa == 0, "stays vented until the next pressure command"
 
 
-def test_ceiling_vents_and_holds_until_armed_again(core: Core) -> None:
+def test_firmware_pixel_ceiling_vents_until_rearmed(core: Core) -> None:
     assert not core.safe, "nobody has armed it"
     core.result(wm.SetCeiling(counts=900))
     core.result(wm.SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
@@ -282,7 +282,7 @@ def test_ceiling_vents_and_holds_until_armed_again(core: Core) -> None:
 
 
 @pytest.mark.parametrize("pulse_us", [999, 2001, 500, 2500])
-def test_servo_beyond_its_travel_is_refused(core: Core, pulse_us: int) -> None:
+def test_firmware_refuses_servo_pulse_beyond_travel(core: Core, pulse_us: int) -> None:
     assert core.move_servo(1500) == wm.Result.OK
     again = wm.SetServo(target_us=pulse_us, rate_us_per_s=1000)
     assert core.result(again) == wm.Result.BAD_ARGUMENT
@@ -290,7 +290,7 @@ def test_servo_beyond_its_travel_is_refused(core: Core, pulse_us: int) -> None:
     assert core.servo_us == 1999, "still on its way to the first target"
 
 
-def test_servo_without_a_travel_is_refused(core: Core) -> None:
+def test_firmware_refuses_servo_move_without_travel(core: Core) -> None:
     core.result(wm.SetCeiling(counts=900))
     move = wm.SetServo(target_us=1500, rate_us_per_s=1000)
     assert core.result(move) == wm.Result.BAD_ARGUMENT
@@ -298,14 +298,14 @@ def test_servo_without_a_travel_is_refused(core: Core) -> None:
     assert core.servo_us == 0
 
 
-def test_servo_travel_stays_while_pulses_are_sent(core: Core) -> None:
+def test_firmware_refuses_travel_change_during_servo_pulses(core: Core) -> None:
     core.move_servo(1500)
     changed = wm.SetServoTravel(open_us=2000, closed_us=900)
     assert core.result(changed) == wm.Result.BAD_ARGUMENT
     assert core.result(wm.SetServoTravel(open_us=2000, closed_us=1000)) == wm.Result.OK
 
 
-def test_servo_begins_open_and_moves_on_a_ramp(core: Core) -> None:
+def test_firmware_servo_starts_open_and_ramps(core: Core) -> None:
     core.at_ms(1000)
     core.move_servo(1500, rate=1000)
     core.at_ms(1001)
@@ -320,7 +320,7 @@ def test_servo_begins_open_and_moves_on_a_ramp(core: Core) -> None:
     assert core.servo_us == pytest.approx(1790, abs=2), "and opens as slowly as asked"
 
 
-def test_servo_without_heartbeat_holds_its_place(core: Core) -> None:
+def test_firmware_servo_without_heartbeat_holds_position(core: Core) -> None:
     core.at_ms(1000)
     core.move_servo(1000, rate=1000)
     for time_ms in range(1000, 5001, 100):
@@ -333,7 +333,7 @@ def test_servo_without_heartbeat_holds_its_place(core: Core) -> None:
     assert frame.status & wm.BoardStatus.HEARTBEAT_LOST
 
 
-def test_ceiling_opens_the_servo_before_its_supply_is_cut(core: Core) -> None:
+def test_firmware_pixel_ceiling_opens_servo_before_power_off(core: Core) -> None:
     core.at_ms(1000)
     core.move_servo(1200, rate=2000)
     core.at_ms(1400)
@@ -355,7 +355,7 @@ def test_ceiling_opens_the_servo_before_its_supply_is_cut(core: Core) -> None:
     assert core.servo_us == pytest.approx(2000, abs=2)
 
 
-def test_damaged_commands_are_ignored_and_reported(core: Core) -> None:
+def test_firmware_ignores_and_counts_damaged_commands(core: Core) -> None:
     core.result(wm.Start())
     good = encode_command(wm.Stop(), tag=3)
     for at in range(len(good) - 1):

@@ -23,7 +23,9 @@ MOVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 @pytest.mark.parametrize("name", MOVES)
 @given(now=CHANGES, before=CHANGES)
-def test_moved_pixels_are_judged_alike(name: str, now: np.ndarray, before: np.ndarray) -> None:
+def test_bruise_contrast_is_invariant_to_swapped_or_turned_pixels(
+    name: str, now: np.ndarray, before: np.ndarray
+) -> None:
     move = MOVES[name]
     plain = shape_of(now, width_mm=66.0), shape_of(before, width_mm=65.0)
     moved = shape_of(move(now), width_mm=66.0), shape_of(move(before), width_mm=65.0)
@@ -31,14 +33,14 @@ def test_moved_pixels_are_judged_alike(name: str, now: np.ndarray, before: np.nd
 
 
 @given(change=CHANGES)
-def test_nothing_differs_from_itself(change: np.ndarray) -> None:
+def test_bruise_contrast_of_a_shape_with_itself_is_zero(change: np.ndarray) -> None:
     shape = shape_of(change, width_mm=66.0)
     assert not contrast(shape, shape).any()
     assert not pixel_contrast(shape, shape, rows=4, cols=2).any()
 
 
 @given(now=CHANGES, before=CHANGES)
-def test_what_one_pixel_lacks_the_one_that_it_faces_has(
+def test_bruise_pixel_contrast_of_facing_pixels_is_opposite(
     now: np.ndarray, before: np.ndarray
 ) -> None:
     found = pixel_contrast(shape_of(now), shape_of(before), rows=4, cols=2)

@@ -64,21 +64,21 @@ newtons_per_count = [0.01, 0.02]
 HOLDS = "hold_id,time_s,value\n" + "".join(f"a,{t / 10},{100 - t}\n" for t in range(30))
 
 
-def replaced(value: Any, rng: random.Random) -> Any:
-    """Return a document with one of its values odd."""
+def replace_value(value: Any, rng: random.Random) -> Any:
+    """Return a document with one unusual value."""
     if isinstance(value, dict) and value and rng.random() < 0.9:
         key = rng.choice(list(value))
         if rng.random() < 0.1:
             return {k: v for k, v in value.items() if k != key}
-        return {**value, key: replaced(value[key], rng)}
+        return {**value, key: replace_value(value[key], rng)}
     if isinstance(value, list) and value and rng.random() < 0.8:
         place = rng.randrange(len(value))
-        return [*value[:place], replaced(value[place], rng), *value[place + 1 :]]
+        return [*value[:place], replace_value(value[place], rng), *value[place + 1 :]]
     return rng.choice(ODD)
 
 
-def spoilt(text: str, rng: random.Random) -> bytes:
-    """Return a text that was damaged in one of many ways."""
+def damage(text: str, rng: random.Random) -> bytes:
+    """Return a text with one of several kinds of damage."""
     data, way = bytearray(text.encode()), rng.randrange(8)
     if way == 0:
         return bytes(data[: rng.randrange(len(data))])
@@ -101,10 +101,10 @@ def spoilt(text: str, rng: random.Random) -> bytes:
         words[rng.randrange(len(words))] = rng.choice(["9" * 5000, "nan", "inf", '"\0"', "[[]]"])
         return " ".join(words).encode()
     try:
-        odd = replaced(json.loads(text), rng)
+        odd = replace_value(json.loads(text), rng)
     except ValueError:
         return bytes(data[at:])
-    # As text where the number is too long to be written.
+    # Inserted as text, because the number is too long for the JSON writer.
     return json.dumps(odd).replace(str(10**400), "9" * 400).encode()
 
 
@@ -139,11 +139,13 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
-def test_a_spoilt_file_is_read_or_refused(name: str, texts: dict[str, str], tmp_path: Path) -> None:
+def test_damaged_file_is_read_or_refused_in_one_line(
+    name: str, texts: dict[str, str], tmp_path: Path
+) -> None:
     rng = random.Random(f"fuzz {name}")
     path, refused, lines = tmp_path / name, 0, 0
     for number in range(COUNT):
-        data = spoilt(texts[name], rng)
+        data = damage(texts[name], rng)
         path.write_bytes(data)
         try:
             READERS[name](path)
@@ -156,13 +158,15 @@ def test_a_spoilt_file_is_read_or_refused(name: str, texts: dict[str, str], tmp_
 
 
 @pytest.mark.parametrize("name", ["calibration.json", "damage.json", "rules.toml", "holds.csv"])
-def test_a_byte_order_mark_is_no_damage(name: str, texts: dict[str, str], tmp_path: Path) -> None:
+def test_file_with_byte_order_mark_is_read(
+    name: str, texts: dict[str, str], tmp_path: Path
+) -> None:
     path = tmp_path / name
     path.write_bytes(b"\xef\xbb\xbf" + texts[name].encode())
     assert READERS[name](path) is not None
 
 
-def test_rig_files_that_use_each_other_are_refused(
+def test_rig_files_with_circular_use_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -16,10 +16,12 @@ from hypothesis import strategies as st
 
 from palpate.holds import Hold, read_holds, table
 
-#: Not the sign that stands for lost bytes, which is refused.
-SIGNS = st.characters(codec="utf-8", exclude_categories=("C", "Z"), exclude_characters="\ufffd")
-NAMES = st.text(SIGNS, min_size=1, max_size=6)
-#: Larger ones are refused.
+#: Without U+FFFD, which represents lost bytes and is refused.
+CHARACTERS = st.characters(
+    codec="utf-8", exclude_categories=("C", "Z"), exclude_characters="\ufffd"
+)
+NAMES = st.text(CHARACTERS, min_size=1, max_size=6)
+#: Larger numbers are refused.
 NUMBERS = st.floats(-1e150, 1e150)
 SAMPLES = st.dictionaries(NUMBERS.map(lambda number: number + 0.0), NUMBERS, min_size=1, max_size=8)
 #: hold -> channel -> time -> value
@@ -63,7 +65,9 @@ def found(holds: list[Hold]) -> dict:
     ending=st.sampled_from([".csv", ".csv.gz", ".parquet"]),
     rows_at_a_time=st.integers(1, 7),
 )
-def test_round_trip_by_any_chunking(file: dict, ending: str, rows_at_a_time: int) -> None:
+def test_holds_file_roundtrip_for_any_chunk_size(
+    file: dict, ending: str, rows_at_a_time: int
+) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"holds{ending}"
         write(path, rows_of(file))

@@ -1,4 +1,4 @@
-"""Whatever numbers are asked for: what is accepted has no shorts, by somebody else's geometry."""
+"""Accepted patterns have no shorts, checked with an independent geometry library."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ designs = st.builds(
 )
 
 
-def accepted(design: SensorDesign, pattern: Pattern) -> bool:
+def is_accepted(design: SensorDesign, pattern: Pattern) -> bool:
     try:
         check_design(design, cutter=CUTTER)
         check_pattern(pattern, cutter=CUTTER)
@@ -58,8 +58,8 @@ def area(rect: Rect) -> Polygon:
     return box(rect.left, rect.top, rect.right, rect.bottom)
 
 
-def sound(pattern: Pattern) -> bool:
-    """Judge by shapely: gaps in each copper layer, and Velostat wherever the two layers cross."""
+def is_sound(pattern: Pattern) -> bool:
+    """Check gaps within each layer and Velostat at crossings with shapely."""
     rows, cols = [copper(n) for n in pattern.rows], [copper(n) for n in pattern.cols]
     pixels = [area(p.body) for p in pattern.pixels]
     apart = all(
@@ -81,16 +81,16 @@ def sound(pattern: Pattern) -> bool:
 @pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(design=designs)
-def test_what_is_accepted_is_sound(design: SensorDesign) -> None:
+def test_accepted_pattern_has_no_shorts_and_full_velostat_cover(design: SensorDesign) -> None:
     pattern = lay_out(design)
-    fine = accepted(design, pattern)
+    fine = is_accepted(design, pattern)
     event(f"accepted: {fine}")
-    assert not fine or sound(pattern)
+    assert not fine or is_sound(pattern)
 
 
 @settings(max_examples=60, deadline=None)
 @given(design=designs)
-def test_mirroring_twice_changes_nothing_and_keeps_the_marks(design: SensorDesign) -> None:
+def test_pattern_mirrored_twice_is_unchanged(design: SensorDesign) -> None:
     pattern = lay_out(design)
     for layer in pattern.layers():
         for part in layer.parts:

@@ -21,7 +21,7 @@ specification.loader.exec_module(fuzz)
 
 
 @pytest.mark.slow
-def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
+def test_damaged_recordings_are_read_or_refused_in_bounded_memory(tmp_path: Path) -> None:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     ended = [
         fuzz.read_case(content, path=tmp_path / "case.mcap")
@@ -33,7 +33,7 @@ def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_recovered_of_damaged_recordings_is_whole(tmp_path: Path) -> None:
+def test_recovered_recordings_are_complete(tmp_path: Path) -> None:
     recovered = tmp_path / "recovered.mcap"
     count = 0
     for content in fuzz.draw_cases(150, seed=6):
@@ -51,7 +51,7 @@ def test_what_is_recovered_of_damaged_recordings_is_whole(tmp_path: Path) -> Non
 
 @settings(max_examples=200, deadline=None)
 @given(noise=st.binary(max_size=300), magic=st.booleans())
-def test_noise_is_refused(
+def test_reader_refuses_random_bytes(
     noise: bytes, magic: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "noise.mcap"

@@ -1,4 +1,4 @@
-"""Laws of recordings: form and unit don't matter, and no file gives a traceback."""
+"""Properties of recordings: independence of format and unit, no tracebacks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PER_SECOND = {"time_s": 1, "ms": 1000, "micros": 1_000_000}
     packed=st.booleans(),
     first=st.integers(0, 30),
 )
-def test_holds_depend_on_no_form(
+def test_holds_are_independent_of_table_format(
     tmp_path_factory: pytest.TempPathFactory,
     clock: str,
     separator: str,
@@ -72,7 +72,9 @@ def test_holds_depend_on_no_form(
     start_s=st.floats(-1e4, 1e4),
     seed=st.integers(0, 1000),
 )
-def test_cutting_knows_no_scale_and_no_clock(factor: float, start_s: float, seed: int) -> None:
+def test_find_contacts_is_invariant_to_scale_and_time_shift(
+    factor: float, start_s: float, seed: int
+) -> None:
     ohm = resistance_ohm(TIME_S, touches=((3.0, 20.0), (26.0, 55.0)), seed=seed)
     plain = find_contacts(TIME_S, ohm).holds
     moved = find_contacts(TIME_S + start_s, factor * ohm).holds
@@ -85,7 +87,9 @@ def test_cutting_knows_no_scale_and_no_clock(factor: float, start_s: float, seed
 
 @settings(max_examples=30, deadline=None)
 @given(factor=st.floats(-1e3, -1e-3) | st.floats(1e-3, 1e3), shift=st.floats(-1e4, 1e4))
-def test_percentages_may_be_scaled_shifted_and_turned(factor: float, shift: float) -> None:
+def test_find_contacts_in_percent_is_invariant_to_scale_shift_and_sign(
+    factor: float, shift: float
+) -> None:
     percent = 100 * (OHM / 2000 - 1)
     turned = factor * percent + shift
     if turned.min() > 0:
@@ -96,7 +100,7 @@ def test_percentages_may_be_scaled_shifted_and_turned(factor: float, shift: floa
 
 
 def damaged(chance: random.Random) -> bytes:
-    """Return a recording's file with something wrong with it."""
+    """Return the contents of a damaged recording file."""
     rows = [f"{t:.2f},{v:.1f}" for t, v in zip(TIME_S[:200], OHM[:200], strict=True)]
     content = ("time_s,R\n" + "\n".join(rows)).encode()
     kind = chance.randrange(8)
@@ -126,7 +130,7 @@ def damaged(chance: random.Random) -> bytes:
 
 
 @pytest.mark.slow
-def test_no_file_gives_anything_but_holds_or_one_line(tmp_path: Path) -> None:
+def test_damaged_table_yields_holds_or_one_line_error(tmp_path: Path) -> None:
     chance, refused = random.Random(20), []
     for number in range(2000):
         path = tmp_path / f"f{number % 7}{chance.choice(['.csv', '.xlsx', '.parquet', '.gz'])}"

@@ -1,4 +1,4 @@
-"""What identification and sorting may never do, whatever they are told."""
+"""Invariants of identification and sorting for any input."""
 
 from __future__ import annotations
 
@@ -39,8 +39,10 @@ grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_probabilities_are_probabilities(felt: list[tuple[float, float]]) -> None:
-    found = KNOWN.identify([touch(one) for one in felt])
+def test_identify_probabilities_are_valid_and_sum_to_one(
+    touches: list[tuple[float, float]],
+) -> None:
+    found = KNOWN.identify([touch(one) for one in touches])
     assert sum(found.probability.values()) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())
     assert 0.0 < found.usual <= 1.0
@@ -50,8 +52,8 @@ def test_probabilities_are_probabilities(felt: list[tuple[float, float]]) -> Non
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_the_order_of_grasps_is_nothing(felt: list[tuple[float, float]]) -> None:
-    there = [touch(one) for one in felt]
+def test_identify_is_independent_of_grasp_order(touches: list[tuple[float, float]]) -> None:
+    there = [touch(one) for one in touches]
     back = KNOWN.identify(there[::-1])
     found = KNOWN.identify(there)
     assert dict(back.probability) == pytest.approx(dict(found.probability), abs=1e-6)
@@ -59,15 +61,17 @@ def test_the_order_of_grasps_is_nothing(felt: list[tuple[float, float]]) -> None
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_units_are_nothing(felt: list[tuple[float, float]]) -> None:
-    """Inches for millimetres, here and in what was taught, leave every answer as it was."""
-    found = KNOWN.identify([touch(one) for one in felt])
-    moved = SHIFTED.identify([touch(one, shift=1.5) for one in felt])
+def test_identify_is_independent_of_units(touches: list[tuple[float, float]]) -> None:
+    """A change of units in training and test data does not change the result."""
+    found = KNOWN.identify([touch(one) for one in touches])
+    moved = SHIFTED.identify([touch(one, shift=1.5) for one in touches])
     assert dict(moved.probability) == pytest.approx(dict(found.probability), abs=1e-6)
     assert moved.usual == pytest.approx(found.usual)
 
 
-shares = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(lambda t: sum(t) > 0)
+fractions = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(
+    lambda t: sum(t) > 0
+)
 names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
 spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
     lambda pair: Within("size_mm", pair[0], pair[0] + pair[1])
@@ -93,7 +97,7 @@ sizes = st.tuples(st.floats(5, 75), st.floats(0.01, 10), st.floats(0.01, 10)).ma
 
 @st.composite
 def evidence(draw: st.DrawFn) -> Evidence:
-    parts = np.array(draw(shares))
+    parts = np.array(draw(fractions))
     probability = dict(zip(("kiwi", "lime", UNKNOWN), (parts / parts.sum()).tolist(), strict=True))
     rejected = draw(st.booleans())
     identity = Identity(
@@ -115,7 +119,7 @@ def evidence(draw: st.DrawFn) -> Evidence:
 @pytest.mark.slow
 @given(st.lists(rules, min_size=1, max_size=4), evidence(), st.integers(1, 4))
 @settings(deadline=None, max_examples=200)
-def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(
+def test_decide_returns_known_bin_within_grasp_limit(
     book: list[Rule], seen: Evidence, most: int
 ) -> None:
     found = decide(RuleBook(rules=tuple(book), default_bin="rest", most_grasps=most), seen)
@@ -132,7 +136,9 @@ def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(
 
 
 @given(sizes, st.floats(5, 75))
-def test_two_halves_of_all_sizes_hold_every_item(size: Measurement, cut: float) -> None:
+def test_complementary_size_ranges_have_total_probability_one(
+    size: Measurement, cut: float
+) -> None:
     below, above = Within("size_mm", -1e9, cut), Within("size_mm", cut, 1e9)
     seen = Evidence(size_mm=size)
     chances = [half.probability(seen) for half in (below, above)]

@@ -1,4 +1,4 @@
-"""Any record survives the store."""
+"""The store preserves any record."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ verdicts = st.builds(
 @pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(item=items, grasp=grasps, verdict=verdicts)
-def test_a_record_survives_the_store(item: Item, grasp: Grasp, verdict: Verdict) -> None:
+def test_store_roundtrip_preserves_records(item: Item, grasp: Grasp, verdict: Verdict) -> None:
     with Store.open("sqlite://") as store:
         for name in {item.item_id, verdict.item_id}:
             store.add_item(Item(item_id=name, first_seen=item.first_seen))

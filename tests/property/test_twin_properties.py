@@ -1,4 +1,4 @@
-"""The twin under any history of commands."""
+"""Properties of the twin under any sequence of commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOVES = st.lists(
     level=st.sampled_from(["lab", "field"]),
     seed=st.integers(0, 1000),
 )
-def test_any_staircase_stays_physical(
+def test_twin_any_commands_yield_physical_values(
     moves: list[tuple[float, float, float]], name: str, level: str, seed: int
 ) -> None:
     world = World(draw_object(np.random.default_rng(seed), name), seed=seed, level=level)
@@ -50,7 +50,7 @@ def test_any_staircase_stays_physical(
 
 @settings(max_examples=20, deadline=None)
 @given(moves=MOVES, seed=st.integers(0, 1000), often_s=st.floats(0.003, 0.2))
-def test_reading_never_changes_the_world(
+def test_twin_readings_do_not_change_the_world(
     moves: list[tuple[float, float, float]], seed: int, often_s: float
 ) -> None:
     read, unread = (
@@ -73,7 +73,7 @@ def test_reading_never_changes_the_world(
     targets=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)),
     value=st.floats(-5.0, 5.0),
 )
-def test_a_step_is_exact_however_it_is_cut(
+def test_follow_line_is_exact_for_divided_steps(
     rates: tuple[float, float], targets: tuple[float, float], value: float
 ) -> None:
     first, second = (np.array(rate) for rate in rates)
@@ -85,7 +85,7 @@ def test_a_step_is_exact_however_it_is_cut(
     np.testing.assert_allclose(cut, whole, rtol=1e-9, atol=1e-9)
 
 
-def test_a_lag_behind_a_ramp_by_hand() -> None:
+def test_follow_line_of_ramp_matches_hand_calculation() -> None:
     # tau z' = t/tau - z from 0: z = t/tau - 1 + exp(-t/tau), at t = tau 1/e.
     lag = follow_line(np.zeros(1), start=np.zeros(1), end=np.ones(1), rate=np.ones(1))
     np.testing.assert_allclose(lag, np.exp(-1.0))

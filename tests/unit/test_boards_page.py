@@ -1,4 +1,4 @@
-"""The page of the boards quotes the stored grasps."""
+"""The page of boards matches the stored grasps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
         ("uno", "Uno, hobby servo"),
     ],
 )
-def test_table_quotes_the_stored_grasps(board: str, label: str) -> None:
+def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None:
     grasps = json.loads((DOCS / "boards" / f"{board}.json").read_text())["grasps"]
     held = [grasp for grasp in grasps if grasp["outcome"] == "held"]
     assert not any(grasp["damaged"] or grasp["frames_lost"] for grasp in grasps)

@@ -59,7 +59,7 @@ def run_line(line: str) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", EXECUTED)
-def test_every_block_of_the_page_runs(
+def test_docs_page_blocks_run(
     page: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -103,7 +103,7 @@ def study_options(name: str) -> set[str]:
 
 
 @pytest.mark.parametrize(("page", "line"), [*shown_commands(), *commands_in_text("coverage")])
-def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
+def test_docs_board_command_has_existing_verb_and_options(page: str, line: str) -> None:
     _, verb, *arguments = shlex.split(line, comments=True)
     assert verb in VERBS
     command = build_app().load(verb)
@@ -115,7 +115,7 @@ def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line
     assert {word for word in arguments if word.startswith("--")} <= known
 
 
-def test_the_picture_of_the_sensor_is_what_the_command_draws() -> None:
+def test_docs_sensor_picture_matches_pattern_drawing() -> None:
     from palpate.fabrication.design import PRESETS
     from palpate.fabrication.drawing import draw_combined_svg
     from palpate.fabrication.pattern import lay_out
@@ -124,7 +124,7 @@ def test_the_picture_of_the_sensor_is_what_the_command_draws() -> None:
     assert shown == draw_combined_svg(lay_out(PRESETS["paper-3x2"]))
 
 
-def test_the_page_of_the_architecture_lists_the_layers_that_are_enforced() -> None:
+def test_architecture_page_lists_enforced_layers() -> None:
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     layers = re.findall(r"\w+", project.split("layers = [")[1].split("]")[0])
     enforced = [name for name in layers if name != "__main__"]

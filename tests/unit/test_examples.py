@@ -1,4 +1,4 @@
-"""Every example runs as a user runs it, and shows what it says it shows."""
+"""Every example runs as for a user and prints the documented output."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 @pytest.mark.slow
 def test_own_gripper_grasps_and_measures(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     run("own_gripper.py")
-    said = capsys.readouterr().out
-    assert said.startswith("held (simulated)")
-    found = re.findall(r"(\w+): ([\d.]+) \(([\d.]+) to ([\d.]+)\), true value ([\d.]+)", said)
+    printed = capsys.readouterr().out
+    assert printed.startswith("held (simulated)")
+    found = re.findall(r"(\w+): ([\d.]+) \(([\d.]+) to ([\d.]+)\), true value ([\d.]+)", printed)
     assert [name for name, *_ in found] == ["size_mm", "stiffness_n_per_mm"]
     for _, value, low, high, true in found:
         assert float(low) <= float(value) <= float(high)
@@ -49,33 +49,33 @@ def test_offline_analysis_prints_settled_values_and_scores_and_draws(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("offline_analysis.py")
-    said = capsys.readouterr().out
-    assert said.startswith("simulated recordings")
+    printed = capsys.readouterr().out
+    assert printed.startswith("simulated recordings")
     errors: dict[str, list[float]] = {}
-    for name, median in re.findall(r"(\w+) +[\d.]+ s +12 +([\d.]+) ", said):
+    for name, median in re.findall(r"(\w+) +[\d.]+ s +12 +([\d.]+) ", printed):
         errors.setdefault(name, []).append(float(median))
     assert errors["relaxation"][0] < 0.5 * min(errors["exponential"][0], errors["recorded"][0])
     assert errors["relaxation"][1] < min(errors["exponential"][1], errors["recorded"][1])
-    answers = re.findall(r"Hold\(.*: (\d+) \((\d+) to (\d+)\)", said)
+    answers = re.findall(r"Hold\(.*: (\d+) \((\d+) to (\d+)\)", printed)
     assert len(answers) == 12
     for value, low, high in answers:
         assert float(low) < float(value) < float(high)
     assert (tmp_path / "holds.png").stat().st_size > 10_000
 
 
-def test_offline_analysis_takes_a_recording_of_ones_own(
+def test_offline_analysis_accepts_user_recording(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = [f"{0.1 * k:.1f},{90 if k < 20 else 50 + 5 * 0.9 ** (k - 20):.3f}" for k in range(80)]
     (tmp_path / "mine.csv").write_text("\n".join(["time_s,ohm", *lines]))
     run("offline_analysis.py", "mine.csv")
-    said = capsys.readouterr().out
-    assert said.count("mine:ohm:1") == 1
-    assert "simulated" not in said
+    printed = capsys.readouterr().out
+    assert printed.count("mine:ohm:1") == 1
+    assert "simulated" not in printed
 
 
 @pytest.mark.slow
-def test_understand_prediction_draws_its_four_pictures(
+def test_understand_prediction_draws_four_pictures(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("understand_prediction.py", "pictures")
@@ -86,7 +86,7 @@ def test_understand_prediction_draws_its_four_pictures(
 
 
 @pytest.mark.slow
-def test_pick_and_place_shows_newtons_on_the_way_and_places(
+def test_pick_and_place_prints_forces_and_releases(
     run: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("pick_and_place.py")
@@ -99,7 +99,7 @@ def test_pick_and_place_shows_newtons_on_the_way_and_places(
 
 
 @pytest.mark.slow
-def test_learn_from_grasps_trains_a_policy_that_the_cap_keeps_gentle(
+def test_learn_from_grasps_force_cap_prevents_damage(
     run: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("learn_from_grasps.py", "2", "1")

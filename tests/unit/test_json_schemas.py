@@ -85,11 +85,11 @@ def faults(name: str, document: object) -> list[str]:
 
 
 @pytest.mark.parametrize("name", SCHEMAS)
-def test_each_schema_is_a_schema(name: str) -> None:
+def test_json_schemas_are_valid(name: str) -> None:
     Draft202012Validator.check_schema(SCHEMAS[name])
 
 
-def test_each_schema_has_a_command_that_it_is_tested_on() -> None:
+def test_json_schemas_all_have_a_tested_command() -> None:
     # `state` is what the dashboard reports: see the tests of its API.
     assert {name for name, _ in COMMANDS} | {"measurement", "state"} == {
         name.removesuffix(".json") for name in SCHEMAS
@@ -98,7 +98,7 @@ def test_each_schema_has_a_command_that_it_is_tested_on() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "command"), COMMANDS)
-def test_the_output_is_as_the_schema_has_it(
+def test_command_output_matches_its_json_schema(
     name: str,
     command: str,
     folder: Path,
@@ -111,6 +111,6 @@ def test_the_output_is_as_the_schema_has_it(
     assert faults(name, json.loads(capsys.readouterr().out)) == []
 
 
-def test_a_field_that_the_schema_does_not_know_is_a_fault() -> None:
+def test_json_schema_rejects_unknown_field() -> None:
     assert faults("ports", {"ports": [], "more": 1})
     assert faults("ports", {"ports": [{"device": 1}]})

@@ -32,7 +32,7 @@ def prose(page: str) -> str:
     return "\n".join(line for line in text.splitlines() if not line.startswith("|"))
 
 
-def test_the_list_is_read() -> None:
+def test_contributing_word_list_is_parsed() -> None:
     assert {"told", "beside", "anew"} <= set(odd_words())
 
 

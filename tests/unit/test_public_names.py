@@ -14,15 +14,15 @@ import palpate
 
 
 @pytest.mark.parametrize("name", palpate.__all__)
-def test_every_public_name_exists(name: str) -> None:
+def test_public_names_exist(name: str) -> None:
     assert getattr(palpate, name).__name__ == name
 
 
-def test_the_package_lists_its_public_names_and_nothing_else() -> None:
+def test_package_dir_lists_exactly_the_public_names() -> None:
     assert dir(palpate) == sorted([*palpate.__all__, "__version__"])
 
 
-def test_every_public_name_has_its_type_where_it_is_loaded_from() -> None:
+def test_public_names_are_typed_in_their_modules() -> None:
     """Type checkers read the imports that never run; they must be the ones that do."""
     tree = ast.parse(Path(palpate.__file__).read_text(encoding="utf-8"))
     typed = {
@@ -38,18 +38,18 @@ def test_every_public_name_has_its_type_where_it_is_loaded_from() -> None:
 
 
 @pytest.mark.parametrize("name", palpate.__all__)
-def test_every_public_name_is_documented(name: str) -> None:
+def test_public_names_are_documented(name: str) -> None:
     page = Path(__file__).resolve().parents[2] / "docs" / "python.md"
     assert f"`{name}`" in page.read_text(encoding="utf-8")
     assert name in (palpate.__doc__ or "")
 
 
-def test_a_name_that_is_not_there_says_so() -> None:
+def test_unknown_package_attribute_raises_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'palpate' has no attribute 'nothing'"):
         _ = palpate.nothing
 
 
-def test_importing_the_package_loads_no_library() -> None:
+def test_package_import_loads_no_library() -> None:
     """`import palpate` must cost no more than a moment: names are loaded on first use."""
     script = (
         "import sys; before = set(sys.modules); import palpate; print(set(sys.modules) - before)"
@@ -62,7 +62,7 @@ def test_importing_the_package_loads_no_library() -> None:
         assert f"'{heavy}" not in loaded
 
 
-def test_every_place_that_states_the_version_states_the_same() -> None:
+def test_version_is_equal_in_all_files() -> None:
     root = Path(__file__).resolve().parents[2]
     stated = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
     citation = (root / "CITATION.cff").read_text()
@@ -70,7 +70,7 @@ def test_every_place_that_states_the_version_states_the_same() -> None:
     assert f"\nversion: {stated}\n" in citation
 
 
-def test_help_of_the_grasp_verb_loads_nothing_that_a_grasp_needs() -> None:
+def test_grasp_help_loads_no_grasp_modules() -> None:
     """Numbers and optimisers take three times the time of the help text."""
     program = (
         "import sys; from palpate.cli import build_app; build_app().load('grasp'); "
@@ -83,7 +83,7 @@ def test_help_of_the_grasp_verb_loads_nothing_that_a_grasp_needs() -> None:
 
 
 @pytest.mark.slow
-def test_running_a_grasp_loads_no_distributions() -> None:
+def test_grasp_loads_no_scipy_distributions() -> None:
     """`scipy.stats` takes longer to load than a grasp takes to plan."""
     program = (
         "import sys; from palpate.cli import build_app, run; "

@@ -26,7 +26,7 @@ PATHS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
-def test_each_path_works_as_typed_in_an_empty_folder(
+def test_readme_commands_run_in_an_empty_folder(
     path: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -46,7 +46,7 @@ def test_each_path_works_as_typed_in_an_empty_folder(
 
 
 @pytest.mark.slow
-def test_make_demo_ends_with_numbers_and_a_picture(
+def test_make_demo_prints_numbers_and_draws_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -61,17 +61,17 @@ def test_make_demo_ends_with_numbers_and_a_picture(
     assert (tmp_path / "out" / "demo.png").stat().st_size > 10_000
 
 
-def test_it_is_read_in_two_minutes() -> None:
+def test_readme_is_short() -> None:
     assert len(README.split()) <= 600
 
 
 @pytest.mark.parametrize("verb", sorted(set(re.findall(r"(?:`|\n|&& )palpate ([a-z]+)", README))))
-def test_every_verb_it_names_exists(verb: str) -> None:
+def test_readme_verbs_exist(verb: str) -> None:
     from palpate.cli import VERBS
 
     assert verb in VERBS
 
 
 @pytest.mark.parametrize("target", LINKS)
-def test_every_link_leads_to_a_file(target: str) -> None:
+def test_readme_links_lead_to_files(target: str) -> None:
     assert (ROOT / target).exists()

@@ -1,1 +1,1 @@
-"""Cut patterns of the sensor: shapes, reasons for refusal, and files for a vinyl cutter."""
+"""Cut patterns of the sensor: shapes, design checks, and files for a vinyl cutter."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cutter:
-    """Tolerances of the cutter and of the hands that align its parts.
+    """Tolerances of the cutter and of manual alignment.
 
     The cutting area is that of the Brother ScanNCut2 CM350 on its 12 inch mat (296 x 298 mm). The
-    least feature and gap are cautious habits for copper tape and Velostat on such a machine, not
-    the maker's figures; so is the error of laying one layer on another by its marks.
+    minimum feature, the minimum gap and the alignment error are conservative values for copper tape
+    and Velostat on such a machine, not the manufacturer's figures.
     """
 
     width_mm: float = 296.0
@@ -38,23 +38,23 @@ class SensorDesign:
     #: Size of a Velostat pixel.
     pixel_width_mm: float
     pixel_height_mm: float
-    #: Between neighbouring pixels.
+    #: Gap between neighbouring pixels.
     gap_mm: float
-    #: Radius of its corners: 0 for a rectangle, half of its size for a circle.
+    #: Radius of a pixel's corners: 0 for a rectangle, half of the size for a circle.
     corner_mm: float = 0.0
-    #: How far the Velostat overlaps all round where two copper lines cross.
+    #: Overlap of the Velostat around the crossing of two copper lines.
     overhang_mm: float = 1.0
     #: Width of the copper between pixels and pads.
     trace_mm: float = 1.2
-    #: Solder pads at the end of the tail; at 2.54 mm pitch a pin header or ribbon cable fits.
+    #: Solder pads at the end of the tail; a pitch of 2.54 mm fits pin headers and ribbon cables.
     pad_width_mm: float = 1.6
     pad_length_mm: float = 5.0
     pad_pitch_mm: float = 2.54
-    #: From the last pixels to the pads.
+    #: Distance from the last pixels to the pads.
     tail_mm: float = 20.0
-    #: Base and cover stand out this far round pixels and copper.
+    #: Margin of base and cover around pixels and copper.
     margin_mm: float = 3.0
-    #: Width of base and cover around the pixels, where the finger sets it; None for what fits.
+    #: Width of base and cover around the pixels, if given by the finger; None for the minimum.
     substrate_width_mm: float | None = None
 
     @property
@@ -66,8 +66,8 @@ class SensorDesign:
     def bars_mm(self) -> tuple[float, float]:
         """Width of the column bars and height of the row bars, crossing in a pixel.
 
-        As wide as the overhang lets them be; where the pixel's corners are round, the corners of
-        the crossing decide.
+        The bars are as wide as the overhang permits. With rounded pixels, the overhang applies at
+        the corners of the crossing.
 
         >>> PRESETS["paper-2x2"].bars_mm
         (5.0, 5.0)
@@ -78,9 +78,9 @@ class SensorDesign:
         return self.pixel_width_mm - 2 * inset, self.pixel_height_mm - 2 * inset
 
 
-#: The paper gives matrices and "larger" and "smaller" pixels (Figure 1c) but no dimensions: these
-#: sizes are ours, at the 10 mm pitch of `palpate.sensor.array`. `so101` is as narrow as its lines
-#: and their traces allow, for the jaws of small printed hands; it has the paper's 2 x 2 matrix.
+#: The paper states matrices and "larger" and "smaller" pixels (Figure 1c) but no dimensions. The
+#: sizes here are chosen for the 10 mm pitch of `palpate.sensor.array`. `so101` has the 2 x 2
+#: matrix of the paper and is as narrow as its traces permit, for small printed grippers.
 PRESETS: dict[str, SensorDesign] = {
     "paper-2x2": SensorDesign(
         name="paper-2x2", rows=2, cols=2, pixel_width_mm=7.0, pixel_height_mm=7.0, gap_mm=3.0

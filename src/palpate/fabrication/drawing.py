@@ -14,7 +14,7 @@ _HEAD = (
     '<svg xmlns="http://www.w3.org/2000/svg" '
     'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" version="1.1"'
 )
-#: Fill, its opacity, and line of each layer in the combined drawing.
+#: Fill colour, opacity and line colour of each layer in the combined drawing.
 LOOKS: dict[str, tuple[str, float, str]] = {
     "1-base": ("#f3e3b3", 0.9, "#b59b4c"),
     "2-copper-rows": ("#c8763a", 0.95, "#8a4b1e"),
@@ -25,7 +25,7 @@ LOOKS: dict[str, tuple[str, float, str]] = {
 
 
 def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
-    """Return the cuts of one sheet for the cutter: hairlines in millimetres."""
+    """Return an SVG with the cuts of one sheet, as hairlines in millimetres."""
     side = "mirrored" if layer.mirrored else "not mirrored"
     return "\n".join(
         [
@@ -41,9 +41,9 @@ def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
 
 
 def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
-    """Write the same lines as the SVG has, y up as DXF has it.
+    """Write a DXF file with the lines of the SVG, with the y axis pointing up.
 
-    Arcs stay arcs (polylines with bulges), the unit is stated as millimetres.
+    Arcs are preserved (polylines with bulges); the unit is millimetres.
     """
     require_dxf()
     from ezdxf import units
@@ -64,13 +64,13 @@ def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
 
 
 def _list_cuts(pattern: Pattern, layer: Layer) -> list[Outline]:
-    """Return the lines of a layer and its marks, mirrored where its back is up."""
+    """Return the lines of a layer and its marks, mirrored if the layer is cut from the back."""
     cuts = [*layer.parts, *pattern.mark_outlines]
     return [cut.mirror(pattern.width) for cut in cuts] if layer.mirrored else cuts
 
 
 def draw_combined_svg(pattern: Pattern) -> str:
-    """Return all layers as Inkscape layers, seen from the cover, with names and dimensions."""
+    """Return an SVG with all layers seen from the cover, with names and dimensions."""
     parts = [
         _opening(pattern.width, pattern.height),
         f"<title>{escape(pattern.design.name)}, seen from the cover</title>",
@@ -125,7 +125,7 @@ def _names(pattern: Pattern) -> Iterable[str]:
 
 
 def _dimensions(pattern: Pattern) -> Iterable[str]:
-    """Draw the body's size, mm, and write the pixels' size and pitch below it."""
+    """Draw the dimensions of the body, mm, and the size and pitch of the pixels below it."""
     body, design, out = pattern.body, pattern.design, 2.0
     style = 'font-family="sans-serif" font-size="1.6" fill="#404040"'
     x, y = body.centre
@@ -163,7 +163,7 @@ def _paths(outlines: Iterable[Outline]) -> Iterable[str]:
 
 
 def path_data(outline: Outline) -> str:
-    """Return the `d` of an outline.
+    """Return the SVG path data of an outline.
 
     >>> from palpate.fabrication.shapes import polygon
     >>> path_data(polygon([(0, 0), (2.5, 0), (0, 1)]))
@@ -182,13 +182,13 @@ def path_data(outline: Outline) -> str:
 
 
 def _mm(value: float) -> str:
-    """Write a length to a tenth of a micrometre, without needless zeros."""
+    """Format a length to 0.1 micrometres without trailing zeros."""
     text = f"{value:.4f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 
 def require_dxf() -> None:
-    """Refuse early where DXF can't be written.
+    """Check early that DXF files can be written.
 
     Raises `MissingExtraError` if ezdxf is not installed.
     """

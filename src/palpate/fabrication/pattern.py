@@ -1,9 +1,9 @@
-"""From a design to shapes: five stacked layers, with marks to align them.
+"""Layout of a design as five stacked layers with alignment marks.
 
-Everything is placed as the finished sensor is seen from its cover. Rows leave their pixels on the
-left and run down in lanes; columns run straight down and are gathered next to them. Row copper
-passes over column copper only in a pixel. Rows' pads lie on the base where the cover ends short of
-them, columns' pads on the cover where the base does.
+All coordinates are those of the finished sensor seen from its cover. Row copper leaves the pixels
+on the left and runs down in lanes. Column copper runs straight down and is gathered next to the
+lanes. Row and column copper cross only in pixels. The row pads are on the base, where the cover is
+shorter; the column pads are on the cover, where the base is shorter.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from palpate.fabrication.shapes import (
 )
 
 MARK_MM = 3.0
-#: Round the sensor on every sheet; the marks lie in the middle of it.
+#: Border around the sensor on every sheet; the marks are in the middle of the border.
 BORDER_MM = 8.0
-#: Sharp corners of tape lift and tear.
+#: Radius of tape corners; sharp corners lift and tear.
 TAPE_CORNER_MM = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One sheet of material and what is cut from it."""
+    """One sheet of material and its cuts."""
 
-    #: For file names and people.
+    #: Name for files and users.
     name: str
     material: str
     #: Cutting lines as seen from the cover of the finished sensor.
     parts: tuple[Outline, ...]
-    #: Which side is up on the cutter.
+    #: Orientation of the sheet on the cutter.
     why: str
-    #: Whether the file must show it from the other side, because that side is up.
+    #: Whether the file is mirrored because the sheet is cut from the other side.
     mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pixel:
-    """A Velostat pixel and the part of it that lies between row and column copper."""
+    """A Velostat pixel and its contact area between row and column copper."""
 
     row: int
     col: int
@@ -61,7 +61,7 @@ class Pattern:
     """A sensor laid out on its sheet, mm."""
 
     design: SensorDesign
-    #: Of the sheet.
+    #: Size of the sheet.
     width: float
     height: float
     #: One piece of copper per row and column.
@@ -71,13 +71,13 @@ class Pattern:
     pixels: tuple[Pixel, ...]
     #: Base and cover around the pixels, without the tail.
     body: Rect
-    #: Their corners.
+    #: Corners of base and cover.
     base: tuple[PointMm, ...]
     cover: tuple[PointMm, ...]
-    #: Centres of the registration marks, the same in every layer; symmetric about the sheet's
-    #: vertical middle line, so that mirroring leaves them where they are.
+    #: Centres of the registration marks, equal in every layer. They are symmetric about the
+    #: vertical centre line of the sheet and therefore invariant to mirroring.
     marks: tuple[PointMm, ...]
-    #: The shortest tail that the routing fits in.
+    #: Minimum length of the tail for the routing.
     needed_tail_mm: float
 
     @property
@@ -123,14 +123,14 @@ class Pattern:
 
 
 def lay_out(design: SensorDesign) -> Pattern:
-    """Place every shape of a design; whether it can work is for `palpate.fabrication.refusals`.
+    """Place every shape of a design; `palpate.fabrication.refusals` checks the result.
 
     >>> from palpate.fabrication.design import PRESETS
     >>> pattern = lay_out(PRESETS["paper-2x2"])
     >>> len(pattern.pixels), [layer.name for layer in pattern.layers() if layer.mirrored]
     (4, ['1-base', '4-copper-columns'])
     """
-    # Each row's lane runs left of the pixels: the first row's is outermost.
+    # The lanes are left of the pixels; the lane of the first row is outermost.
     lane_x = [-design.pad_pitch_mm * (design.rows - r - 0.5) for r in range(design.rows)]
     half_copper = max(design.trace_mm, design.pad_width_mm) / 2
     left_mm = BORDER_MM + design.margin_mm + half_copper - lane_x[0]
@@ -158,7 +158,7 @@ def lay_out(design: SensorDesign) -> Pattern:
     body = Rect(
         left=BORDER_MM,
         top=BORDER_MM,
-        # Columns that spread towards wider pads turn next to the pixels: tape must be there too.
+        # Columns that spread to wider pads turn next to the pixels and need tape there.
         right=BORDER_MM + design.substrate_width_mm
         if design.substrate_width_mm is not None
         else max(active.right, pads.right) + design.margin_mm,
@@ -248,10 +248,10 @@ def _column_copper(
 
 
 def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
-    """Return how far down each column turns towards its pad, so that no two cross.
+    """Return the level at which each column turns towards its pad without crossings.
 
-    A column that goes left passes under those further left, so it turns below them; one that goes
-    right turns below those further right. The two kinds never meet.
+    A column to the left turns below the columns further left; a column to the right turns below
+    the columns further right. The two groups never cross.
     """
     levels = [0] * len(xs)
     leftward = [c for c in range(len(xs)) if pad_xs[c] < xs[c] - 1e-9]
@@ -265,11 +265,11 @@ def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
 def _tapes(
     body: Rect, *, pads: Rect, split: float, margin: float
 ) -> tuple[tuple[PointMm, ...], tuple[PointMm, ...]]:
-    """Return the corners of base and cover, which differ at the tail's end."""
+    """Return the corners of base and cover, which differ at the end of the tail."""
     right, end = pads.right + margin, pads.bottom + margin
     shoulder: list[PointMm] = [(body.right, body.bottom), (right, body.bottom)]
     if body.right - right < 2 * TAPE_CORNER_MM:
-        # Too small a step to round: the tail is as wide as the body.
+        # The step is too small for rounded corners, so the tail is as wide as the body.
         right, shoulder = max(right, body.right), []
     top: list[PointMm] = [
         (body.left, body.top),

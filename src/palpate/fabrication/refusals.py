@@ -1,4 +1,4 @@
-"""Patterns that can't be cut or can't work, with the reason and the amount."""
+"""Checks that a pattern can be cut and works; errors state the reason and the amount."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from palpate.fabrication.design import Cutter, SensorDesign
 from palpate.fabrication.pattern import Pattern, Pixel
 from palpate.fabrication.shapes import Rect, Stroke
 
-#: Below what any drawing can show; keeps a gap of exactly the least one from being refused.
+#: Rounding tolerance: a gap of exactly the minimum is accepted.
 _TINY_MM = 1e-6
 
 
 def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
-    """Refuse numbers that no pattern can be drawn from.
+    """Check the dimensions of a design.
 
-    Raises `InputError`: with the first that is wrong.
+    Raises `InputError` for the first invalid dimension.
     """
     if not (1 <= design.rows <= 16 and 1 <= design.cols <= 16):
         raise InputError(
@@ -59,9 +59,9 @@ def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
 
 
 def check_pattern(pattern: Pattern, *, cutter: Cutter) -> None:
-    """Refuse a pattern that would short, can't be cut or lies outside its tape.
+    """Check a pattern for shorts, features that can't be cut, and parts outside the tape.
 
-    Raises `InputError`: one line: the first problem, and how many more there are.
+    Raises `InputError` with the first problem and the number of other problems.
     """
     problems = list(_problems(pattern, cutter=cutter))
     if problems:
@@ -145,7 +145,7 @@ def _check_layers(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Ite
 
 
 def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
-    """Refuse turns spaced so tightly that a single line would cross itself."""
+    """Yield a problem if the turns are so close that a trace would touch itself."""
     beside_mm = design.pad_pitch_mm - design.trace_mm
     if cutter.gap_mm - beside_mm > _TINY_MM:
         yield (
@@ -156,9 +156,9 @@ def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
 
 
 def _check_crossings(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
-    """Refuse row and column copper that overlaps without Velostat and its margin between.
+    """Yield problems of row and column copper without sufficient Velostat in between.
 
-    What is left next to the crossing must keep its distance too: layers are laid by hand.
+    Copper next to a crossing also needs a distance, because the layers are aligned by hand.
     """
     for pixel in pattern.pixels:
         legs = product(pattern.rows[pixel.row].rects(), pattern.cols[pixel.col].rects())
@@ -178,10 +178,10 @@ def _check_crossings(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
 
 
 def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
-    """Return how far a pixel extends around a rectangle, mm; negative where it falls short.
+    """Return the least margin of a pixel around a rectangle, mm; negative if not covered.
 
-    The edge of a rounded rectangle is `corner_mm` from an inner rectangle, whose distance to each
-    corner of the crossing decides.
+    The edge of a rounded rectangle is `corner_mm` outside an inner rectangle. The margin follows
+    from the distance of the inner rectangle to each corner of the crossing.
     """
     x, y = pixel.centre
     least = math.inf
@@ -196,7 +196,7 @@ def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
 
 
 def _check_leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
-    """Velostat conducts: copper of another row or column must not reach it."""
+    """Yield problems of copper too close to a pixel of another row or column."""
     nets = [(f"R{r}", r, -1, net) for r, net in enumerate(pattern.rows)]
     nets += [(f"C{c}", -1, c, net) for c, net in enumerate(pattern.cols)]
     for pixel in pattern.pixels:

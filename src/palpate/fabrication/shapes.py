@@ -1,4 +1,4 @@
-"""Flat shapes in millimetres, x right and y down: boxes, outlines with arcs, strokes."""
+"""Plane shapes in millimetres, x right and y down: rectangles, outlines with arcs, strokes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Rect:
 
     @classmethod
     def around(cls, centre: PointMm, *, width: float, height: float) -> Rect:
-        """Return the rectangle of that size around a centre."""
+        """Return a rectangle of a given size around a centre."""
         x, y = centre
         return cls(
             left=x - width / 2, top=y - height / 2, right=x + width / 2, bottom=y + height / 2
@@ -43,11 +43,11 @@ class Rect:
 
     @property
     def centre(self) -> PointMm:
-        """Its middle."""
+        """Centre of the rectangle, mm."""
         return (self.left + self.right) / 2, (self.top + self.bottom) / 2
 
     def distance(self, other: Rect) -> float:
-        """Return the least distance to another rectangle, mm; 0 where they touch or overlap.
+        """Return the least distance to another rectangle, mm; 0 if they touch or overlap.
 
         >>> one = Rect(left=0, top=0, right=2, bottom=2)
         >>> one.distance(Rect(left=5, top=6, right=9, bottom=9))
@@ -58,7 +58,7 @@ class Rect:
         return math.hypot(across, along)
 
     def common(self, other: Rect) -> Rect | None:
-        """Return the rectangle that both cover, or None where they share no area."""
+        """Return the intersection with another rectangle, or None without a common area."""
         left, right = max(self.left, other.left), min(self.right, other.right)
         top, bottom = max(self.top, other.top), min(self.bottom, other.bottom)
         if left >= right or top >= bottom:
@@ -70,8 +70,8 @@ class Rect:
 class Vertex:
     """A corner of an outline.
 
-    `bulge` is that of the edge that begins here, as in DXF: the tangent of a quarter of the arc's
-    angle, 0 for a straight edge, positive for an arc that turns from +x towards +y.
+    `bulge` belongs to the edge that starts at this vertex, as in DXF: the tangent of a quarter of
+    the arc's angle, 0 for a straight edge, positive for an arc that turns from +x towards +y.
     """
 
     x: float
@@ -86,7 +86,7 @@ class Outline:
     vertices: tuple[Vertex, ...]
 
     def mirror(self, width: float) -> Outline:
-        """Return it as seen from the back of a sheet of that width.
+        """Return the outline as seen from the back of a sheet of a given width.
 
         >>> spike = polygon([(0, 0), (3, 0), (0, 1)])
         >>> [(v.x, v.y) for v in spike.mirror(10).vertices]
@@ -97,7 +97,7 @@ class Outline:
         )
 
     def edges(self) -> Iterable[tuple[Vertex, Vertex]]:
-        """Yield each edge as its two vertices, the closing one included."""
+        """Yield each edge as its two vertices, including the closing edge."""
         return pairwise((*self.vertices, self.vertices[0]))
 
     def length(self) -> float:
@@ -128,7 +128,7 @@ def polygon(points: Sequence[PointMm]) -> Outline:
 def round_corners(points: Sequence[PointMm], *, radius: float) -> Outline:
     """Return a polygon of right angles with its corners rounded.
 
-    Edges must be at least twice the radius long; at exactly that, arc follows arc.
+    The edges must be at least twice as long as the radius.
 
     >>> square = round_corners([(0, 0), (4, 0), (4, 4), (0, 4)], radius=1)
     >>> len(square.vertices), round(square.length(), 4)
@@ -149,12 +149,12 @@ def round_corners(points: Sequence[PointMm], *, radius: float) -> Outline:
             Vertex(x=end[0], y=end[1]),
         ]
     edges = pairwise((*vertices, vertices[0]))
-    # At exactly twice the radius nothing is left of a straight edge.
+    # An edge of exactly twice the radius has no straight part.
     return Outline(vertices=tuple(a for a, b in edges if math.hypot(b.x - a.x, b.y - a.y) > 1e-9))
 
 
 def round_rect(rect: Rect, *, radius: float) -> Outline:
-    """Return a rectangle with rounded corners, or a circle where the radius reaches its middle."""
+    """Return a rectangle with rounded corners; a radius of half its size yields a circle."""
     left, top, right, bottom = rect.left, rect.top, rect.right, rect.bottom
     return round_corners(
         [(left, top), (right, top), (right, bottom), (left, bottom)], radius=radius
@@ -168,30 +168,30 @@ def circle(centre: PointMm, *, diameter: float) -> Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stroke:
-    """A line of right-angled bends, with a width for each leg: one copper part."""
+    """A copper part: a line with right-angled bends and a width for each leg."""
 
-    #: Its middle line, mm; neighbours differ in x or in y, not in both.
+    #: Centre line, mm; neighbouring points differ either in x or in y.
     points: tuple[PointMm, ...]
     #: Width of each leg, mm; one fewer than points.
     widths: tuple[float, ...]
 
     @classmethod
     def of(cls, points: Sequence[PointMm], *, widths: Sequence[float]) -> Stroke:
-        """Make one, leaving out legs without length."""
-        kept, kept_widths = [points[0]], []
+        """Build a stroke without legs of zero length."""
+        used, used_widths = [points[0]], []
         for point, width in zip(points[1:], widths, strict=True):
-            if math.dist(point, kept[-1]) > 1e-9:
-                kept.append(point)
-                kept_widths.append(width)
-        return cls(points=tuple(kept), widths=tuple(kept_widths))
+            if math.dist(point, used[-1]) > 1e-9:
+                used.append(point)
+                used_widths.append(width)
+        return cls(points=tuple(used), widths=tuple(used_widths))
 
     def outline(self) -> Outline:
-        """Return its edge, corners mitred."""
+        """Return the outline with mitred corners."""
         left, right = self._side(1.0), self._side(-1.0)
         return polygon([*left, *reversed(right)])
 
     def rects(self) -> tuple[Rect, ...]:
-        """Return rectangles, one per leg, that together cover exactly what the outline encloses."""
+        """Return one rectangle per leg; their union is the area of the outline."""
         legs = list(pairwise(self.points))
         found = []
         for i, (start, end) in enumerate(legs):
@@ -214,7 +214,7 @@ class Stroke:
         return tuple(found)
 
     def _is_right_angle(self, joint: int) -> bool:
-        """Whether the legs before and after a point stand at right angles."""
+        """Return whether the legs before and after a point form a right angle."""
         into = _direction(self.points[joint - 1], self.points[joint])
         out = _direction(self.points[joint], self.points[joint + 1])
         return into[0] * out[0] + into[1] * out[1] == 0

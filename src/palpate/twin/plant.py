@@ -252,13 +252,13 @@ class Plant:
             return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
         still_s = state.time_s - state.motion.end_s
         spacing_s = _GROWTH * still_s if still_s >= 0 else _TRAVEL_MM / state.motion.rate_mm_per_s
-        step_s = min(max(spacing_s, self._unloaded_time_s(state), _SHORTEST_S), _LONGEST_S)
+        step_s = min(max(spacing_s, self._time_until_load_s(state), _SHORTEST_S), _LONGEST_S)
         if still_s >= 0:
             return state.time_s + step_s
         nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
 
-    def _unloaded_time_s(self, state: PlantState) -> float:
+    def _time_until_load_s(self, state: PlantState) -> float:
         """Return how long the pads stay unloaded; any step within this time is exact."""
         if state.closure_mm >= 0 or state.pixels.target.any():
             return 0.0

@@ -1,4 +1,4 @@
-"""Cut files read back by other people's code: sizes, registration, mirroring, no shorts."""
+"""Cut files read with independent libraries: sizes, registration, mirroring, no shorts."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def design(request: pytest.FixtureRequest) -> SensorDesign:
     return DESIGNS[request.param]
 
 
-def test_an_independent_reader_finds_every_pixel_at_its_size_and_place(
+def test_pattern_svg_has_every_pixel_at_its_size_and_position(
     design: SensorDesign, tmp_path: Path
 ) -> None:
     pattern = lay_out(design)
@@ -104,7 +104,9 @@ def test_an_independent_reader_finds_every_pixel_at_its_size_and_place(
         assert pixel.area == pytest.approx(area, rel=2e-3)
 
 
-def test_marks_lie_at_the_same_place_in_every_file(design: SensorDesign, tmp_path: Path) -> None:
+def test_pattern_marks_have_equal_positions_in_every_file(
+    design: SensorDesign, tmp_path: Path
+) -> None:
     pattern = lay_out(design)
     as_cut = {
         layer.name: polygons(draw_layer_svg(pattern, layer), tmp_path)[len(layer.parts) :]
@@ -122,9 +124,7 @@ def test_marks_lie_at_the_same_place_in_every_file(design: SensorDesign, tmp_pat
             assert mark.bounds[2] - mark.bounds[0] == pytest.approx(MARK_MM, abs=0.01)
 
 
-def test_no_copper_of_two_nets_is_joined_and_rows_meet_columns_only_through_velostat(
-    design: SensorDesign, tmp_path: Path
-) -> None:
+def test_pattern_has_no_shorts_between_nets(design: SensorDesign, tmp_path: Path) -> None:
     layers = cut_layers(lay_out(design), tmp_path)
     rows, cols = layers["2-copper-rows"][0], layers["4-copper-columns"][0]
     pixels = layers["3-velostat"][0]
@@ -146,7 +146,7 @@ def test_no_copper_of_two_nets_is_joined_and_rows_meet_columns_only_through_velo
         assert all(pixel.distance(net) >= 0.5 - 1e-6 for net in strangers)
 
 
-def test_pads_are_bare_on_one_side_and_everything_else_is_taped(
+def test_pattern_pads_are_bare_and_other_copper_is_covered(
     design: SensorDesign, tmp_path: Path
 ) -> None:
     layers = cut_layers(lay_out(design), tmp_path)
@@ -161,7 +161,7 @@ def test_pads_are_bare_on_one_side_and_everything_else_is_taped(
     assert all(taped.buffer(-0.45).contains(pixel) for pixel in layers["3-velostat"][0])
 
 
-def test_what_refusals_measure_is_what_is_cut(design: SensorDesign, tmp_path: Path) -> None:
+def test_pattern_rectangles_match_cut_copper(design: SensorDesign, tmp_path: Path) -> None:
     pattern = lay_out(design)
     check_design(design, cutter=Cutter())
     check_pattern(pattern, cutter=Cutter())
@@ -179,7 +179,7 @@ def test_what_refusals_measure_is_what_is_cut(design: SensorDesign, tmp_path: Pa
             assert boxes.symmetric_difference(cut).area < 0.01
 
 
-def test_the_command_writes_every_file_and_says_so(tmp_path: Path, palpate: Command) -> None:
+def test_pattern_command_writes_and_lists_every_file(tmp_path: Path, palpate: Command) -> None:
     out = tmp_path / "new" / "sensor"
     summary = palpate("pattern", "--preset", "paper-3x2", "--out", out, "--dxf", "--json").document
     assert sorted(summary["files"]) == sorted(str(p) for p in out.iterdir())
@@ -196,7 +196,7 @@ def test_the_command_writes_every_file_and_says_so(tmp_path: Path, palpate: Comm
     assert 'width="48.15mm"' in combined
 
 
-def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path, palpate: Command) -> None:
+def test_pattern_dxf_and_svg_have_equal_lines(tmp_path: Path, palpate: Command) -> None:
     palpate("pattern", "--out", tmp_path, "--shape", "rounded", "--dxf", "--json", "--name", "r")
     height = lay_out(replace(PRESETS["paper-2x2"], corner_mm=1.5)).height
     for svg in sorted(tmp_path.glob("r-*.svg")):
@@ -236,7 +236,7 @@ def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path, palpate: Comm
         (["--name", "../x"], "--name '../x'"),
     ],
 )
-def test_what_cannot_work_is_refused_in_one_line_and_nothing_is_written(
+def test_pattern_command_invalid_design_is_refused_without_files(
     options: list[str], words: str, tmp_path: Path, palpate: Command
 ) -> None:
     out = tmp_path / "out"

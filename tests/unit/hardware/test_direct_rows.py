@@ -1,4 +1,4 @@
-"""The smallest pixels of direct rows, by the whole network with the pins' own resistance."""
+"""Smallest pixels of direct rows, from the full network with pin resistance."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def read_all(ohm: float, *, rows: int, cols: int, pin_ohm: float) -> tuple[float
     return float(np.abs(solved / ohm - 1.0).max()), amperes
 
 
-def test_the_network_without_pin_resistance_is_what_the_correction_assumes() -> None:
+def test_direct_rows_without_pin_resistance_match_correction() -> None:
     error, _ = read_all(60.0, rows=4, cols=2, pin_ohm=1e-6)
     assert error < 1e-6
 
@@ -55,20 +55,18 @@ ROWS = re.findall(r"^\| (\d+) \| ([\d.]+) (k?)Ω \|$", README, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("cols", "number", "kilo"), ROWS)
-def test_smallest_pixels_keep_the_pins_within_their_limits(
-    cols: str, number: str, kilo: str
-) -> None:
+def test_direct_rows_smallest_pixels_respect_pin_limits(cols: str, number: str, kilo: str) -> None:
     ohm = float(number) * (1e3 if kilo else 1.0)
     for rows in (2, 6, 16):
         error, amperes = read_all(ohm, rows=rows, cols=int(cols), pin_ohm=PIN_OHM)
         assert error <= 0.081
         assert amperes <= MOST_A
-    # Half of it breaks one of the limits: the table does not promise too little.
+    # Half of the resistance violates a limit, so the table is not too conservative.
     error, amperes = read_all(ohm / 2.0, rows=16, cols=int(cols), pin_ohm=PIN_OHM)
     assert error > 0.081 or amperes > MOST_A
 
 
-def test_the_table_and_the_current_at_60_ohm_are_there() -> None:
+def test_direct_rows_readme_states_table_and_current() -> None:
     assert len(ROWS) == 4
     assert "up to 76 mA" in README
     assert read_all(60.0, rows=6, cols=2, pin_ohm=25.0)[1] == pytest.approx(0.076, abs=5e-4)

@@ -1,4 +1,4 @@
-"""The gripper drawing: equal lines in both files, parts apart on the sheet."""
+"""The gripper drawing: equal lines in both files, no overlapping parts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def dxf_lines() -> list[Polygon]:
     return [Polygon([(p.x, SHEET_MM[1] - p.y) for p in path.flattening(0.01)]) for path in paths]
 
 
-def test_gripper_drawing_pieces_lie_apart_on_the_sheet() -> None:
+def test_gripper_drawing_parts_do_not_overlap() -> None:
     lines = dxf_lines()
     assert all(line.is_valid for line in lines)
     pieces = [one for one in lines if not any(o.contains(one) for o in lines if o is not one)]

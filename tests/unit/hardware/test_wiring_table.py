@@ -1,4 +1,4 @@
-"""The wiring table, the drawings and the resistor table say what firmware and code do."""
+"""The wiring table, drawings and resistor table match the firmware and the code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BOARD = (ROOT / "firmware" / "board" / "mega2560.h").read_text()
 
 
 def wired(pins: str) -> str:
-    """What the wiring table says of these pins."""
+    """Return the entry of the wiring table for some pins."""
     for line in README.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 3 and cells[0] == pins:
@@ -28,7 +28,7 @@ def wired(pins: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("firmware", "pins", "said"),
+    ("firmware", "pins", "entry"),
     [
         (r"A0 \(divider\)", "A0", "divider"),
         (r"A1 \(pressure\n// read-back\)", "A1", "pressure read back"),
@@ -45,9 +45,9 @@ def wired(pins: str) -> str:
         (r"D, 7 +// 38: load cell 1 data", "39, 38", "SCK and DT of load-cell amplifier 1"),
     ],
 )
-def test_pins_are_the_firmwares(firmware: str, pins: str, said: str) -> None:
+def test_wiring_table_matches_firmware_pins(firmware: str, pins: str, entry: str) -> None:
     assert re.search(firmware, BOARD), f"the board file has changed: {firmware}"
-    assert said in wired(pins)
+    assert entry in wired(pins)
 
 
 UNO = (ROOT / "firmware" / "board" / "atmega328p.h").read_text()
@@ -67,7 +67,7 @@ UNO = (ROOT / "firmware" / "board" / "atmega328p.h").read_text()
         (r"B, 2 +// 10: servo signal", "| 10 | through 330 Ω the signal of a hobby servo |"),
     ],
 )
-def test_pins_of_the_uno_are_the_firmwares(firmware: str, row: str) -> None:
+def test_readme_uno_pins_match_firmware(firmware: str, row: str) -> None:
     assert re.search(firmware, UNO)
     assert row in README
 
@@ -83,7 +83,7 @@ def plan_of_board(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "hardware" / "perfboard.py"))
 
 
-def test_plan_of_the_board_joins_what_the_wiring_table_says(
+def test_perfboard_plan_matches_wiring_table(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     board = plan_of_board(monkeypatch)
@@ -109,7 +109,7 @@ def test_plan_of_the_board_joins_what_the_wiring_table_says(
 
 
 @pytest.mark.parametrize("name", ["wiring", "layouts", "perfboard"])
-def test_drawings_are_up_to_date(
+def test_hardware_drawings_match_their_scripts(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = {"perfboard": plan_of_board(monkeypatch)}.get(
@@ -121,7 +121,7 @@ def test_drawings_are_up_to_date(
 
 
 @pytest.mark.parametrize("layout", [RIGID_LAYOUT, SOFT_LAYOUT], ids=lambda layout: layout.name)
-def test_layout_table(layout: ArrayLayout) -> None:
+def test_readme_layout_table_matches_layouts(layout: ArrayLayout) -> None:
     row = next(line for line in README.splitlines() if line.startswith(f"| `{layout.name}`"))
     assert f"{layout.rows} rows x {layout.cols} columns" in row
     assert f"{layout.pixels} on two" in row
@@ -132,7 +132,7 @@ def ohm(text: str) -> float:
     return float(number) * {"kΩ": 1e3, "Ω": 1.0}[unit]
 
 
-def test_resistor_table_is_what_the_doctor_recommends() -> None:
+def test_readme_resistor_table_matches_doctor() -> None:
     rows = re.findall(
         r"^\| ([\d.]+ k?Ω) to ([\d.]+ k?Ω) \| ([\d.]+) % \| ([\d.]+ k?Ω) \| ([\d.]+) % \|$",
         README,

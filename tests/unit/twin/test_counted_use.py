@@ -1,4 +1,4 @@
-"""Repeated counts of a sheet's use count no contact twice."""
+"""Contacts are counted once in the use of a sheet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.twin.velostat import Environment, draw_sheet
 
 
 def gain(environment: Environment, *, contacts: int) -> float:
-    """Return the mean gain of one contact; chance is the same whatever the surroundings."""
+    """Return the mean gain of one contact with a fixed seed."""
     sheet = draw_sheet(np.random.default_rng(5), layout=RIGID_LAYOUT, level="field")
     placements = Placements(
         sheet=sheet, grid=PixelGrid.of(RIGID_LAYOUT), ranges=ranges_of("field"), seed=5
@@ -19,7 +19,7 @@ def gain(environment: Environment, *, contacts: int) -> float:
     return float(placements.of(1, contacts, environment=environment).gain.mean())
 
 
-def test_own_contacts_wear_besides_unless_they_are_in_the_count() -> None:
+def test_placements_count_own_contacts_only_once() -> None:
     before = gain(Environment(cycles=200), contacts=100)
     assert gain(Environment(cycles=300, cycles_are_all=True), contacts=100) == before
     assert gain(Environment(cycles=300), contacts=100) != before

@@ -1,4 +1,4 @@
-"""A mixed crate on the twin: what is drawn, and that it fits the hand."""
+"""Simulated mixed crates: draws within ranges and within the range of the gripper."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ALL = {**CRATE_TAUGHT, **CRATE_STRANGERS}
 
 
 @pytest.mark.parametrize("kind", ALL)
-def test_every_side_of_every_item_is_within_its_kind_and_the_open_hand(kind: str) -> None:
+def test_crate_item_sides_are_within_ranges_and_gripper(kind: str) -> None:
     ranges = ALL[kind]
     for item in draw_crate([kind] * 20, seed=1):
         assert ranges.size_mm[0] <= item.mean.size_mm <= ranges.size_mm[1]
@@ -31,7 +31,7 @@ def test_every_side_of_every_item_is_within_its_kind_and_the_open_hand(kind: str
         assert item.mean.yield_n <= item.mean.rupture_n
 
 
-def test_a_crate_is_the_same_for_a_seed_and_mixed() -> None:
+def test_draw_mixed_crate_is_reproducible_and_mixed() -> None:
     crate = draw_mixed_crate(24, seed=3, strangers_share=0.25)
     assert crate == draw_mixed_crate(24, seed=3, strangers_share=0.25)
     assert sum(not item.taught for item in crate) == 6
@@ -41,18 +41,18 @@ def test_a_crate_is_the_same_for_a_seed_and_mixed() -> None:
     ]
 
 
-def test_a_body_of_hertz_stiffens_with_size_and_modulus() -> None:
+def test_hertz_force_grows_with_size_and_modulus() -> None:
     one = hertz_force_at_1mm_n(1.0, size_mm=40.0)
     assert hertz_force_at_1mm_n(2.0, size_mm=40.0) == pytest.approx(2 * one)
     assert hertz_force_at_1mm_n(1.0, size_mm=160.0) == pytest.approx(2 * one)
 
 
-def test_an_unknown_kind_names_those_there_are() -> None:
+def test_draw_crate_unknown_kind_error_lists_kinds() -> None:
     with pytest.raises(ValueError, match="no crate kind 'pear'; there are: cherry-tomato"):
         draw_crate(["pear"], seed=1)
 
 
-def test_bringing_an_item_opens_the_hand_and_leaves_no_old_frames() -> None:
+def test_crate_table_bring_opens_gripper_and_drops_old_frames() -> None:
     table = CrateTable(sensor=1, seed=2)
     first, second = draw_crate(["egg", "apple"], seed=5)
     table.bring(first)

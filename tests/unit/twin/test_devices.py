@@ -1,4 +1,4 @@
-"""The twin's sensor, gripper and load cell as their users meet them."""
+"""The simulated sensor, gripper and load cell."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def world(name: str = "dragonskin-10", **options: object) -> World:
     return World(obj, seed=1, **options)  # type: ignore[arg-type]
 
 
-def test_frames_come_on_a_raster_and_move_the_clock() -> None:
+def test_twin_array_reads_at_fixed_rate_and_advances_clock() -> None:
     clock = ManualClock(start_s=100.0)
     array = TwinArray(world(clock=clock, frame_rate_hz=50.0))
     frames = [array.read(timeout_s=1.0) for _ in range(10)]
@@ -28,7 +28,7 @@ def test_frames_come_on_a_raster_and_move_the_clock() -> None:
     assert frames[0].counts.shape == (4, 2)
 
 
-def test_frames_that_nobody_read_wait_in_order() -> None:
+def test_twin_array_queues_unread_frames_in_order() -> None:
     setting = world(frame_rate_hz=10.0)
     array, gripper = TwinArray(setting), TwinGripper(setting)
     setting.clock.sleep_s(1.0)
@@ -38,12 +38,12 @@ def test_frames_that_nobody_read_wait_in_order() -> None:
     frames = [array.read(timeout_s=1.0) for _ in range(20)]
     assert [f.sequence for f in frames] == list(range(20))
     assert setting.clock.now_s() == pytest.approx(2.0)
-    # What was scanned before the command doesn't know of it.
+    # Frames scanned before the command are not affected by it.
     assert np.ptp([f.counts.mean() for f in frames[:9]]) < 5
     assert frames[-1].counts.mean() > frames[0].counts.mean() + 20
 
 
-def test_a_slow_raster_times_out() -> None:
+def test_twin_array_slow_rate_raises_timeout() -> None:
     setting = world(frame_rate_hz=2.0)
     array = TwinArray(setting)
     with pytest.raises(DeviceTimeoutError, match=r"scans every 0\.5 s"):
@@ -54,20 +54,20 @@ def test_a_slow_raster_times_out() -> None:
     assert setting.watchers == []
 
 
-def test_oversampled_counts_are_sums_of_conversions() -> None:
+def test_twin_array_oversampled_counts_are_sums() -> None:
     frame = TwinArray(world(oversampling=16)).read(timeout_s=1.0)
     single = TwinArray(world()).read(timeout_s=1.0)
     assert frame.oversampling == 16
     np.testing.assert_allclose(frame.counts / 16, single.counts, atol=3)
 
 
-def test_gripper_says_what_it_really_sent() -> None:
+def test_twin_gripper_returns_clamped_command() -> None:
     gripper = TwinGripper(world())
     sent = gripper.command(GripperCommand(target=-5.0, rate=1e6))
     assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
 
 
-def test_gripper_moves_at_its_rate_stops_and_releases() -> None:
+def test_twin_gripper_moves_at_rate_stops_and_releases() -> None:
     setting = world()
     gripper = TwinGripper(setting)
     gripper.command(GripperCommand(target=54.0, rate=10.0))
@@ -83,7 +83,7 @@ def test_gripper_moves_at_its_rate_stops_and_releases() -> None:
     assert gripper.state().width_mm == gripper.limits.highest
 
 
-def test_current_witnesses_the_grip_roughly() -> None:
+def test_twin_gripper_current_rises_with_grip() -> None:
     setting = world()
     gripper = TwinGripper(setting)
     idle = np.mean([gripper.state().current_ma for _ in range(50)])
@@ -94,7 +94,7 @@ def test_current_witnesses_the_grip_roughly() -> None:
     assert gripping > 40
 
 
-def test_current_at_rest_depends_on_how_the_fingers_stopped() -> None:
+def test_twin_gripper_current_at_rest_varies_between_stops() -> None:
     setting = world("springs-4")
     gripper = TwinGripper(setting)
     setting.clock.sleep_s(1.0)
@@ -105,12 +105,12 @@ def test_current_at_rest_depends_on_how_the_fingers_stopped() -> None:
             setting.clock.sleep_s(2.0)
             reading = np.mean([gripper.state().current_ma for _ in range(20)])
             held.setdefault(width_mm, []).append(float(reading))
-    # The same grip again and again: friction of the gears leaves more than the noise.
+    # At equal grips, the variation from gear friction exceeds the noise.
     assert np.std(held[42.0]) > 10
     assert np.mean(held[42.0]) > np.mean(held[43.0])
 
 
-def test_soft_gripper_reports_pressure_only() -> None:
+def test_twin_soft_gripper_reports_pressure_only() -> None:
     setting = world("avocado-day-3", gripper="soft")
     gripper = TwinGripper(setting)
     assert gripper.limits.drive == "pressure"
@@ -125,7 +125,7 @@ def test_soft_gripper_reports_pressure_only() -> None:
     gripper.close()
 
 
-def test_load_cell_weighs_in_grams() -> None:
+def test_twin_load_cell_reads_in_one_gram_steps() -> None:
     setting = world("rigid-block")
     cell, gripper = TwinLoadCell(setting), TwinGripper(setting)
     assert abs(cell.read_n()) < 0.03

@@ -1,4 +1,4 @@
-"""Lifting, slipping, pushing in, touching, and the play of the fingers."""
+"""Lifting, slipping, first contact, and backlash of the fingers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def gripped(closure_mm: float, **changes: float) -> World:
     return world
 
 
-def test_friction_of_both_fingers_carries_the_weight() -> None:
+def test_lift_with_sufficient_friction_holds_object() -> None:
     world = gripped(1.5)
     assert 2 * 0.5 * world.force_n(3.0) > 100.0 * N_PER_G
     world.lift()
@@ -33,25 +33,25 @@ def test_friction_of_both_fingers_carries_the_weight() -> None:
     assert not world.has_dropped
 
 
-def test_too_weak_a_grip_drops_it() -> None:
+def test_lift_with_weak_grip_drops_object() -> None:
     world = gripped(0.8)
     weight_n = 100.0 * N_PER_G
     assert 2 * 0.5 * world.force_n(3.0) < weight_n
     world.lift()
     assert world.force_n(4.0) == 0.0
     assert world.has_dropped
-    # What it was about stays known: how it was held, and that nothing was damaged.
+    # The truth about the dropped object remains available.
     assert world.truth().size_mm == fruit().size_mm
 
 
-def test_more_pull_tears_it_out() -> None:
+def test_lift_with_additional_pull_drops_object() -> None:
     world = gripped(1.5)
     world.lift(more_n=5.0)
     world.force_n(4.0)
     assert world.has_dropped
 
 
-def test_opening_puts_it_down_first() -> None:
+def test_opening_after_lift_puts_object_down() -> None:
     world = gripped(1.5)
     world.lift()
     world.clock.sleep_s(1.0)
@@ -60,7 +60,7 @@ def test_opening_puts_it_down_first() -> None:
     assert not world.has_dropped
 
 
-def test_sliding_moves_the_load_over_the_pixels() -> None:
+def test_sliding_object_moves_load_between_pixels() -> None:
     world = gripped(1.5)
     before = world.pixel_resistance_ohm(3.0)
     carried_n = 2 * 0.5 * world.force_n(3.0)
@@ -71,17 +71,17 @@ def test_sliding_moves_the_load_over_the_pixels() -> None:
 
 
 @pytest.mark.parametrize("pull_n", [0.5, 0.99])
-def test_friction_holds_up_to_its_limit(pull_n: float) -> None:
+def test_slide_below_friction_limit_does_not_move(pull_n: float) -> None:
     assert Slide().after(1.0, pull_n=pull_n, grip_n=1.0, friction=0.5, mass_g=50.0) == Slide()
 
 
-def test_what_slides_holds_less() -> None:
+def test_slide_once_moving_has_less_friction() -> None:
     sliding = Slide(slid_mm=1.0, speed_mm_per_s=10.0)
     later = sliding.after(0.01, pull_n=0.9, grip_n=1.0, friction=0.5, mass_g=50.0)
     assert later.speed_mm_per_s > 10.0
 
 
-def test_nothing_fits_between_closed_fingers() -> None:
+def test_place_between_closed_fingers_is_refused() -> None:
     world = World(None, seed=2)
     world.drive(50.0, rate=30.0)
     world.clock.sleep_s(3.0)
@@ -89,7 +89,7 @@ def test_nothing_fits_between_closed_fingers() -> None:
         world.place(fruit())
 
 
-def test_one_finger_comes_first_and_feels_what_it_pushes() -> None:
+def test_off_middle_object_loads_only_the_first_finger() -> None:
     heavy = fruit(size_mm=50.0)
     heavy = replace(heavy, mass_g=300.0)
     world = World(heavy, seed=3, level="field")
@@ -97,14 +97,14 @@ def test_one_finger_comes_first_and_feels_what_it_pushes() -> None:
     placement = world._plant.placement(0, 0)
     assert placement.lead_mm > 0.5
     world.drive(50.0 + placement.lead_mm / 2, rate=20.0, time_s=0.5)
-    felt = (world.pixel_resistance_ohm(4.0) / rest).reshape(2, -1).min(axis=1)
+    relative = (world.pixel_resistance_ohm(4.0) / rest).reshape(2, -1).min(axis=1)
     first = placement.first_finger
     assert world.force_n(4.0) == 0.0
-    assert felt[first] < 0.95
-    assert felt[1 - first] > 0.99
+    assert relative[first] < 0.95
+    assert relative[1 - first] > 0.99
 
 
-def test_the_play_must_be_taken_up_before_a_finger_opens() -> None:
+def test_opening_within_backlash_preserves_grip_force() -> None:
     world = gripped(2.0)
     held_n = world.force_n(30.0)
     world.drive(world.drive_value(30.0) + 0.9 * world.backlash_mm, rate=20.0, time_s=30.0)

@@ -1,4 +1,4 @@
-"""Simulated time at the pace of the wall's clock."""
+"""Simulated frames in real time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def array() -> TwinArray:
     return TwinArray(World(None, seed=1, frame_rate_hz=50.0))
 
 
-def test_frames_come_at_the_pace_of_the_wall(array: TwinArray) -> None:
+def test_paced_array_returns_frames_in_real_time(array: TwinArray) -> None:
     paced = PacedArray(array, speed=5.0)
     began_s = time.monotonic()
     frames = [paced.read(timeout_s=1.0) for _ in range(26)]
@@ -27,18 +27,18 @@ def test_frames_come_at_the_pace_of_the_wall(array: TwinArray) -> None:
     assert took_s >= 0.1
 
 
-def test_a_request_does_not_wait_for_the_wall(array: TwinArray) -> None:
+def test_paced_array_skip_wait_returns_frame_at_once(array: TwinArray) -> None:
     paced = PacedArray(array, speed=0.025)
     paced.read(timeout_s=1.0)
-    hurrying = threading.Timer(0.05, paced.skip_wait)
-    hurrying.start()
+    timer = threading.Timer(0.05, paced.skip_wait)
+    timer.start()
     began_s = time.monotonic()
     paced.read(timeout_s=1.0)  # due in 0.8 s
     assert time.monotonic() - began_s < 0.7
-    hurrying.join()
+    timer.join()
 
 
-def test_a_change_of_speed_takes_effect_at_once(array: TwinArray) -> None:
+def test_paced_array_speed_change_is_immediate(array: TwinArray) -> None:
     paced = PacedArray(array, speed=0.1)
     paced.read(timeout_s=1.0)
     paced.speed = 1000.0

@@ -1,4 +1,4 @@
-"""The simulated servo's current: what its gears add on the way, and hold at rest."""
+"""The simulated servo current: gear friction in motion and at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.settling.result import FloatArray
 from palpate.twin.devices import ServoCurrent
 from palpate.twin.ranges import LAB, Ranges
 
-#: No warmth, so that friction alone differs; 40 mA of it and none by load.
+#: No temperature effect; 40 mA of friction, independent of the load.
 PLAIN = replace(
     LAB,
     servo_friction_ma=(40.0, 40.0),
@@ -32,23 +32,23 @@ def _sweep(current: ServoCurrent, widths_mm: FloatArray) -> FloatArray:
     )
 
 
-def test_friction_adds_while_closing_and_takes_while_opening() -> None:
+def test_servo_current_friction_sign_follows_direction() -> None:
     current = _current(PLAIN)
     assert _sweep(current, np.arange(60.0, 20.0, -0.1))[1:].mean() == pytest.approx(40.0, abs=1.0)
     assert _sweep(current, np.arange(20.0, 60.0, 0.1))[1:].mean() == pytest.approx(-40.0, abs=1.0)
 
 
-def test_no_two_movements_meet_the_same_friction() -> None:
+def test_servo_current_friction_varies_between_movements() -> None:
     current = _current(replace(PLAIN, servo_friction_movement_sd=(0.2, 0.2)))
     closing, opening = np.arange(60.0, 50.0, -0.1), np.arange(50.0, 60.0, 0.1)
-    met = []
+    means = []
     for _ in range(60):
-        met.append(_sweep(current, closing)[1:].mean())
+        means.append(_sweep(current, closing)[1:].mean())
         _sweep(current, opening)
-    assert np.std(np.log(met)) == pytest.approx(0.2, rel=0.25)
+    assert np.std(np.log(means)) == pytest.approx(0.2, rel=0.25)
 
 
-def test_friction_along_the_way_is_of_the_place() -> None:
+def test_servo_current_ripple_repeats_with_position() -> None:
     ranges = replace(PLAIN, servo_friction_ripple=(0.25, 0.25), servo_friction_period_mm=(5.0, 5.0))
     widths_mm = np.arange(60.0, 20.0, -0.05)
     one, other = (_sweep(_current(ranges, session=session), widths_mm) for session in (1, 2))
@@ -56,7 +56,7 @@ def test_friction_along_the_way_is_of_the_place() -> None:
     assert np.std(one[1:]) > 40.0 * 0.25 / np.sqrt(2)
 
 
-def test_at_rest_it_is_anywhere_in_the_band_and_stays() -> None:
+def test_servo_current_at_rest_is_constant_within_friction_band() -> None:
     current, held = _current(PLAIN), []
     for number in range(80):
         width_mm = 60.0 - 0.1 * number

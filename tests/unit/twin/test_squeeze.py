@@ -1,4 +1,4 @@
-"""An object that relaxes: between fingers that keep their place, and fingers that keep force."""
+"""A relaxing object at constant closure and at constant force."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ STIFF = HandCompliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0
 SOFT = HandCompliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
 
 
-def fruit(share: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
+def fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
     return TwinObject(
         name="fruit",
         size_mm=50.0,
         contact="linear",
         force_at_1mm_n=4.0,
-        relaxing_share=(share,),
+        relaxing_share=(fraction,),
         relaxing_time_s=(tau_s,),
         flat=True,
     )
@@ -34,7 +34,7 @@ def fruit(share: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
 def held(
     obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
 ) -> RelaxingForce:
-    """Close at once, and hold in small steps."""
+    """Return the force after a sudden closure and a hold in small steps."""
     squeeze = RelaxingForce.none(obj).close_to(obj, closure_mm, step_s=1e-9, compliance=compliance)
     for start, end in pairwise(np.linspace(0.0, until_s, 400)):
         step_s = float(end - start)
@@ -43,14 +43,14 @@ def held(
 
 
 @pytest.mark.parametrize("at_s", [0.5, 2.0, 8.0])
-def test_between_fingers_that_keep_their_place_it_relaxes(at_s: float) -> None:
+def test_relaxing_force_at_constant_closure_decays(at_s: float) -> None:
     squeeze = held(fruit(), 2.0, compliance=STIFF, until_s=at_s)
     assert squeeze.elastic_n == pytest.approx(8.0, rel=1e-6)
     assert squeeze.force_n == pytest.approx(8.0 * (0.7 + 0.3 * math.exp(-at_s / 2.0)), rel=1e-5)
 
 
 @pytest.mark.parametrize("at_s", [0.5, 2.0, 8.0])
-def test_between_fingers_that_keep_their_force_it_creeps(at_s: float) -> None:
+def test_relaxing_force_at_constant_force_creeps(at_s: float) -> None:
     # A standard linear solid under constant force: J(t) = 1 + s/(1-s) (1 - exp(-(1-s) t / tau)).
     closure_mm = 1e3 * 2.0
     squeeze = held(fruit(), closure_mm, compliance=SOFT, until_s=at_s)
@@ -61,19 +61,25 @@ def test_between_fingers_that_keep_their_force_it_creeps(at_s: float) -> None:
 
 @pytest.mark.slow
 @settings(deadline=None)
-@given(share=st.floats(0.0, 0.5), closure=st.floats(0.1, 4.0), give=st.floats(0.0, 5.0))
-def test_the_longer_it_is_held_the_less_force_is_left(
-    share: float, closure: float, give: float
+@given(
+    fraction=st.floats(0.0, 0.5),
+    closure=st.floats(0.1, 4.0),
+    compliance_mm_per_n=st.floats(0.0, 5.0),
+)
+def test_relaxing_force_decreases_with_time(
+    fraction: float, closure: float, compliance_mm_per_n: float
 ) -> None:
-    compliance = HandCompliance(finger_mm_per_n=give, pad_travel_mm=0.3, pad_force_n=2.0)
-    obj = fruit(share)
+    compliance = HandCompliance(
+        finger_mm_per_n=compliance_mm_per_n, pad_travel_mm=0.3, pad_force_n=2.0
+    )
+    obj = fruit(fraction)
     early = held(obj, closure, compliance=compliance, until_s=0.5)
     late = held(obj, closure, compliance=compliance, until_s=20.0)
     assert 0.0 < late.force_n <= early.force_n * (1 + 1e-9)
     assert late.elastic_n >= early.elastic_n * (1 - 1e-9)
 
 
-def test_opened_too_far_it_presses_no_more_and_never_pulls() -> None:
+def test_relaxing_force_after_opening_is_zero_not_negative() -> None:
     obj = fruit(0.5)
     squeeze = held(obj, 3.0, compliance=STIFF, until_s=10.0)
     less = squeeze.close_to(obj, 0.2, step_s=0.01, compliance=STIFF)
@@ -81,7 +87,7 @@ def test_opened_too_far_it_presses_no_more_and_never_pulls() -> None:
     assert squeeze.close_to(obj, -1.0, step_s=0.01, compliance=STIFF).force_n == 0.0
 
 
-def test_soft_fingers_lose_little_force_to_a_fruit_that_rigid_ones_lose_much_to() -> None:
+def test_soft_fingers_lose_less_force_to_relaxation_than_rigid() -> None:
     def lost(world: World, target: float) -> float:
         world.drive(target, rate=60.0)
         world.clock.sleep_s(0.6)
@@ -92,7 +98,7 @@ def test_soft_fingers_lose_little_force_to_a_fruit_that_rigid_ones_lose_much_to(
     assert 0.01 < soft < 0.5 * lost(World(fruit(), seed=1), 47.0)
 
 
-def test_an_object_that_bursts_is_damaged_however_small_the_force() -> None:
+def test_rupture_below_yield_force_counts_as_damage() -> None:
     world = World(replace(fruit(), rupture_n=3.0, yield_n=50.0), seed=1)
     world.drive(47.0, rate=20.0)
     world.clock.sleep_s(3.0)

@@ -1,4 +1,4 @@
-"""The sheet: creep families, coordinates, hysteresis, surroundings and wear."""
+"""The Velostat sheet: creep, coordinates, hysteresis, environment and wear."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.twin.velostat import (
 
 
 def step_response(creep: Creep, time_s: np.ndarray) -> np.ndarray:
-    """Return the answer to a unit step of load at time 0."""
+    """Return the response to a unit step of load at time 0."""
     return creep.instant - np.expm1(-time_s[:, None] / creep.tau_s) @ creep.weight
 
 
@@ -30,15 +30,15 @@ def sheet(family: str = "two-mode", *, seed: int = 1, level: str = "lab") -> She
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("level", ["lab", "field"])
-def test_every_family_settles_to_one_at_the_horizon(family: str, level: str) -> None:
+def test_creep_families_reach_one_at_horizon(family: str, level: str) -> None:
     creep = sheet(family, level=level).family.draw(np.random.default_rng(2))
     assert step_response(creep, np.array([SETTLED_S])).item() == pytest.approx(1.0, abs=1e-12)
     assert 0.0 < creep.instant < 1.2
 
 
-def test_two_mode_family_is_the_one_that_was_fitted() -> None:
+def test_two_mode_creep_matches_fit_to_table_1() -> None:
     class Typical(np.random.Generator):
-        """Draws the middle of every distribution."""
+        """A generator that draws the median of every normal distribution."""
 
         def standard_normal(self, *_: object, **__: object) -> float:  # type: ignore[override]
             return 0.0
@@ -54,7 +54,7 @@ def test_two_mode_family_is_the_one_that_was_fitted() -> None:
     np.testing.assert_allclose(step_response(creep, time_s), expected, atol=6e-4)
 
 
-def test_slow_power_family_is_a_power_law() -> None:
+def test_slow_power_creep_matches_power_law() -> None:
     creep = slow_power_creep(0.6, exponent=0.4, start_s=0.3)
     time_s = np.geomspace(0.02, 40, 60)
     expected = 1 - 0.6 * ((1 + time_s / 0.3) ** -0.4 - (1 + 20 / 0.3) ** -0.4)
@@ -62,7 +62,7 @@ def test_slow_power_family_is_a_power_law() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_the_creep_coordinate_is_a_monotone_round_trip(family: str) -> None:
+def test_creep_coordinate_is_monotonic_and_invertible(family: str) -> None:
     law = sheet(family).family
     excess = np.r_[0.0, np.geomspace(1e-4, 1e4, 200)]
     v = law.coordinate(excess)
@@ -70,7 +70,7 @@ def test_the_creep_coordinate_is_a_monotone_round_trip(family: str) -> None:
     np.testing.assert_allclose(law.excess(v), excess, rtol=1e-9, atol=1e-12)
 
 
-def test_static_law_has_a_threshold_and_saturates() -> None:
+def test_static_excess_has_threshold_and_saturation() -> None:
     one = sheet()
     gain = np.ones(1)
     at = [one.static_excess(np.array([n]), gain=gain).item() for n in (0.5 * one.threshold_n, 1e4)]
@@ -78,16 +78,16 @@ def test_static_law_has_a_threshold_and_saturates() -> None:
     assert 0.9 * one.saturation < at[1] <= one.saturation
 
 
-def test_hysteresis_holds_on_and_then_follows() -> None:
+def test_sheet_follow_falls_only_beyond_hysteresis() -> None:
     one = sheet()
-    felt = one.follow(np.array([2.0]), np.array([2.0 / (1 + 0.5 * one.hysteresis)]))
-    assert felt.item() == 2.0
+    followed = one.follow(np.array([2.0]), np.array([2.0 / (1 + 0.5 * one.hysteresis)]))
+    assert followed.item() == 2.0
     assert one.follow(np.array([2.0]), np.array([1.0])).item() == pytest.approx(1 + one.hysteresis)
     assert one.follow(np.array([2.0]), np.array([3.0])).item() == 3.0
     assert one.follow(np.array([2.0]), np.array([0.0])).item() == 0.0
 
 
-def test_warmth_lowers_resistance_and_use_wears_in() -> None:
+def test_sheet_warmth_lowers_resistance_and_use_reduces_gain() -> None:
     one = sheet()
     assert one.rest_factor(Environment()) == 1.0
     assert one.rest_factor(Environment(temperature_c=30.0)) < 1.0
@@ -96,21 +96,21 @@ def test_warmth_lowers_resistance_and_use_wears_in() -> None:
     assert used == pytest.approx(np.exp(5 * one.gain_per_1000_cycles), abs=1e-3)
 
 
-def test_suction_takes_a_share_of_the_conductance_away() -> None:
+def test_sheet_suction_raises_rest_resistance_to_limit() -> None:
     one = sheet()
     factors = [one.rest_factor(Environment(suction_kpa=kpa)) for kpa in (0.0, 10.0, 1e3)]
     assert np.all(np.diff(factors) > 0)
     assert factors[-1] == pytest.approx(1.0 / (1.0 - one.lift_fraction))
 
 
-def test_aging_leaves_the_other_draws_alone() -> None:
-    # What follows the sheet in its stream is the gripper: an aging range must not shift it.
+def test_draw_sheet_aging_does_not_shift_random_stream() -> None:
+    # The gripper is drawn after the sheet from the same stream, which aging must not shift.
     rng = np.random.default_rng(5)
     draw_sheet(rng, layout=RIGID_LAYOUT, level="lab", family="two-mode")
     assert rng.uniform() == pytest.approx(0.2032528361145648)
 
 
-def test_unknown_names_are_listed() -> None:
+def test_draw_sheet_unknown_name_error_lists_names() -> None:
     with pytest.raises(ValueError, match="two-mode, slow-power, hetero"):
         sheet("exponential")
     with pytest.raises(ValueError, match="lab, field"):

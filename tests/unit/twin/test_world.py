@@ -35,7 +35,7 @@ def change(world: World, time_s: float) -> float:
 
 @pytest.mark.parametrize("level", ["lab", "field"])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_more_closing_more_force_less_resistance(level: str, family: str) -> None:
+def test_world_closing_raises_force_and_lowers_resistance(level: str, family: str) -> None:
     worlds = [held(c, level=level, family=family) for c in (0.5, 1.0, 2.0, 3.0)]
     forces = [world.force_n(10.0) for world in worlds]
     changes = [change(world, 10.0) for world in worlds]
@@ -44,13 +44,13 @@ def test_more_closing_more_force_less_resistance(level: str, family: str) -> Non
     assert changes[-1] > -100.0
 
 
-def test_same_seed_same_bytes_other_seed_other_bytes() -> None:
+def test_world_frames_are_reproducible_by_seed() -> None:
     scans = [[held(2.0, seed=s).scan(t).tolist() for t in (0.1, 5.0)] for s in (7, 7, 8)]
     assert scans[0] == scans[1]
     assert scans[0] != scans[2]
 
 
-def test_worlds_share_a_sensor_by_its_seed() -> None:
+def test_worlds_with_equal_sheet_seed_share_sensor() -> None:
     first, second = (World(made(), seed=s, sheet_seed=3) for s in (1, 2))
     np.testing.assert_array_equal(first.sheet.rest_ohm, second.sheet.rest_ohm)
     assert first.compliance == second.compliance
@@ -60,7 +60,7 @@ def test_worlds_share_a_sensor_by_its_seed() -> None:
     assert not np.allclose(first.pixel_resistance_ohm(9.0), second.pixel_resistance_ohm(9.0))
 
 
-def test_every_movement_makes_a_spike_upward_contact_or_not() -> None:
+def test_world_every_movement_raises_resistance_briefly() -> None:
     for target_mm in (60.0, 50.0, 74.0):
         world = World(made(), seed=2)
         world.drive(66.0, rate=40.0)
@@ -71,7 +71,7 @@ def test_every_movement_makes_a_spike_upward_contact_or_not() -> None:
         assert change(world, arrives_s + 2.0) == pytest.approx(before, abs=0.01)
 
 
-def test_opening_from_a_hold_spikes_above_rest_and_recovers() -> None:
+def test_world_opening_spikes_above_rest_and_recovers() -> None:
     world = held(3.0)
     change(world, 5.0)
     world.drive(70.0, rate=40.0, time_s=5.0)
@@ -79,13 +79,13 @@ def test_opening_from_a_hold_spikes_above_rest_and_recovers() -> None:
     assert change(world, 60.0) == pytest.approx(0.0, abs=1.5)
 
 
-def test_a_hold_creeps_down_for_long() -> None:
+def test_world_resistance_creeps_down_during_hold() -> None:
     world = held(3.0)
     readings = [change(world, t) for t in (0.5, 1.0, 2.5, 5.0, 10.0, 20.0)]
     assert np.all(np.diff(readings) < 0)
 
 
-def test_unloading_is_not_loading_backwards() -> None:
+def test_world_unloading_shows_hysteresis() -> None:
     up, down = held(2.0), held(3.0)
     down.force_n(2.0)
     down.drive(made().size_mm - 2.0 + down.backlash_mm, rate=40.0, time_s=2.0)
@@ -93,7 +93,7 @@ def test_unloading_is_not_loading_backwards() -> None:
     assert change(down, 20.0) < change(up, 20.0) - 0.5
 
 
-def test_truth_is_what_the_world_comes_to() -> None:
+def test_world_truth_matches_later_state() -> None:
     world = held(2.5)
     world.force_n(1.0)
     before = world.truth()
@@ -105,7 +105,7 @@ def test_truth_is_what_the_world_comes_to() -> None:
     assert after.size_mm == made().size_mm
 
 
-def test_truth_keeps_the_final_hold_after_release() -> None:
+def test_world_truth_after_release_is_of_final_hold() -> None:
     world = held(2.5)
     world.force_n(3.0)
     holding = world.truth()
@@ -114,7 +114,7 @@ def test_truth_keeps_the_final_hold_after_release() -> None:
     assert world.truth() == holding
 
 
-def test_truth_counts_from_the_last_movement() -> None:
+def test_world_truth_horizon_starts_at_last_movement() -> None:
     world = held(1.5)
     world.force_n(4.0)
     world.drive(made().size_mm - 2.5, rate=40.0, time_s=4.0)
@@ -122,7 +122,7 @@ def test_truth_counts_from_the_last_movement() -> None:
     assert truth.settled_percent == pytest.approx(change(world, 24.0), abs=1e-9)
 
 
-def test_true_stiffness_is_the_objects_alone() -> None:
+def test_world_true_stiffness_excludes_gripper_compliance() -> None:
     springs = made("springs-4")
     world = World(springs, seed=4)
     world.drive(springs.size_mm - 3.0, rate=20.0)
@@ -133,7 +133,7 @@ def test_true_stiffness_is_the_objects_alone() -> None:
     assert truth.force_n / 3.0 < 0.75 * springs.force_at_1mm_n
 
 
-def test_nothing_between_the_fingers() -> None:
+def test_world_without_object_has_no_force() -> None:
     world = World(None, seed=1)
     world.drive(10.0, rate=50.0)
     assert world.force_n(5.0) == 0.0
@@ -142,7 +142,7 @@ def test_nothing_between_the_fingers() -> None:
     assert truth.settled_percent == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_squeezed_berry_is_damaged() -> None:
+def test_world_squeezed_berry_is_damaged() -> None:
     berry = made("strawberry")
     gentle, rough = World(berry, seed=1), World(berry, seed=1)
     gentle.drive(berry.size_mm - 1.0, rate=20.0)
@@ -154,7 +154,7 @@ def test_a_squeezed_berry_is_damaged() -> None:
     assert rough.truth().peak_force_n >= berry.yield_n
 
 
-def test_the_servo_locks_before_it_breaks() -> None:
+def test_world_servo_locks_at_force_limit() -> None:
     block = made("rigid-block")
     world = World(block, seed=1)
     world.drive(5.0, rate=20.0)
@@ -163,7 +163,7 @@ def test_the_servo_locks_before_it_breaks() -> None:
     assert world.drive_value(10.0) > 15.0
 
 
-def test_object_taken_away_while_held() -> None:
+def test_world_object_removed_during_hold() -> None:
     world = held(3.0)
     world.force_n(5.0)
     world.place(None, time_s=5.0)
@@ -171,20 +171,20 @@ def test_object_taken_away_while_held() -> None:
     assert change(world, 8.0) > -25.0
 
 
-def test_a_new_object_needs_room() -> None:
+def test_world_place_needs_open_fingers() -> None:
     world = held(3.0)
     with pytest.raises(ValueError, match="open them first"):
         world.place(made("avocado-day-1"), time_s=3.0)
 
 
-def test_time_does_not_go_back() -> None:
+def test_world_refuses_earlier_time() -> None:
     world = held(3.0)
     world.force_n(5.0)
     with pytest.raises(ValueError, match="go back"):
         world.force_n(1.0)
 
 
-def test_soft_fingers_push_harder_with_pressure() -> None:
+def test_world_soft_finger_force_grows_with_pressure() -> None:
     forces = []
     for pressure_kpa in (20.0, 30.0, 40.0, 50.0):
         world = World(made("avocado-day-3"), seed=1, gripper="soft")
@@ -196,14 +196,14 @@ def test_soft_fingers_push_harder_with_pressure() -> None:
     assert world.layout.pixels == 12
 
 
-def test_surroundings_move_ohms_more_than_relative_change() -> None:
+def test_world_environment_affects_ohm_more_than_relative_change() -> None:
     cool, warm = (held(2.5, environment=Environment(temperature_c=t)) for t in (14.8, 26.8))
     ratio = warm.pixel_resistance_ohm(10.0) / cool.pixel_resistance_ohm(10.0)
     assert np.all(np.abs(ratio - 1) > 0.01)
     assert warm.truth().settled_percent == pytest.approx(cool.truth().settled_percent, abs=3.0)
 
 
-def test_surroundings_may_change_while_the_world_runs() -> None:
+def test_world_environment_can_change_during_run() -> None:
     steady, changed = held(2.5), held(2.5)
     cool, warm = Environment(), Environment(temperature_c=31.9)
     changed.surround(warm, time_s=5.0)
@@ -214,13 +214,13 @@ def test_surroundings_may_change_while_the_world_runs() -> None:
     assert ratio == pytest.approx(1.0, abs=0.02)
 
 
-def test_floating_lines_leak() -> None:
+def test_world_floating_lines_cause_crosstalk() -> None:
     straight = held(2.5)
     leaky = held(2.5, layout=replace(RIGID_LAYOUT, idle_lines="floating"))
     assert np.all(leaky.scan(3.0) > straight.scan(3.0))
 
 
-def test_naive_readings_fail_visibly() -> None:
+def test_world_naive_readings_of_floating_lines_have_large_errors() -> None:
     # The reading at 1 s, read with a calibration made on settled values, misses the force.
     world = held(3.0, family="two-mode")
     early, settled = change(world, 1.2), change(world, 20.0)
