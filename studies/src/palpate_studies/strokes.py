@@ -531,7 +531,8 @@ def _summary(scored: Sequence[ScoredStrokes]) -> Rows:
                 if here.any():
                     summary.append(
                         {
-                            **key,
+                            "model": key["model"],
+                            "told": key["prior"],
                             "phase": phase,
                             "band": band,
                             **_figures(error[here], covered[here]),
@@ -563,5 +564,5 @@ def _compare_models(scored: Sequence[ScoredStrokes]) -> Rows:
                 if one.model == "ours"
                 for _ in range(int(np.sum((one.phase == phase) | (phase == "all"))))
             ]
-            rows += compare(lost, pins, **key, phase=phase)
+            rows += compare(lost, pins, told=key["prior"], phase=phase)
     return rows
