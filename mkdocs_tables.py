@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 import griffe
 
 from palpate.cli.grasp import EXIT_STATUS
+from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
@@ -140,7 +141,19 @@ def _default(value: object) -> str:
 _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
+def _grasp_numbers() -> str:
+    """Return every tuned number of a grasp; a ratio has no unit."""
+    return _table(
+        ("number", "value (range)", "source", "quantity"),
+        (
+            (f"`{name}`", f"{value} {'' if unit == '1' else f'{unit} '}({span})", source, quantity)
+            for name, value, span, unit, source, quantity in rows()
+        ),
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,
     "outcomes": _outcomes,
     "topics": _topics,

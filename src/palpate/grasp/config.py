@@ -1,8 +1,9 @@
 """The tuned numbers of the grasp, each with its range, unit, source and quantity.
 
 A source is the paper, a datasheet, a study of this project, development sensors of the twin, a
-requirement, or a guess. No other file of this folder holds a tuned number
-(`tests/unit/grasp/test_config.py`); settings of a user or a rig are in `Plan` and `SafetyLimits`.
+requirement, or a guess. `docs/grasp-states.md` shows the numbers as a table. No other file of this
+folder holds a tuned number (`tests/unit/grasp/test_config.py`); settings of a user or a rig are in
+`Plan` and `SafetyLimits`.
 """
 
 from __future__ import annotations
