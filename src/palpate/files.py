@@ -158,7 +158,7 @@ def check_new(output: Path, *, option: str = "--out") -> None:
 
 
 def escape_csv_cell(value: object) -> object:
-    """Return a cell for a CSV file; text that spreadsheets execute as a formula is quoted.
+    """Return a cell for a CSV file, with spreadsheet formulas quoted.
 
     Users type the names of items, holds and files. A leading apostrophe makes them text in Excel,
     LibreOffice and Google Sheets (OWASP, "CSV Injection").

@@ -46,7 +46,7 @@ class LoadMeasurement:
 
 
 def read_loads(path: Path) -> list[float]:
-    """Return the loads in the column `load_n` of a table, in the order of the file.
+    """Return the column `load_n` of a table, in the order of the file.
 
     Raises `InputError` if the file can't be read, has no such column, or contains invalid loads.
     """

@@ -41,7 +41,7 @@ def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
 
 
 def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
-    """Write a DXF file with the lines of the SVG, with the y axis pointing up.
+    """Write a DXF file with the lines of the SVG, y axis up.
 
     Arcs are preserved (polylines with bulges); the unit is millimetres.
     """
@@ -64,7 +64,7 @@ def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
 
 
 def _list_cuts(pattern: Pattern, layer: Layer) -> list[Outline]:
-    """Return the lines of a layer and its marks, mirrored if the layer is cut from the back."""
+    """Return the lines of a layer and its marks, mirrored if necessary."""
     cuts = [*layer.parts, *pattern.mark_outlines]
     return [cut.mirror(pattern.width) for cut in cuts] if layer.mirrored else cuts
 
@@ -125,7 +125,7 @@ def _names(pattern: Pattern) -> Iterable[str]:
 
 
 def _dimensions(pattern: Pattern) -> Iterable[str]:
-    """Draw the dimensions of the body, mm, and the size and pitch of the pixels below it."""
+    """Draw the dimensions of the body, and the pixels' size and pitch."""
     body, design, out = pattern.body, pattern.design, 2.0
     style = 'font-family="sans-serif" font-size="1.6" fill="#404040"'
     x, y = body.centre

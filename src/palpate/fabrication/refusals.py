@@ -1,4 +1,4 @@
-"""Checks that a pattern can be cut and works; errors state the reason and the amount."""
+"""Checks of designs and patterns; errors state the reason and the amount."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def split_words(name: str) -> list[str]:
 
 
 def time_unit_of(name: str) -> str | None:
-    """Return the unit in a clock column's name: "" without a unit, None for other columns.
+    """Return a clock column's unit: "" without a unit, None for other columns.
 
     >>> [time_unit_of(name) for name in ("time_s", "millis", "Time [ms]", "timestamp", "force_n")]
     ['s', 'ms', 'ms', '', None]
@@ -112,7 +112,7 @@ def unit_of(name: str) -> Unit | None:
 
 
 def scale_of(name: str) -> float:
-    """Return the factor of the SI prefix in a reading's name: 1000 for kilo-ohms; default 1.
+    """Return the factor of a name's SI prefix: 1000 for kilo-ohms; default 1.
 
     >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
     [1000.0, 1000000.0, 0.001, 1000.0, 1.0]

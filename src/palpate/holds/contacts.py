@@ -129,7 +129,7 @@ def find_stretches(time_s: FloatArray, values: FloatArray) -> ContactOutline:
 
 
 def _median_cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return the middle of equal cells, the median reading in each cell, and the cell length.
+    """Return the middle and median reading of equal cells, and the cell length.
 
     An empty cell repeats the previous median, so a step across a gap is at the end of the gap.
     """

@@ -1,4 +1,4 @@
-"""Recordings from any logger: a clock in seconds and the readings of one or more sensors."""
+"""Recordings from any logger: a clock in seconds and sensor readings."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ def _split_parts(table: Table) -> list[tuple[str, slice]]:
 
 
 def _format_label(cell: object) -> str:
-    """Return a label as text; numeric columns store an integer label such as 1 as 1.0."""
+    """Return a label as text; a numeric column stores 1 as 1.0."""
     return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
@@ -257,7 +257,7 @@ def _order_times(
     where: str,
     remarks: list[str],
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the distinct times, and for each row the index of its time (-1: no time)."""
+    """Return the distinct times, and each row's time index (-1: no time)."""
     known = np.flatnonzero(np.isfinite(raw_s))
     bad = np.flatnonzero(~np.isfinite(raw_s))
     remarks += report_bad_rows(

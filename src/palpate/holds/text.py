@@ -258,7 +258,7 @@ def detect_layout(rows: Sequence[Sequence[str]], *, separator: str | None = None
 
 
 def _score_row(row: Sequence[str]) -> int:
-    """Return the count of numbers and times minus the count of texts; 0 means no data."""
+    """Return the count of numbers and times minus texts; 0 means no data."""
     number = text = missing = 0
     for field in row:
         stripped = field.strip()

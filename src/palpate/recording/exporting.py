@@ -55,7 +55,7 @@ def frame_tables(reader: RecordingReader) -> Iterator[Columns]:
 
 
 def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
-    """Yield holds as tables in the format of a holds file, one channel at a time."""
+    """Yield holds in the format of a holds file, one channel at a time."""
     for hold in holds:
         count = len(hold.time_s)
         yield {

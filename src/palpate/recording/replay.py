@@ -1,4 +1,4 @@
-"""Replay of a recording as a sensor with the same frames in the same order and time."""
+"""Replay of a recording as a sensor with the recorded frames and times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigs: an array, a gripper, a clock and their calibration, opened by name or rig file.
+"""Rigs (array, gripper, clock and calibration), opened by name or rig file.
 
 Built-in rigs are listed in `BUILT_IN`. Other packages add rigs as entry points of the group
 `palpate.rigs`; each entry point is a function `open(*, object_name, seed) -> Rig`.

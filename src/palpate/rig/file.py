@@ -164,7 +164,7 @@ def read_rig_file(path: Path) -> RigFile:
 
 
 def read_load_cells(path: Path) -> tuple[float, ...] | None:
-    """Return the newtons per count of a rig file's load cells, or None without load cells.
+    """Return the newtons per count of a rig file's load cells, or None.
 
     Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is invalid.
     """
@@ -227,7 +227,7 @@ def read_rig_table(path: Path) -> dict[str, Any]:
 
 
 def find_calibration_file(path: Path) -> Path | None:
-    """Return the path of a rig file's calibration, which may not exist; None if not stated.
+    """Return the path of a rig file's calibration, existing or not; None if not stated.
 
     Raises `InputError` as `read_rig_table` does.
     """

@@ -41,7 +41,7 @@ class SensorRig:
 
 
 def open_rig_or_sensor(name: str, *, object_name: str | None = None, seed: int) -> Rig | SensorRig:
-    """Open a rig as `open_rig` does, or the sensor of a rig file without a gripper."""
+    """Open a rig, or only the sensor of a rig file without a gripper."""
     path = Path(name)
     stated = read_rig_table(path) if name.endswith(".toml") else {"use": name}
     if "use" in stated or "gripper" in stated:

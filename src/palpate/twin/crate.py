@@ -135,7 +135,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
 def draw_mixed_crate(
     items: int, *, seed: int, strangers_share: float = 0.0, prefix: str = "item"
 ) -> list[CrateItem]:
-    """Draw a shuffled crate of trained kinds in equal parts and a fraction of untrained kinds."""
+    """Draw a shuffled crate of trained kinds and a fraction of untrained kinds."""
     rng = np.random.default_rng([seed, 31])
     strangers = round(items * strangers_share)
     taught, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)

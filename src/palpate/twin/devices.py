@@ -87,7 +87,7 @@ class TwinArray:
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
     def blank_frames(self) -> None:
-        """Return frames with zero counts from now on, to save time if frames are not used."""
+        """Return frames with zero counts from now on, to save time."""
         self._blank_counts = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
 
     def close(self) -> None:
@@ -175,7 +175,7 @@ class TwinGripper:
 
 
 class TwinLoadCell:
-    """A simulated load cell in place of the object: grip force in 1 g steps, with noise."""
+    """A simulated load cell: grip force in 1 g steps, with noise."""
 
     def __init__(self, world: Stage) -> None:
         self._world = world

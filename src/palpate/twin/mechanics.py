@@ -226,7 +226,7 @@ class RelaxingForce:
         compliance: HandCompliance,
         ruptured: bool = False,
     ) -> RelaxingForce:
-        """Return the state after a step that ends at a closure; contact requires closure > 0."""
+        """Return the state after a step to a closure; contact requires closure > 0."""
         parts = _relaxation_steps(obj, step_s)
         if closure_mm <= 0:
             return self._change(obj, parts, elastic_n=0.0, touching=False)

@@ -78,7 +78,7 @@ class PixelGrid:
 
     @classmethod
     def of(cls, layout: ArrayLayout) -> PixelGrid:
-        """Build the grid of a layout; the rows of a finger are arranged along the finger."""
+        """Build the grid of a layout; the rows of a finger run along it."""
         finger_of_row = np.array(layout.finger_of_row)
         along = np.empty(layout.rows)
         for finger in np.unique(finger_of_row):

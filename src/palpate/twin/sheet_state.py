@@ -17,7 +17,7 @@ from palpate.twin.velostat import Creep, Sheet
 
 @dataclass(frozen=True, slots=True)
 class SheetState:
-    """State of the pixels of one sheet at one time, flattened; targets are linear between states.
+    """Flattened pixels of one sheet at one time; targets are linear between states.
 
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> from palpate.twin.velostat import draw_sheet, two_mode_creep

@@ -228,7 +228,7 @@ class World:
     # -- quantities -------------------------------------------------------------------------------
 
     def force_n(self, time_s: float) -> float:
-        """Return the grip force, as a load cell in place of the object would measure it."""
+        """Return the grip force that a load cell would measure."""
         return self._advance_and_notify(time_s).force_n
 
     def pixel_resistance_ohm(self, time_s: float) -> FloatArray:

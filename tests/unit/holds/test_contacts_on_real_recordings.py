@@ -26,7 +26,7 @@ def read_recordings(path: Path, *columns: str) -> dict[str, dict[str, np.ndarray
 
 
 def find_presses(time_s: np.ndarray, force_n: np.ndarray) -> list[tuple[float, float, float]]:
-    """Return the time at 90 % of its plateau, the start and the end of each press."""
+    """Return each press's time at 90 % of its plateau, start and end."""
     on = force_n > max(PRESS_N, PRESS_FRACTION * np.quantile(force_n, 0.9))
     edges = np.diff(np.concatenate(([0], on.astype(int), [0])))
     spans = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)

@@ -28,7 +28,7 @@ def info() -> RecordingInfo:
 
 @pytest.fixture
 def messages() -> list[RecordedMessage]:
-    """Return 4 s at 50 frames/s: 1 s of closing, a hold of 2 s, 1 s of opening."""
+    """Return 50 frames/s: closing (1 s), a hold (2 s), opening (1 s)."""
     rng = np.random.default_rng(0)
     made: list[RecordedMessage] = []
     for k in range(200):

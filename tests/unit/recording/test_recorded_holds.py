@@ -28,7 +28,7 @@ from palpate.signal.circuit import resistance_ohm
 def grasp(
     *, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0
 ) -> list[RecordedMessage]:
-    """Return 1 s of rest, 0.5 s of closing, a hold, 0.5 s of opening, 1.5 s of rest."""
+    """Return rest (1 s), closing (0.5 s), a hold, opening (0.5 s), rest (1.5 s)."""
     made: list[RecordedMessage] = []
     opened_s = 1.5 + seconds
     for k in range(int((opened_s + 2.0) * 50)):
