@@ -14,12 +14,12 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
-#: Readings are means over this time, before the first movement and before the answer.
+#: Averaging time at the start of the grasp and before the answer, seconds.
 MEAN_S = 0.4
 
 
 def answer_time_s(result: GraspResult) -> float | None:
-    """Return when a grasp gave its last answer; None if it gave none."""
+    """Return the time of a grasp's last answer; None without an answer."""
     times_s = [moment.time_s for moment in result.moments if moment.name == "answer"]
     return times_s[-1] if times_s else None
 
@@ -27,7 +27,7 @@ def answer_time_s(result: GraspResult) -> float | None:
 def pixels_of_grasp(
     observations: Sequence[Observation], *, result: GraspResult, layout: ArrayLayout
 ) -> PixelPercent | None:
-    """Return each pixel's relative change when the answer was given; None if there was none."""
+    """Return each pixel's relative change at the answer; None without an answer."""
     until_s = answer_time_s(result)
     if until_s is None or not observations:
         return None

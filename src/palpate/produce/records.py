@@ -20,7 +20,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.recording.contents import Origin
 
-#: Names of the measurements of a grasp, each with its unit as `Measurement.unit` has it.
+#: Names of the measurements of a grasp, with the unit (`Measurement.unit`) of each.
 MEASURED = MappingProxyType(
     {
         "settled_percent": "percent",
@@ -34,7 +34,7 @@ MEASURED = MappingProxyType(
         "shared_pixels": "pixels",
     }
 )
-#: Relative change of each pixel at the answer, rows of columns; None for one out of use.
+#: Relative change of each pixel at the answer, in rows; None for a pixel out of use.
 PixelPercent = tuple[tuple[float | None, ...], ...]
 Drive = Literal["width", "pressure"]
 #: Optional numbers of a grasp.
@@ -76,15 +76,15 @@ class Item:
     'avocado'
     """
 
-    #: What its sticker or the user calls it; unique in the store.
+    #: Name on the item's sticker, or given by the user; unique in the store.
     item_id: str
-    #: What it is, if a person stated it: ``"avocado"``.
+    #: Kind of produce, if a person stated it: ``"avocado"``.
     kind: str | None = None
-    #: What it came with: a delivery, a crate, a tree.
+    #: Delivery, crate or tree that the item belongs to.
     batch: str | None = None
     #: A note for people.
     label: str | None = None
-    #: When it was met first; None to let the store set it.
+    #: Time of the first record; None to let the store set it.
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
@@ -100,7 +100,7 @@ class Item:
 class Grasp:
     """One grasp of one item, with its measurements.
 
-    Raises `InputError` if a value is out of its kind, not finite, or a time has no zone.
+    Raises `InputError` if a value is not allowed or not finite, or a time has no time zone.
 
     >>> from datetime import UTC
     >>> felt = Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm")
@@ -117,7 +117,7 @@ class Grasp:
     (2.1, True)
     """
 
-    #: Which item; one that the store does not know is added with the grasp.
+    #: Name of the item; the store adds an unknown item with the grasp.
     item_id: str
     #: When; aware.
     taken_at: datetime
@@ -125,29 +125,29 @@ class Grasp:
     rig: str
     #: Kind of gripper: rigid fingers or soft ones.
     drive: Drive
-    #: Where the frames came from; anything but `hardware` is simulated.
+    #: Source of the frames; every source except `hardware` is simulated.
     origin: Origin
-    #: How it ended.
+    #: Outcome of the grasp.
     outcome: Outcome
-    #: By name, see `MEASURED`. What could not be measured is left out.
+    #: Measurements by name, see `MEASURED`. Missing measurements are omitted.
     measurements: Mapping[str, Measurement] = field(default_factory=lambda: MappingProxyType({}))
     #: Relative change of each pixel when the answer was given, shape (rows, cols).
     pixel_settled_percent: PixelPercent | None = None
-    #: From first contact to the answer; largest grip force read.
+    #: Time from first contact to the answer; largest measured grip force.
     decision_time_s: float | None = None
     peak_force_n: float | None = None
-    #: Which side of the item faced the first finger: its turn about the vertical, degrees.
+    #: Side of the item at the first finger: rotation about the vertical axis, degrees.
     angle_deg: float | None = None
-    #: Where along its vertical axis it was held, from the middle upwards.
+    #: Height of the grasp above the middle of the item.
     height_mm: float | None = None
-    #: Surroundings, where known.
+    #: Ambient temperature and humidity; None if unknown.
     temperature_c: float | None = None
     humidity_percent: float | None = None
-    #: As `Store.add_calibration` gave it.
+    #: ID returned by `Store.add_calibration`.
     calibration_id: str | None = None
-    #: Where the raw frames are.
+    #: File of the raw frames.
     recording: str | None = None
-    #: A UUID. The same grasp written twice is kept once.
+    #: A UUID. A grasp that is written twice is stored once.
     grasp_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
@@ -173,7 +173,7 @@ class Grasp:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any of it is simulated."""
+        """Whether the grasp is simulated."""
         return self.origin != "hardware"
 
 
@@ -181,7 +181,7 @@ class Grasp:
 class Verdict:
     """A verdict on an item, by palpate or by a person.
 
-    Raises `InputError` if a value is out of its kind, a detail is no JSON, or a time has no zone.
+    Raises `InputError` if a value is not allowed, a detail is not JSON, or a time has no time zone.
 
     >>> from datetime import UTC
     >>> Verdict(
@@ -194,7 +194,7 @@ class Verdict:
     'ripeness'
     """
 
-    #: Which item; it must be in the store.
+    #: Name of the item, which must be in the store.
     item_id: str
     #: Ripeness, bruise, identity or bin.
     about: About
@@ -202,18 +202,18 @@ class Verdict:
     text: str
     #: When; aware.
     given_at: datetime
-    #: That it is right, in [0, 1].
+    #: Probability that the verdict is correct, in [0, 1].
     probability: float | None = None
-    #: Why, in a sentence that a person can check.
+    #: Reason, as a sentence that a person can check.
     explanation: str = ""
-    #: Numbers behind it: ``{"days_to_ripe": 2.1, "days_to_ripe_low": 1.2, ...}``,
+    #: Supporting numbers: ``{"days_to_ripe": 2.1, "days_to_ripe_low": 1.2, ...}``,
     #: ``{"probabilities": {"kiwi": 0.9, ...}}``.
     details: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
-    #: The grasp that it rests on, where it is one.
+    #: Grasp that the verdict is based on, if it is a single grasp.
     grasp_id: str | None = None
-    #: `person` for a label, which the others learn from.
+    #: Author; a verdict by `person` is a training label.
     source: Source = Source.PALPATE
-    #: A UUID. The same verdict written twice is kept once.
+    #: A UUID. A verdict that is written twice is stored once.
     verdict_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
@@ -233,7 +233,7 @@ class Verdict:
 
 
 def check_printable(text: str, *, what: str) -> None:
-    """Refuse text that is empty, too long or not for reading."""
+    """Refuse text that is empty, too long or not printable."""
     if not text.strip() or len(text) > _LONGEST or not text.isprintable():
         raise InputError(
             f"{what} {text[:40]!r}: must be 1 to {_LONGEST} printable characters, not all spaces"
@@ -248,7 +248,7 @@ def in_utc(time: datetime, *, what: str) -> datetime:
 
 
 def as_uuid(text: str, *, what: str) -> str:
-    """Return a UUID in its one spelling."""
+    """Return a UUID in canonical form."""
     try:
         return str(uuid.UUID(text))
     except ValueError as error:
@@ -256,9 +256,9 @@ def as_uuid(text: str, *, what: str) -> str:
 
 
 def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
-    """Return details as the store returns them."""
+    """Return details after a JSON round trip, as the store returns them."""
     try:
-        # As it will come back: tuples are lists in JSON, keys are text.
+        # JSON turns tuples into lists and keys into text.
         found: dict[str, object] = json.loads(json.dumps(dict(details), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise InputError(f"details can't be kept as JSON: {error}") from error
@@ -272,7 +272,7 @@ def refuse_infinite(value: float, *, what: str) -> None:
 
 
 def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
-    """Refuse a measurement of another name, in another unit, or that is not finite."""
+    """Refuse a measurement with an unknown name, a wrong unit or a value that is not finite."""
     if name not in units:
         raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")
     if measurement.unit != units[name]:
@@ -284,7 +284,7 @@ def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str
 def check_rows(
     rows: Sequence[Sequence[float | None]], *, what: str
 ) -> tuple[tuple[float | None, ...], ...]:
-    """Return finite rows of one length as plain values; refuse others."""
+    """Return rows as tuples of float; refuse infinite values and rows of unequal length."""
     if len({len(row) for row in rows}) != 1:
         raise InputError(f"{what}: every row needs the same number of pixels")
     for row in rows:

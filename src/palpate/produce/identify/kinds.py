@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: Items read, the last met first, and items of one kind that are learned from: what is learned
-#: today should not depend on how much was labelled years ago.
+#: Maximum number of items read (newest first), and of training items per kind. The limits keep
+#: old labels from dominating the training set.
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 
 
 def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
-    """Learn every kind that enough items of the store are labelled with.
+    """Learn all kinds with enough labelled items in the store.
 
     `store`: items whose `kind`, or identity, a person gave, with their grasps.
-    `without`: item that is to be identified: its own label is not learned from.
+    `without`: item to identify; its own label is excluded from the training set.
     Raises `InputError` if no kind has enough labelled items; `MissingExtraError` if scikit-learn is
     not installed.
     """

@@ -1,8 +1,8 @@
 """Sorting rules, the bin that they choose for an item, and the reason.
 
-A rule's conditions are each a probability, and together their product. Where a verdict that a rule
-asks for was never given, all that is known is a range from 0 up: a rule answers yes, no, or that it
-can't decide, and only the first rule that answers yes gets the item.
+Each condition of a rule has a probability, and the rule's probability is their product. Without a
+verdict that a rule requires, only a range of the probability is known, starting at 0. A rule
+therefore applies, does not apply, or is undecided. The item goes to the first rule that applies.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from palpate.produce.sorting.conditions import ASKS, CONDITIONS, Condition, Evidence, percent
 
-#: Defaults of a rules file: a rule decides at this probability, and grasps are tried this often.
+#: Defaults of a rules file: minimum probability of a rule, and maximum number of grasps.
 CONFIDENCE, MOST_GRASPS = 0.8, 3
 
 
@@ -19,11 +19,11 @@ CONFIDENCE, MOST_GRASPS = 0.8, 3
 class Rule:
     """One rule."""
 
-    #: Where the item goes.
+    #: Bin of the items that meet the rule.
     bin: str
-    #: All that it must be, one of a key at most.
+    #: Conditions on the item, at most one for each key.
     conditions: tuple[Condition, ...] = ()
-    #: How probable all of that must be together.
+    #: Minimum probability that all conditions hold.
     confidence: float = CONFIDENCE
     #: Its line in the file.
     line: int = 0
@@ -60,11 +60,11 @@ class Rule:
 class RuleBook:
     """All rules, in their order."""
 
-    #: The first that answers yes wins.
+    #: Rules in order of priority.
     rules: tuple[Rule, ...]
-    #: Where everything else goes.
+    #: Bin of the remaining items.
     default_bin: str
-    #: Grasps of one item before it goes there.
+    #: Maximum number of grasps of one item.
     most_grasps: int = MOST_GRASPS
 
     def has_condition(self, key: str) -> bool:
@@ -83,11 +83,11 @@ class BinDecision:
 
     #: The bin; the default one where no rule decides.
     bin: str
-    #: The rule that decides so; None for the default.
+    #: Rule that applies; None for the default bin.
     rule: Rule | None
-    #: That all the rule's conditions hold; None for the default.
+    #: Probability that all conditions of the rule hold; None for the default bin.
     probability: float | None
-    #: Whether another grasp may settle what is unsure; the bin then is only for now.
+    #: Whether another grasp may change the decision; the bin is then provisional.
     again: bool
     #: The reason, for people.
     why: str
