@@ -147,7 +147,7 @@ def test_guided_force_calibration_writes_the_file(
     assert [what.split(":")[0] for what in bench.asked] == [
         f"placement {number} of 3" for number in range(1, 4)
     ]
-    assert "soon after a movement" in capsys.readouterr().out
+    assert "shortly after a movement" in capsys.readouterr().out
     made = Calibration.load(tmp_path / "pad.json")
     assert made.origin == "hardware"
     reading, early, settled = fit_laws(placements_of(made.force))

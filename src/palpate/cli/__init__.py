@@ -1,4 +1,4 @@
-"""The `palpate` command: a table of verbs, each loaded when it is called."""
+"""The `palpate` command: a table of verbs whose modules are loaded on first use."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from palpate.cli.options import opt
 from palpate.errors import PalpateError
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
-#: Heading of the help -> its verbs -> what they do: the first paragraph of the function of that
-#: name in the module of that name under `palpate.cli`.
+#: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
+#: `palpate.cli.VERB.VERB`.
 GROUPS = {
     "Measure": {
         "grasp": "Close on an unknown object, measure size, force and stiffness, and release it.",
@@ -26,41 +26,41 @@ GROUPS = {
         "record": "Record a board, or a rig with its gripper.",
     },
     "Recordings": {
-        "settle": "Predict what recordings settle to from their first seconds, with the error.",
-        "inspect": "Show what a recording holds, and whether it is complete.",
+        "settle": "Predict the settled values of recordings from their first seconds.",
+        "inspect": "Show the contents of a recording and whether the file is complete.",
         "replay": "Run a recorded grasp through the controller again.",
         "export": "Write a recording as a table of frames or holds, or grasps for LeRobot.",
         "archive": "Keep grasps, holds and frames as partitioned Parquet, and evaluate them again.",
     },
     "Set up": {
-        "demo": "Write simulated files to try palpate on.",
+        "demo": "Write simulated example files.",
         "init": "Write a rig file.",
         "ports": "List serial ports, likely boards first.",
-        "flash": "Write the firmware with avrdude, verify it, and ask the board what it runs.",
-        "doctor": "Find faulty and swapped pixels, losses and a wrong resistor.",
-        "calibrate": "Make or renew a part of the calibration file.",
+        "flash": "Write the firmware with avrdude, verify it, and query the board's version.",
+        "doctor": "Find faulty or swapped pixels, lost frames and a wrong reference resistor.",
+        "calibrate": "Create or update a part of the calibration file.",
         "pattern": "Draw the cut files of a sensor: base, copper, Velostat, copper and cover.",
     },
     "Produce": {
         "items": "List items, show one, label one, or write them to Parquet.",
         "report": "Write a web page about an item, a batch or a day.",
         "ripeness": "Report how ripe items are and when they will be ripe.",
-        "bruise": "Judge whether an item is bruised, side by side, from its last visit.",
+        "bruise": "Judge whether an item is bruised, from the grasps of its last visit.",
         "sort": "Sort items into bins by readable rules, or identify one item.",
         "qualify": "Qualify grasps against a penetrometer, a durometer or a buyer's grades.",
         "teach": "Learn a label from grasps, report the accuracy, and name unlabelled items.",
     },
     "Research": {
         "study": "Regenerate a table or figure next to the published one.",
-        "bench": "Measure speed and memory relative to other programs.",
+        "bench": "Measure speed and memory relative to other software.",
     },
 }
 _PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
-#: Verb -> the module of its function, where that has another name.
-_PLACES = {"ports": "flash"}
+#: Verb -> module, for verbs whose module has a different name.
+_MODULES = {"ports": "flash"}
 VERBS = {
     verb: LazyCommand(
-        f"palpate.cli.{_PLACES.get(verb, verb)}:{verb}", summary, heading, _PACKAGES.get(verb)
+        f"palpate.cli.{_MODULES.get(verb, verb)}:{verb}", summary, heading, _PACKAGES.get(verb)
     )
     for heading, verbs in GROUPS.items()
     for verb, summary in verbs.items()
@@ -68,7 +68,7 @@ VERBS = {
 
 
 def build_app() -> LazyGroup:
-    """Assemble the command from its subcommands."""
+    """Build the command with its verbs."""
     app = typer.Typer(cls=LazyGroup, name="palpate", no_args_is_help=True, rich_markup_mode=HELP)
 
     @app.callback()
@@ -79,7 +79,7 @@ def build_app() -> LazyGroup:
 
     group = typer.main.get_command(app)
     assert isinstance(group, LazyGroup)
-    group.offer(VERBS)
+    group.add_entries(VERBS)
     return group
 
 
@@ -93,27 +93,28 @@ def main() -> None:
     """Entry point of the `palpate` script."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            # A terminal of another encoding shows a question mark for a sign that it lacks.
+            # A terminal with a limited encoding shows a question mark for each unknown character.
             stream.reconfigure(errors="replace")
     sys.exit(run(build_app(), sys.argv[1:], name="palpate"))
 
 
 EXIT_STOPPED = 130
-_UNANSWERED = "run it in a terminal, or use an option (--help)"
-#: What to do about the failures of a disk; for others the system's own message is enough.
+_UNANSWERED = "run the command in a terminal, or give the value as an option (--help)"
+#: Remedies of file-system errors; for other errors the system's message is enough.
 _REMEDIES = {
-    errno.EACCES: "change the permissions of the file or its folder, or choose another place",
-    errno.EROFS: "choose a place that can be written to",
-    errno.ENOSPC: "make room, or choose another disk",
+    errno.EACCES: "change the permissions of the file or its folder, or choose another location",
+    errno.EROFS: "choose a writable location",
+    errno.ENOSPC: "free some space, or choose another disk",
 }
-#: Failures of a disk that no other argument remedies.
+#: Disk failures, which a different argument would not remedy.
 _EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
-    """Run a Typer app; turn each expected failure into one line and an exit status.
+    """Run a Typer app; report each expected failure as one line and an exit status.
 
-    Returns 0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
+    Returns 0 for success, 1 for a negative answer, 2 for bad usage or input, 3 for failed
+    equipment and 130 after Ctrl-C.
     """
     command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
     try:
@@ -126,7 +127,7 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
         context = getattr(error, "ctx", None)
         verb = context.command_path if context is not None else name
         message = " ".join(error.format_message().split()).replace("Value error, ", "")
-        if message:  # empty where the help was printed instead
+        if message:  # empty if the help was printed instead
             end = "" if message.endswith((".", "?", "!")) else "."
             print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
         return 2
@@ -137,7 +138,7 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
         print(f"{name}: stopped", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:
-        # The reader of our output left (`| head`): nothing more to print, and nothing went wrong.
+        # The reader of the output closed the pipe (`| head`), which is not an error.
         sys.stderr.close()
         return 0
     except OSError as error:

@@ -1,4 +1,4 @@
-"""`palpate bruise ITEM`: whether it is bruised, with probability and pixels."""
+"""`palpate bruise ITEM`: bruise verdict with probability and pixels."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ def bruise(
         bool,
         opt(
             "--learn",
-            "Learn from the items of its kind that people called bruised or sound, instead "
-            "of the simulated sides that come with palpate.",
+            "Learn from items of the same kind that people labelled bruised or sound, instead "
+            "of the built-in simulated sides.",
         ),
     ] = False,
     bruised_share: Annotated[
         float,
         opt(
             "--bruised-share FRACTION",
-            "Fraction of sides expected to be bruised before anything is measured.",
+            "Prior probability that a side is bruised.",
             min=0.0001,
             max=0.9999,
         ),
     ] = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Judge whether an item is bruised, side by side, from its last visit.
+    """Judge whether an item is bruised, from the grasps of its last visit.
 
-    Each side is compared with its own earlier record, else with items of its kind that people
-    called sound on the same rig (palpate items NAME --say bruise=sound), else with the item's other
-    sides. The answer is kept with the item. Exits with 1 where it is bruised.
+    Each side is compared with its own earlier grasps if there are any. Otherwise it is compared
+    with items of the same kind labelled sound on the same rig (palpate items NAME --say
+    bruise=sound), or with the item's other sides. The verdict is stored. Exit status 1: bruised.
 
     Example: palpate bruise A17 --bruised-share 0.05
     """
@@ -105,7 +105,7 @@ def _print(item: str, found: ItemBruise) -> None:
         )
         for side in found.sides
     ]
-    # Rows and columns are counted from 1.
+    # Rows and columns are numbered from 1.
     columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if it is")
     print_table(columns, rows, console=console)
     changes = {

@@ -1,20 +1,20 @@
-"""`palpate calibrate STEP`: make or renew a part of the calibration file."""
+"""`palpate calibrate STEP`: create or update a part of the calibration file."""
 
 from __future__ import annotations
 
 _HERE = "palpate.cli"
-#: Step -> where it is, and what it does.
+#: Step -> (module:function, summary).
 calibrate = {
-    "rest": (f"{_HERE}.calibrate_rest:rest", "What each pixel reads with nothing on it"),
-    "force": (f"{_HERE}.calibrate_force:force", "Newtons: a load cell, or weights, up and down"),
+    "rest": (f"{_HERE}.calibrate_rest:rest", "Rest resistance of each pixel, without load"),
+    "force": (f"{_HERE}.calibrate_force:force", "Force law, from a load cell or dead weights"),
     "compliance": (
         f"{_HERE}.calibrate_compliance:compliance",
-        "How far pads, fingers and servo deflect",
+        "Compliance of pads, fingers and servo",
     ),
-    "cell": (f"{_HERE}.calibrate_force:cell", "Newtons per count of the board's load cell"),
-    "damage": (f"{_HERE}.calibrate_damage:damage", "The force that produce withstands"),
+    "cell": (f"{_HERE}.calibrate_force:cell", "Newtons per count of a board's load cell"),
+    "damage": (f"{_HERE}.calibrate_damage:damage", "Damage limit of produce, from rupture tests"),
     "settling": (
         f"{_HERE}.calibrate_settling:settling",
-        "Holds for `settle --learn-from`, from recordings",
+        "Settled holds for `settle --learn-from`, from recordings",
     ),
 }

@@ -1,4 +1,4 @@
-"""The bench of a calibration, and the file that its steps go into."""
+"""The bench and the output file of a calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
 
-#: Where neither option nor rig file names another.
+#: Output file if neither an option nor the rig file names one.
 DEFAULT_FILE = Path("calibration.json")
 
 
@@ -29,26 +29,26 @@ def ask_user(what: str) -> None:
 def has_load_cell(rig: str) -> bool:
     """Return whether a rig, by name or file, has a readable load cell.
 
-    Raises `InputError` if a rig file can't be read, or its description of the load cells is wrong.
+    Raises `InputError` if a rig file can't be read or its `[load_cells]` table is wrong.
     """
     return rig == "sim-rigid" or (rig.endswith(".toml") and read_load_cells(Path(rig)) is not None)
 
 
 @contextmanager
 def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBench]:
-    """Open the bench of a rig: the twin's, or a board's with a gripper.
+    """Open the bench of a rig: the twin, or a board with a gripper.
 
     `rig`: name of a rig, or a rig file with `[load_cells]`.
-    `placements`: how often the load cell will be placed, all steps together.
-    Raises `InputError` if the rig file is at fault, or its fingers are driven by pressure;
-    `DeviceError` if the rig has no load cell, equipment is missing, or a load cell does not read
-    well.
+    `placements`: total number of load-cell placements in all steps.
+    Raises `InputError` if the rig file is invalid or the fingers are driven by pressure;
+    `DeviceError` if the rig has no load cell, equipment is missing, or a load cell reading is
+    unreliable.
     """
     if not (rig.endswith(".toml") and has_load_cell(rig)):
         yield open_twin_bench(rig, seed)
         return
 
-    # Steps count their own runs from 0; the person who places the cell sees one running count.
+    # Each step numbers its runs from 0; the prompts number the placements of all steps.
     number = count(1)
     with open_board_bench(Path(rig)) as (bench, cell):
 
@@ -70,11 +70,10 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
         )
 
 
-def calibration_file(rig: str, out: Path | None) -> Path:
-    """Return the output file of a step: the option's, the rig file's or the default.
+def resolve_calibration_file(rig: str, out: Path | None) -> Path:
+    """Return a step's output file: from the option, the rig file or the default.
 
-    Raises `InputError` if the rig file can't be read, or the calibration could not be written in
-    the end.
+    Raises `InputError` if the rig file can't be read or the output file is not writable.
     """
     named = find_calibration_file(Path(rig)) if out is None and rig.endswith(".toml") else None
     path = out or named or DEFAULT_FILE
@@ -82,10 +81,12 @@ def calibration_file(rig: str, out: Path | None) -> Path:
     return path
 
 
-def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
-    """Return the existing calibration of a file to be updated; None without one.
+def load_earlier_calibration(
+    path: Path, *, layout: ArrayLayout, simulated: bool
+) -> Calibration | None:
+    """Load the calibration to be updated; None if the file does not exist.
 
-    Raises `CalibrationError` if the file is of another sensor, or can't be read.
+    Raises `CalibrationError` if the file can't be read or belongs to another sensor.
     """
     if not path.exists():
         return None
@@ -93,11 +94,11 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
     origin = "simulated" if simulated else "hardware"
     if difference := earlier.layout.describe_difference(layout):
         raise CalibrationError(
-            f"{path} is of another sensor ({difference}); fix the rig file, "
+            f"{path} belongs to another sensor ({difference}); fix the rig file, "
             "give another --out, or start the file again with `palpate calibrate rest --new`"
         )
     if earlier.origin != origin:
         raise CalibrationError(
-            f"{path} is of origin {earlier.origin}, this sensor is {origin}; give another --out"
+            f"{path} has origin {earlier.origin}, but this sensor is {origin}; give another --out"
         )
     return earlier

@@ -1,4 +1,4 @@
-"""`palpate calibrate compliance`: compliance of pads, fingers and servo; the servo's current."""
+"""`palpate calibrate compliance`: compliance of pads, fingers and servo; servo current."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from palpate.calibrate.guided import measure_block
 from palpate.calibrate.laws import DWELL_S
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.cli.calibrate_bench import (
-    calibration_file,
-    earlier_calibration,
+    load_earlier_calibration,
     open_bench,
+    resolve_calibration_file,
 )
 from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption, opt
 from palpate.cli.output import print_json
@@ -21,13 +21,13 @@ from palpate.estimate.compliance import Compliance
 from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration, join_currents
 
-#: Closings go up to this force, newtons, and are repeated this often.
+#: Highest force of each closing, newtons, and number of closings.
 _UP_TO_N, _REPEATS = 15.0, 3
 
 
 def compliance(
     block_mm: Annotated[
-        float, opt("--block-mm MM", "Size of the rigid block with the load cell.")
+        float, opt("--block-mm MM", "Thickness of the rigid block including the load cell.")
     ] = 40.0,
     rig: RigOption = "",
     out: CalibrationOption = None,
@@ -36,12 +36,12 @@ def compliance(
 ) -> None:
     """Close on a rigid block of known size to measure the gripper's own compliance.
 
-    Where the gripper reports its motor's current, that is recorded with the force, then again with
-    the hand empty, which gives the friction of the gears.
+    If the gripper reports its motor current, the current is recorded with the force, then again
+    with an empty gripper to measure the gear friction.
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
-    path = calibration_file(rig, out)
+    path = resolve_calibration_file(rig, out)
     with open_bench(rig, seed=seed) as guided:
         made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
@@ -68,25 +68,23 @@ def compliance(
     )
     slope_mm_per_n, pads_mm = compliance.slope_mm_per_n, sum(compliance.pad_mm)
     print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
-    print(
-        f"error of the width: {compliance.zero_mm:+.2f} mm; scatter {compliance.residual_mm:.3f} mm"
-    )
+    print(f"width offset {compliance.zero_mm:+.2f} mm, residual {compliance.residual_mm:.3f} mm")
     if made.current is None:
-        print("no current reported")
+        print("servo current: not reported by this gripper")
     else:
         print(f"servo current: {len(made.current.force_n)} readings")
 
 
 def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
-    """Close on the block, for travel and for current, then with the hand empty."""
+    """Close on the block to measure travel and current, then close the empty gripper."""
     bench = guided.bench
     limits = bench.gripper.limits
     if not limits.lowest < block_mm < limits.highest:
         raise InputError(
-            f"--block-mm {block_mm:g}: the fingers reach from {limits.lowest:g} to "
-            f"{limits.highest:g} mm; is it in millimetres?"
+            f"--block-mm {block_mm:g}: outside the gripper's range of {limits.lowest:g} to "
+            f"{limits.highest:g} mm; give the thickness in millimetres"
         )
-    earlier = earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
+    earlier = load_earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
     if earlier is None:
         raise InputError(
             f"{out} does not exist yet; run `palpate calibrate force --rig {rig} --out {out}` first"

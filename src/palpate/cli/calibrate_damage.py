@@ -1,4 +1,4 @@
-"""`palpate calibrate damage`: the force that produce withstands, from closings until rupture."""
+"""`palpate calibrate damage`: damage limit of produce, from closings until rupture."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from palpate.estimate.measurement import Measurement
 from palpate.files import check_not_input
 from palpate.sensor.rest_calibration import format_now
 
-#: Fewer can't be learned from and tested on in turn.
-_FEWEST = 12
+#: Minimum number of closings for learning with cross-validation.
+_MIN_CLOSINGS = 12
 
 
 def damage(
@@ -33,23 +33,23 @@ def damage(
         Path, opt("--curves CSV", "Closings: columns grasp_id, closure_mm, force_n.")
     ],
     index: Annotated[
-        Path, opt("--index CSV", "Their ruptures: columns grasp_id, fruit, rupture_force_n.")
+        Path, opt("--index CSV", "Rupture forces: columns grasp_id, fruit, rupture_force_n.")
     ],
-    out: Annotated[Path, opt("--out", "File to make.")] = Path("damage.json"),
+    out: Annotated[Path, opt("--out", "File to write.")] = Path("damage.json"),
     rate_percent: Annotated[
         float,
         opt(
             "--rate-percent PERCENT",
-            "Such produce that may be damaged at the limit.",
+            "Accepted fraction of damaged produce at the limit.",
             min=0.01,
             max=50.0,
         ),
     ] = 100 * NOMINAL_RATE,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn the damage limit of a grasp from produce that was squeezed until it ruptured.
+    """Learn the damage limit of grasps from produce squeezed until rupture.
 
-    Each closing is left out once, and the model judged on it. Use the file with `palpate grasp
+    The model is validated by leaving out each closing in turn. Use the file with `palpate grasp
     --damage FILE --kind KIND`.
 
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
@@ -66,11 +66,11 @@ def damage(
 def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float) -> DamageFile:
     left_out = find_unfit(closings)
     used = [closing for closing in closings if closing.grasp_id not in left_out]
-    if len(used) < _FEWEST:
+    if len(used) < _MIN_CLOSINGS:
         why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         raise InputError(
-            f"{files[1]}: {len(used)} closings to learn from; {_FEWEST} are needed"
-            f"{f' (left out: {why})' if why else ''}; squeeze more"
+            f"{files[1]}: {len(used)} usable closings, but at least {_MIN_CLOSINGS} are needed"
+            f"{f' (excluded: {why})' if why else ''}; add more closings"
         )
     kinds = sorted({closing.fruit for closing in used})
     return DamageFile(
@@ -86,8 +86,8 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
 def _limit_n(made: DamageFile, kind: str) -> float:
     """Return the force limit of a grasp at the kind's median stiffness."""
     middle = math.exp(made.model.strengths[kind].log_stiffness)
-    felt = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
-    return made.model.bound_n(felt, kind=kind)
+    stiffness = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
+    return made.model.bound_n(stiffness, kind=kind)
 
 
 def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
@@ -109,9 +109,9 @@ def _print(made: DamageFile, *, path: Path) -> None:
     counts = ", ".join(f"{count} {kind}" for kind, count in made.closings.items())
     print(f"{path}: learned from {sum(made.closings.values())} closings ({counts})")
     for name, why in made.left_out.items():
-        print(f"left out: {name}, {why}")
-    print("each closing left out once: error of the predicted rupture force, of the kind's median")
-    print("rupture force in its place, and how many withstood the lower bound (95 % intended):")
+        print(f"excluded: {name}, {why}")
+    print("held-out closings: error of the predicted rupture force, error of the kind's median")
+    print("rupture force, and fraction that withstood the lower bound (target 95 %):")
     width = max(len("unknown"), *map(len, made.held_out))
     for kind, one in made.held_out.items():
         print(
@@ -119,7 +119,7 @@ def _print(made: DamageFile, *, path: Path) -> None:
             f"{one.median_error_percent:3.0f} %  {100 * one.above_low:3.0f} % of {one.closings}"
         )
     percent = 100 * made.model.rate
-    print(f"limit of a grasp (at most {percent:g} % of such produce damaged), middle stiffness:")
+    print(f"force limit at median stiffness (at most {percent:g} % of produce damaged):")
     for kind in made.model.strengths:
         print(f"  {kind or 'unknown':<{width}}  {_limit_n(made, kind):5.2f} N")
     for line in _verdict(made):
@@ -133,16 +133,18 @@ def _verdict(made: DamageFile) -> list[str]:
         who = kind or "produce of any kind"
         if one.error_percent >= one.median_error_percent:
             remarks.append(
-                f"{who}: stiffness does not predict the strength; the limit is a fixed one"
+                f"{who}: stiffness does not predict the strength, so the limit is constant"
             )
-        # Three standard deviations of a count that hits 95 %.
+        # Three standard deviations below the intended 95 %.
         if one.above_low < 0.95 - 3 * math.sqrt(0.95 * 0.05 / one.closings):
-            remarks.append(f"{who}: the lower bound holds too rarely; are the labels right?")
+            remarks.append(
+                f"{who}: too few closings withstood the lower bound; check the rupture forces"
+            )
     for kind, count in made.closings.items():
         if kind not in made.kinds:
-            remarks.append(f"{kind}: too few for a limit of its own ({count})")
+            remarks.append(f"{kind}: too few closings for a separate limit ({count})")
         elif kind not in made.held_out:
-            remarks.append(f"{kind}: too few to be judged with some left out ({count})")
+            remarks.append(f"{kind}: too few closings for held-out validation ({count})")
     return remarks or [
         f"usable: stiffness predicts the strength of {', '.join(made.kinds) or 'these'}"
     ]

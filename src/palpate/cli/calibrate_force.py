@@ -1,4 +1,4 @@
-"""`palpate calibrate force`: newtons, from a load cell or from dead weights."""
+"""`palpate calibrate force` and `cell`: force law, and scale of the load cells."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     ask_user,
-    calibration_file,
-    earlier_calibration,
     has_load_cell,
+    load_earlier_calibration,
     open_bench,
+    resolve_calibration_file,
 )
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, progress, say
+from palpate.cli.output import print_json, print_message, progress
 from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
@@ -48,13 +48,13 @@ def force(
     rig: option.RigOption = "",
     loads: Annotated[
         Path | None,
-        opt("--loads CSV", "Dead weights in order, such as 1.5, 4, 9 N: column load_n."),
+        opt("--loads CSV", "Table of dead weights in order, such as 1.5, 4, 9 N: column load_n."),
     ] = None,
     tolerance_percent: Annotated[
         float,
         opt(
             "--tolerance PERCENT",
-            "Dead weights: half interval, percent, at which no more are asked for.",
+            "Dead weights: stop when the half-width of the intervals is below this.",
             min=0.0,
         ),
     ] = 0.0,
@@ -62,24 +62,25 @@ def force(
     plot: option.PlotOption = None,
     law: Annotated[
         Literal["power", "line"],
-        opt("--law", "line: the paper's, from the mean relative change (Table 4)."),
+        opt("--law", "line: the paper's law from the mean relative change (Table 4)."),
     ] = "power",
     seed: option.SeedOption = 0,
     as_json: option.JsonOption = False,
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 
-    With a load cell: --rig sim-rigid, or a rig file with [load_cells]. Without one, lay three or
-    more dead weights on the pad, spread over the range; each is asked for, or give --loads.
+    With a load cell, use --rig sim-rigid or a rig file with [load_cells]. Without a load cell, lay
+    at least three dead weights on the pad, spread over the range; the command prompts for each
+    weight, or reads the list given by --loads.
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
-    path = calibration_file(rig, out)
+    path = resolve_calibration_file(rig, out)
     check_plot(plot)
     if loads is None and has_load_cell(rig):
-        made, course = _calibrate_by_cell(rig, seed=seed, out=path), None
+        made, series = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
-        made, course = weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
+        made, series = _weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
     if law == "line":
         made = with_line_law(made)
     made.save(path)
@@ -87,8 +88,8 @@ def force(
         save_figure(force_calibration_figure(made), plot)
     if as_json:
         document = _document(made, path=path)
-        if course is not None:
-            document["half_interval_percent"] = course.to_dict()
+        if series is not None:
+            document["half_interval_percent"] = series.to_dict()
         print_json(document)
     else:
         _print(made, path=path)
@@ -97,15 +98,15 @@ def force(
 
 
 def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
-    """Read settled holds on the load cell and fit the force laws to them."""
+    """Measure settled holds on the load cell and fit the force law."""
     placements = len(HOLDS_N)
     with (
         open_bench(rig, seed=seed, placements=placements) as guided,
-        # A bar that is redrawn would wipe out what a person is asked to do.
+        # Redrawing a progress bar would erase the prompts.
         progress("settled holds", total=placements, quiet=not guided.simulated) as show,
     ):
         bench, layout = guided.bench, guided.bench.array.layout
-        earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
+        earlier = load_earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
         def reseat(run: int) -> None:
             show(run + 1)
@@ -119,8 +120,8 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        begin = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
-    made = add_force_law(replace(begin, force=pairs))
+        base = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
+    made = add_force_law(replace(base, force=pairs))
     return replace(made, made_at=format_now())
 
 
@@ -143,22 +144,22 @@ def _print(made: Calibration, *, path: Path) -> None:
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
     seen = made.held_out.get("unloading_seen", False)
     print(f"hysteresis: {'measured' if seen else 'not measured'}")
-    print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
+    print(f"expected error of {made.held_out['of']}, on held-out placements or loads:")
     early = made.held_out.get("early_error_percent", {})
     for force, error in made.held_out["error_percent"].items():
-        soon = f", {_percent(early[force])} soon after a movement" if force in early else ""
+        soon = f", {_percent(early[force])} shortly after a movement" if force in early else ""
         print(f"  {force.removesuffix('_n'):>4} N  {_percent(error)}{soon}")
 
 
 def _percent(error: float | None) -> str:
-    return "not reached: out of range" if error is None else f"{error:.0f} %"
+    return "not measured: out of range" if error is None else f"{error:.0f} %"
 
 
 class WeightSeries:
-    """The law after each weight, with the width of its intervals.
+    """A force law refitted after each dead weight, with the half-widths of its intervals.
 
-    `tolerance_percent`: half of the interval at 1.5, 4 and 9 N at which no more is asked for; 0
-    asks for every weight.
+    `tolerance_percent`: half-width at 1.5, 4 and 9 N below which no further weight is requested;
+    0 requests every weight.
     """
 
     def __init__(self, *, tolerance_percent: float) -> None:
@@ -168,17 +169,17 @@ class WeightSeries:
         self.before = self.after = self._half_widths()
 
     @property
-    def enough(self) -> bool:
-        """Whether the intervals are within the tolerance, after at least three weights."""
+    def is_within_tolerance(self) -> bool:
+        """Whether at least three weights were added and all intervals are within the tolerance."""
         return self._law.known >= MIN_LOADS and max(self.after.values()) <= self._tolerance_percent
 
     @property
     def next_n(self) -> float:
-        """The load that would narrow the intervals most."""
+        """The load that is expected to narrow the intervals most."""
         return most_useful_n(self._law)
 
-    def take(self, excess: float, load_n: float) -> None:
-        """Add a settled reading, and print the narrowed intervals."""
+    def add(self, excess: float, load_n: float) -> None:
+        """Add a settled reading, refit the law and print the new half-widths."""
         self._known.append((excess, load_n))
         readings, loads_n = zip(*self._known, strict=True)
         self._law = ForceLaw.fit(readings, force_n=loads_n)
@@ -186,11 +187,15 @@ class WeightSeries:
         each = ", ".join(
             f"{force} N {last[force]:.0f} to {self.after[force]:.0f} %" for force in self.after
         )
-        advice = "within the tolerance" if self.enough else f"most would show {self.next_n:g} N"
-        say(f"{load_n:g} N: half-width of the interval at {each}; {advice}")
+        advice = (
+            "within the tolerance"
+            if self.is_within_tolerance
+            else f"most useful next: {self.next_n:g} N"
+        )
+        print_message(f"{load_n:g} N: half-width of the interval at {each}; {advice}")
 
     def to_dict(self) -> dict[str, dict[str, float]]:
-        """Return half of the interval at each force before and after the weights, percent."""
+        """Return the half-width at each force before and after the weights, percent."""
         return {
             f"{force}_n": {"before": self.before[force], "after": self.after[force]}
             for force in self.before
@@ -200,24 +205,26 @@ class WeightSeries:
         return {f"{at_n:g}": half_width_percent(self._law, at_n) for at_n in SPREAD_N}
 
 
-def weigh_loads(
+def _weigh_loads(
     rig: str, *, loads: Path | None, out: Path, tolerance_percent: float
 ) -> tuple[Calibration, WeightSeries]:
-    """Read dead weights as the user lays them down, and fit the law to them.
+    """Measure dead weights as the user places them, and fit the force law.
 
-    Raises `InputError` if the rig is simulated, the loads can't carry a calibration, or `out` is
-    not there yet.
+    Raises `InputError` if the rig is simulated, the loads are insufficient for a calibration, or
+    `out` does not exist.
     """
     if rig.startswith("sim-"):
-        without = "" if loads is None else "; leave --loads out"
+        without = "" if loads is None else "; omit --loads"
         raise InputError(
-            f"rig {rig!r} is simulated, and no weights can be laid on it{without} "
+            f"rig {rig!r} is simulated and can't be loaded with weights{without} "
             "(--rig sim-rigid has a load cell)"
         )
     listed = None if loads is None else read_loads(loads)
-    course = WeightSeries(tolerance_percent=tolerance_percent)
+    series = WeightSeries(tolerance_percent=tolerance_percent)
     with closing(open_source(rig=rig)) as source:
-        earlier = earlier_calibration(out, layout=source.array.layout, simulated=source.simulated)
+        earlier = load_earlier_calibration(
+            out, layout=source.array.layout, simulated=source.simulated
+        )
         if earlier is None:
             raise InputError(
                 f"{out} does not exist yet; run `palpate calibrate rest --rig {rig} --out {out}`"
@@ -229,33 +236,35 @@ def weigh_loads(
 
         weighing = measure_loads(
             source.array,
-            loads_n=_ask_loads(course) if listed is None else _take_until_enough(listed, course),
+            loads_n=_ask_loads(series)
+            if listed is None
+            else _iterate_until_tolerance(listed, series),
             place=place,
             clock=RealClock(),
-            settled=course.take,
+            settled=series.add,
         )
     for load_n in weighing.refused_n:
-        say(f"refused: {load_n:g} N did not settle")
+        print_message(f"excluded: {load_n:g} N did not settle")
     made = add_force_law(replace(earlier, force=weighing.pairs))
     held_out = {
         **made.held_out,
         "unloading_seen": has_unloading(weighing.pairs.force_n),
     }
-    return replace(made, held_out=held_out, made_at=format_now()), course
+    return replace(made, held_out=held_out, made_at=format_now()), series
 
 
-def _take_until_enough(loads_n: Sequence[float], course: WeightSeries) -> Iterator[float]:
+def _iterate_until_tolerance(loads_n: Sequence[float], series: WeightSeries) -> Iterator[float]:
     for load_n in loads_n:
-        if course.enough:
+        if series.is_within_tolerance:
             return
         yield load_n
 
 
-def _ask_loads(course: WeightSeries) -> Iterator[float]:
-    """Ask for one weight after the other, the most useful one first, until Enter alone."""
+def _ask_loads(series: WeightSeries) -> Iterator[float]:
+    """Prompt for weights, suggesting the most useful one, until an empty line."""
     loads_n: list[float] = []
-    while not course.enough:
-        ask = f"lay a weight near {course.next_n:g} N on the pad and type its newtons (Enter ends)"
+    while not series.is_within_tolerance:
+        ask = f"lay a weight near {series.next_n:g} N on the pad, type its newtons (Enter: done)"
         typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
         if not typed:
             break
@@ -267,40 +276,41 @@ def _ask_loads(course: WeightSeries) -> Iterator[float]:
     check_loads(loads_n, where="the weights")
 
 
-#: A thousandth of what 1 N moves a cell of 1 kg and 1 mV/V by: 200 000 counts of an HX711 at 128.
-_LEAST_COUNTS = 1000.0
+#: Minimum change, counts: a 1 kg, 1 mV/V cell on an HX711 at gain 128 changes by about 200 000
+#: counts per newton.
+_MIN_COUNTS = 1000.0
 
 
 def cell(
-    rig: Annotated[str, opt("--rig TOML", "A rig file with a board.")],
-    known_n: Annotated[float, opt("--known-n NEWTONS", "The weight, newtons (kg * 9.81).")],
-    cell: Annotated[int, opt("--cell N", "Which load cell of the board.", min=0, max=1)] = 0,
+    rig: Annotated[str, opt("--rig TOML", "Rig file of a board.")],
+    known_n: Annotated[float, opt("--known-n NEWTONS", "Known weight, newtons (kg * 9.81).")],
+    cell: Annotated[int, opt("--cell N", "Load cell of the board, 0 or 1.", min=0, max=1)] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Weigh a known weight on one load cell; prints the line for the rig file.
+    """Measure a known weight on a load cell; print the rig-file table.
 
     Example: palpate calibrate cell --rig rig.toml --cell 0 --known-n 9.81
     """
     if not (math.isfinite(known_n) and known_n > 0):
         raise InputError(f"--known-n must be above 0 newtons, not {known_n:g}")
     if not rig.endswith(".toml"):
-        raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
+        raise InputError(f"rig {rig!r} is simulated; give the rig file of a board")
     known = read_load_cells(Path(rig)) or ()
     if cell > len(known):
         raise InputError(
-            f"--cell {cell}: calibrate cell 0 first and put its [load_cells] into {rig}"
+            f"--cell {cell}: calibrate cell 0 first and copy the printed [load_cells] into {rig}"
         )
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:
         board = require_board(source.array)
-        ask_user(f"take everything off load cell {cell}, then Enter")
+        ask_user(f"remove everything from load cell {cell}, then press Enter")
         (empty,) = measure_mean_counts(board, cells=(cell,), clock=clock)
-        ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it lies still, then Enter")
+        ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it is still, then press Enter")
         (loaded,) = measure_mean_counts(board, cells=(cell,), clock=clock)
-    if abs(loaded - empty) < _LEAST_COUNTS:
+    if abs(loaded - empty) < _MIN_COUNTS:
         raise CalibrationError(
-            f"load cell {cell} changed by only {loaded - empty:.0f} counts; is the weight on "
-            "it, and is it this cell? (--cell)"
+            f"load cell {cell} changed by only {loaded - empty:.0f} counts; check that the weight "
+            "is on this cell, or give another --cell"
         )
     line = [*known[:cell], known_n / (loaded - empty), *known[cell + 1 :]]
     if as_json:

@@ -1,4 +1,4 @@
-"""`palpate calibrate rest`: the reading of each pixel without load."""
+"""`palpate calibrate rest`: rest resistance of each pixel."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Annotated
 from rich.console import Console
 
 from palpate.cli import options as option
-from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration
+from palpate.cli.calibrate_bench import DEFAULT_FILE, load_earlier_calibration
 from palpate.cli.options import opt
-from palpate.cli.output import print_json, say
+from palpate.cli.output import print_json, print_message
 from palpate.cli.sensor_source import open_source
 from palpate.files import check_writable
 from palpate.sensor.calibration import Calibration
@@ -24,16 +24,21 @@ def rest(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     out: option.CalibrationOption = None,
-    new: Annotated[bool, opt("--new", "Start a new file: the sensor was changed.")] = False,
+    new: Annotated[bool, opt("--new", "Start a new file, after the sensor was changed.")] = False,
     empty: Annotated[
-        bool, opt("--empty", "Nothing presses, though temperature, humidity or wear moved it.")
+        bool,
+        opt(
+            "--empty",
+            "Accept changed rest values: nothing touches the sensor, but temperature, humidity or "
+            "wear changed the readings.",
+        ),
     ] = False,
-    duration_s: Annotated[float, opt("--duration SECONDS", "How long.", min=1.0)] = 5.0,
+    duration_s: Annotated[float, opt("--duration SECONDS", "Measuring time.", min=1.0)] = 5.0,
     as_json: option.JsonOption = False,
 ) -> None:
-    """Take the rest values of every pixel; refused when something presses or moves.
+    """Measure the rest resistance of each pixel; fails if the sensor is loaded or drifting.
 
-    An existing file keeps its force and block readings.
+    Force and block readings of an existing file are preserved.
 
     Example: palpate calibrate rest --rig rig.toml
     """
@@ -42,9 +47,11 @@ def rest(
         path = out or source.calibration_path or DEFAULT_FILE
         check_writable(path)
         pixels, simulated = source.array.layout, source.simulated
-        earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
+        earlier = (
+            None if new else load_earlier_calibration(path, layout=pixels, simulated=simulated)
+        )
         if not simulated:
-            say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
+            print_message(f"{source.name}: do not touch the sensor for {duration_s:g} s")
         known_ohm = None if earlier is None or empty else earlier.rest_ohm
         values = compute_rest(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
     calibration = replace_rest(earlier, values, layout=pixels, simulated=simulated)
@@ -84,7 +91,7 @@ def _print(calibration: Calibration, *, path: Path, earlier: Calibration | None)
             )
     simulated = "  [bold yellow]SIMULATED[/]" if calibration.origin == "simulated" else ""
     console = Console(highlight=False)
-    console.print(f"[bold]Rest of {layout.name}[/], {values.frames} frames{simulated}\n")
+    console.print(f"[bold]Rest values of {layout.name}[/], {values.frames} frames{simulated}\n")
     columns = ("pixel", ">finger", ">rest, ohm", ">spread", *[">since before"] * renewed)
     print_table(columns, rows, console=console)
     console.print(f"\n{'Renewed' if renewed else 'Written'}: {path}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`palpate demo NAME`: files to try palpate on without a sensor."""
+"""`palpate demo NAME`: simulated example files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.cli.options import opt
 from palpate.cli.output import progress
 from palpate.errors import InputError
 
-#: What can be written -> (its folder, what to try on it there).
+#: Demo -> (folder, commands to try).
 NAMES = {
     "recordings": (
         "demo-recordings",
@@ -41,20 +41,18 @@ def demo(
     name: Annotated[
         str, typer.Argument(help="recordings or packhouse.", autocompletion=option.complete_demos)
     ],
-    out: Annotated[
-        Path | None, opt("--out DIR", "Folder to write into; demo-NAME by default.")
-    ] = None,
+    out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
-    """Write simulated files to try palpate on.
+    """Write simulated example files.
 
-    Recordings of a data logger, or a packhouse's store and rules (a quarter of a minute).
+    recordings: data-logger files. packhouse: an item store with sorting rules, in about 15 s.
 
-    All of it is simulated, and labelled so.
+    All data are simulated and labelled as such.
 
     Example: palpate demo recordings
     """
     if name not in NAMES:
-        raise InputError(f"no demo {name!r}; there are: {', '.join(NAMES)}")
+        raise InputError(f"no demo {name!r}; available: {', '.join(NAMES)}")
     default, commands = NAMES[name]
     folder = out if out is not None else Path(default)
     if name == "recordings":

@@ -1,4 +1,4 @@
-"""`palpate doctor`: the faults of a sensor, with their remedies."""
+"""`palpate doctor`: faults of a sensor, with remedies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rich.text import Text
 
 from palpate.cli import options as option
 from palpate.cli.options import opt
-from palpate.cli.output import CARD_FRAME, print_card, print_json, say
+from palpate.cli.output import CARD_FRAME, print_card, print_json, print_message
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
 from palpate.recording import load_recording
@@ -33,20 +33,20 @@ def doctor(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     recording: Annotated[
-        Path | None, opt("--recording FILE", "Judge a recording instead; it must begin at rest.")
+        Path | None, opt("--recording FILE", "Check a recording instead, which must start at rest.")
     ] = None,
     duration_s: Annotated[
-        float, opt("--duration SECONDS", "How long at rest to judge by.", min=1.0)
+        float, opt("--duration SECONDS", "Duration of the check at rest.", min=1.0)
     ] = 10.0,
     press: Annotated[
-        bool, opt("--press", "Then press each pixel in turn: finds swapped wires.")
+        bool, opt("--press", "Prompt for a press on each pixel in turn, to find swapped wires.")
     ] = False,
     as_json: option.JsonOption = False,
 ) -> None:
-    """Find faulty and swapped pixels, losses and a wrong resistor.
+    """Find faulty or swapped pixels, lost frames and a wrong reference resistor.
 
-    It finds dead, shorted, stuck, noisy, drifting and swapped pixels. Nothing may touch the sensor.
-    Exit status 1 if something is wrong.
+    Pixel faults are dead, shorted, stuck, noisy and drifting. Nothing may touch the sensor. Exit
+    status 1: faults found.
 
     Example: palpate doctor --port /dev/ttyACM0 --press
     """
@@ -67,20 +67,20 @@ def doctor(
 
 def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     if press and source.simulated:
-        raise InputError("--press needs a hand on a real sensor, or a --recording of presses")
+        raise InputError("--press requires a real sensor, or a --recording of presses")
     layout = source.array.layout
     if not source.simulated:
-        say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
+        print_message(f"{source.name}: do not touch the sensor for {duration_s:g} s")
     known_ohm = source.rest_ohm()
-    source.frames(0.0)  # garbage that came before the first frame is no fault of the link
-    before = source.events()
+    source.frames(0.0)  # Bytes before the first frame are not link errors.
+    before = source.link_counters()
     rest = source.frames(duration_s)
-    counters = source.events().count_since(before)
+    counters = source.link_counters().count_since(before)
     all_frames = rest
     extra: tuple[Finding, ...] = ()
     if press:
         frames = iter(lambda: source.array.read(timeout_s=FRAME_TIMEOUT_S), None)
-        all_frames, extra = _follow_presses(frames, rest=rest, layout=layout, prompt=say)
+        all_frames, extra = _follow_presses(frames, rest=rest, layout=layout, prompt=print_message)
     health = check_health(
         rest,
         layout=layout,
@@ -94,13 +94,15 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
 
 
 def _examine_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
-    """Judge pixels by the first seconds of a recording, the link by all of it."""
+    """Check the pixels at the start of a recording, and the link throughout."""
     loaded = load_recording(path)
     layout = loaded.info.layout
     if not len(loaded.time_s):
-        raise InputError(f"{path}: no frames to judge")
+        raise InputError(f"{path}: no frames to check")
     if len(set(loaded.oversampling.tolist())) > 1:
-        raise InputError(f"{path}: the oversampling changes within it; record with one setting")
+        raise InputError(
+            f"{path}: the oversampling changes during the recording; record with one setting"
+        )
     all_frames = FrameColumns(
         time_s=loaded.time_s,
         sequence=loaded.sequence,
@@ -124,13 +126,13 @@ def _follow_presses(
     layout: ArrayLayout,
     prompt: Callable[[str], None],
 ) -> tuple[FrameColumns, tuple[Finding, ...]]:
-    """Follow the presses; return the frames of rest and presses, and the findings."""
+    """Monitor presses; return the frames at rest and pressed, and the findings."""
     monitor, requested, taken = PressMonitor(rest.rest_ohm(layout=layout)), None, rest.to_frames()
     for frame in frames:
         if monitor.next_pixel is not None and monitor.next_pixel != requested:
             requested = monitor.next_pixel
             where = f"pixel {pixel_name(*requested)} (finger {layout.finger_of_row[requested[0]]})"
-            prompt(f"press {where}, hold it for a moment, release")
+            prompt(f"press {where}, hold briefly, then release")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         monitor.add_frame(frame.time_s, ohm)
         taken.append(frame)
@@ -141,13 +143,13 @@ def _follow_presses(
 
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
-#: Larger arrays would fill the screen: only their odd pixels are listed.
+#: Above this number of pixels, only pixels with findings are listed.
 _LISTED_PIXELS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examined:
-    """A judged sensor with the source of its frames."""
+    """The health of a sensor, with the source of its frames."""
 
     name: str
     simulated: bool
@@ -238,15 +240,15 @@ def _pixels(examined: Examined) -> Table:
             *([f"[bold red]{marks.get(name, '')}[/]"] if marks else []),
         )
     if not table.row_count:
-        table.add_row(f"all {layout.pixels} alike")
+        table.add_row(f"all {layout.pixels} normal")
     return table
 
 
 def _pixel_marks(examined: Examined) -> dict[str, str]:
-    """Return the code of the finding that concerns each pixel, by the pixel's name."""
+    """Return pixel name -> code of the pixel's first finding."""
     return {
         pixel_name(row, col): found.code
-        # Of several, the first counts.
+        # Reversed, so that a pixel's first finding wins.
         for found in reversed(examined.health.findings)
         for row, col in np.ndindex(examined.layout.rows, examined.layout.cols)
         if found.affects_pixel(row, col)

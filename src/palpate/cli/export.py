@@ -7,9 +7,9 @@ from typing import Annotated, Literal, TypeAlias
 
 import typer
 
-from palpate.cli.lazy_group import entry_point
+from palpate.cli.lazy_group import find_entry_point
 from palpate.cli.options import opt
-from palpate.cli.output import say
+from palpate.cli.output import print_message
 from palpate.errors import InputError, RecordingError
 from palpate.files import check_new
 from palpate.recording import RecordingReader, load_recording
@@ -24,11 +24,11 @@ def export(
         list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
     ],
     to: Annotated[
-        ExportForm | None, opt("--to", "Form of the file. [default: by --out's ending, or csv]")
+        ExportForm | None, opt("--to", "File format. [default: from the ending of --out, or csv]")
     ] = None,
-    holds: Annotated[bool, opt("--holds", "Cut out the holds, for `palpate settle`.")] = False,
+    holds: Annotated[bool, opt("--holds", "Export only the holds, for `palpate settle`.")] = False,
     unit: Annotated[
-        HoldUnit, opt("--unit", "Holds as relative change or as resistance.")
+        HoldUnit, opt("--unit", "Unit of the holds: relative change or resistance.")
     ] = "percent",
     out: Annotated[Path | None, opt("--out FILE", "File to write. [default: next to FILE]")] = None,
     lerobot: Annotated[
@@ -36,7 +36,7 @@ def export(
     ] = None,
     task: Annotated[
         str | None,
-        opt("--task", "With --lerobot: what was done, in words. [default: by each recording]"),
+        opt("--task", "With --lerobot: task description. [default: from each recording]"),
     ] = None,
     fps: Annotated[
         int | None,
@@ -51,15 +51,15 @@ def export(
     """
     if lerobot is not None:
         if to is not None or holds or out is not None:
-            raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
+            raise InputError("--lerobot can't be combined with --to, --holds or --out")
         package = ("palpate-lerobot", "bridges/lerobot-dataset")
-        point = entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
+        point = find_entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
         point.load()(files, folder=lerobot, task=task, fps=fps)
         return
     if task is not None or fps is not None:
-        raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")
+        raise InputError("--task and --fps require --lerobot DIR")
     if len(files) > 1:
-        raise InputError(f"{files[1]}: one recording at a time, except with --lerobot")
+        raise InputError(f"{files[1]}: only one recording can be exported, except with --lerobot")
     file, form = files[0], _choose_form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     check_new(target)
@@ -75,11 +75,11 @@ def export(
         with RecordingReader(file) as reader:
             rows = write_export(target, frame_tables(reader), to=form)
         what = ""
-    say(f"{target}: {what}{rows} rows")
+    print_message(f"{target}: {what}{rows} rows")
 
 
 def _choose_form(to: ExportForm | None, out: Path | None) -> ExportForm:
-    """Return the form that option and ending agree on: a recording is never written over."""
+    """Return the format set by --to or the ending of --out, which must agree."""
     if out is None:
         return to or "csv"
     forms: dict[str, ExportForm] = {".csv": "csv", ".parquet": "parquet"}
@@ -87,4 +87,4 @@ def _choose_form(to: ExportForm | None, out: Path | None) -> ExportForm:
     if form is not None and to in (None, form):
         return form
     wanted = f".{to}" if to else ".csv or .parquet"
-    raise InputError(f"--out {out}: name a file that ends in {wanted}")
+    raise InputError(f"--out {out}: the name must end in {wanted}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, say
+from palpate.cli.output import print_json, print_message
 from palpate.clock import RealClock
 from palpate.errors import DeviceError, DeviceNotFoundError, InputError
 from palpate.firmware_image import BOARDS, image_path
@@ -20,51 +20,55 @@ from palpate.sensor.ports import list_serial_ports, query_identity
 
 def flash(
     port: Annotated[
-        str | None, opt("--port", "Serial port; by default the one found by USB id.")
+        str | None, opt("--port", "Serial port. [default: the only board found by USB id]")
     ] = None,
     board: Annotated[
-        Literal["mega2560", "uno", "nano"], opt("--board", "Which Arduino it is.")
+        Literal["mega2560", "uno", "nano"], opt("--board", "Type of Arduino.")
     ] = "mega2560",
     baud: Annotated[
         int,
         opt(
-            "--baud", "Speed it will talk at: 1000000, 500000, 250000 or 115200; a Mega also 9600."
+            "--baud",
+            "Baud rate of the firmware: 1000000, 500000, 250000 or 115200; a Mega also 9600.",
         ),
     ] = 1_000_000,
     image: Annotated[
-        Path | None, opt("--image", "Another image (Intel hex) than the one installed.")
+        Path | None, opt("--image", "Use this Intel hex file instead of the built-in image.")
     ] = None,
 ) -> None:
-    """Write the firmware with avrdude, verify it, and ask the board what it runs.
+    """Write the firmware with avrdude, verify it, and query the board's version.
 
     Example: palpate flash --port /dev/ttyACM0
     """
     avrdude_path()
     chosen = image or image_path(board, baud)
     device = port or _find_port()
-    # Opened and closed first: reports in one line what avrdude reports in many, or not at all.
+    # Opening the port first gives a one-line error, where avrdude prints many lines or none.
     SerialStream(device, baud=baud).close()
-    say(f"writing {chosen.name} to {device} ...")
+    print_message(f"writing {chosen.name} to {device} ...")
     write_image(chosen, board=board, port=device)
     try:
         found = query_identity(SerialStream(device, baud=baud), clock=RealClock())
     except DeviceError as error:
         raise DeviceError(
-            f"written and verified, but the board does not answer: {error}"
+            f"firmware written and verified, but the board does not answer: {error}"
         ) from error
     version = ".".join(map(str, found.version))
     print(f"{device}: {found.board} runs palpate's firmware {version} at {found.baud} baud")
 
 
 def _find_port() -> str:
-    """Return the one port of a board by its USB id, as only firmware answers."""
+    """Return the only port with the USB id of a board.
+
+    The firmware can't be queried, because the board may have none yet.
+    """
     likely = [found for found in list_serial_ports() if found.board is not None]
     if len(likely) == 1:
         return likely[0].device
     if not likely:
         raise DeviceNotFoundError(
-            "no Arduino found by its USB id. Plug it in with a data cable; `palpate ports` lists "
-            "what there is, --port names one."
+            "no Arduino found by its USB id. Plug it in with a data cable. `palpate ports` lists "
+            "the serial ports; choose one with --port."
         )
     names = ", ".join(found.device for found in likely)
     raise DeviceError(f"{len(likely)} boards found: {names}. Choose one with --port.")
@@ -79,8 +83,8 @@ _SIGNATURES = {
     "1e9703": "ATmega1280 (the first Arduino Mega)",
 }
 _NO_ANSWER = r"not in sync|timeout|unable to open programmer|not responding"
-#: avrdude's message -> what it means; the first match counts.
-_MEANINGS = (
+#: (pattern in avrdude's output, explanation); the first match is used.
+_EXPLANATIONS = (
     (
         r"permission denied",
         "permission denied. Run `sudo usermod -aG dialout $USER`, then log out and in again.",
@@ -89,13 +93,13 @@ _MEANINGS = (
     (r"resource busy|device busy", "in use by another program; close it first"),
     (
         r"verification (error|mismatch)",
-        "the board's memory differs from what was written: another cable or USB port, then "
-        "again; if it stays, the chip is worn",
+        "the board's memory differs from the image: try again with another cable or USB port; if "
+        "the error persists, the chip is worn",
     ),
     (
         _NO_ANSWER,
-        "no boot loader of this board answers: another board (`--board`), a charge-only cable, or "
-        "a clone without boot loader. Press reset just before trying again.",
+        "the boot loader does not answer: wrong `--board`, a charge-only cable, or a clone without "
+        "a boot loader. Press reset just before trying again.",
     ),
 )
 
@@ -117,15 +121,14 @@ def avrdude_path() -> str:
 def write_image(image: Path, *, board: str, port: str) -> None:
     """Write an image to the board on a port, and verify it.
 
-    `board`: a key of `palpate.firmware_image.BOARDS`; each of its boot loaders is tried.
-
-    Raises `InputError` if the image is not an Intel hex file; `DeviceError` if avrdude is missing
-    or fails; one line that gives the reason.
+    `board`: key of `palpate.firmware_image.BOARDS`; the board's boot loaders are tried in turn.
+    Raises `InputError` if the image is not an Intel hex file; `DeviceError` with a one-line reason
+    if avrdude is missing or fails.
     """
-    _refuse_other_files(image)
+    _check_intel_hex(image)
     for programmer, baud in BOARDS[board].boot_loaders:
         command = [avrdude_path(), "-p", BOARDS[board].chip, "-c", programmer]
-        # -D: the boot loader erases page by page and can't erase the whole chip.
+        # -D skips the chip erase, which the boot loader does not support.
         command += ["-P", port, "-b", str(baud), "-D", "-U", f"flash:w:{image}:i"]
         try:
             done = subprocess.run(
@@ -146,13 +149,13 @@ def write_image(image: Path, *, board: str, port: str) -> None:
             return
         if not re.search(_NO_ANSWER, output, re.IGNORECASE):
             break
-    raise DeviceError(f"{port}: {meaning(output, board=board)}")
+    raise DeviceError(f"{port}: {explain_failure(output, board=board)}")
 
 
-def meaning(output: str, *, board: str = "mega2560") -> str:
-    """Translate the output of a failed avrdude into one line.
+def explain_failure(output: str, *, board: str = "mega2560") -> str:
+    """Return a one-line explanation of a failed avrdude run.
 
-    >>> meaning("avrdude: Device signature = 0x1e950f (probably m328p)")
+    >>> explain_failure("avrdude: Device signature = 0x1e950f (probably m328p)")
     'the board is an ATmega328P (Arduino Uno, Nano), not an Arduino Mega 2560; see --board'
     """
     about = BOARDS[board]
@@ -160,12 +163,12 @@ def meaning(output: str, *, board: str = "mega2560") -> str:
     if signature is not None:
         chip = signature[1].replace(" ", "").lower()
         if chip in ("000000", "ffffff"):
-            return "the chip gives no signature: it is not powered, or its boot loader is broken"
+            return "the chip returned no signature: no power, or a damaged boot loader"
         if not chip.startswith(about.signature):
             name = _SIGNATURES.get(chip[:6], f"a chip with signature 0x{chip}")
             article = "an " if name.startswith("ATmega") else ""
             return f"the board is {article}{name}, not an {about.label}; see --board"
-    for pattern, line in _MEANINGS:
+    for pattern, line in _EXPLANATIONS:
         if re.search(pattern, output, re.IGNORECASE):
             return line
     lines = [line.strip() for line in output.splitlines() if line.strip()]
@@ -173,10 +176,10 @@ def meaning(output: str, *, board: str = "mega2560") -> str:
     return f"avrdude failed: {wrong[0]}"
 
 
-def _refuse_other_files(image: Path) -> None:
-    """Refuse a file that is not a complete Intel hex file.
+def _check_intel_hex(image: Path) -> None:
+    """Raise `InputError` if a file is not a complete Intel hex file.
 
-    Each line begins with a colon, and the last one is the end record.
+    Each line must start with a colon, and the last line must be the end record.
     """
     try:
         lines = image.read_text(encoding="ascii").split()
@@ -200,7 +203,7 @@ def ports(
         print_json({"ports": [asdict(port) for port in found]})
         return
     if not found:
-        print("no serial port on this machine; plug the board in")
+        print("no serial port found; plug in the board")
     for port in found:
         usb = "" if port.usb_id is None else f"{port.usb_id[0]:04x}:{port.usb_id[1]:04x}"
         mark = f"<- {port.board}" if port.board else ""

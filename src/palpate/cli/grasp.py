@@ -19,13 +19,13 @@ from palpate.cli.options import (
     opt,
     paper_settings,
 )
-from palpate.cli.output import print_json, say
+from palpate.cli.output import print_json, print_message
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.grasp.result import GraspResult
 
-#: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
+#: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
 EXIT_STATUS = {
     "held": 0,
     "nothing_there": 1,
@@ -37,9 +37,9 @@ EXIT_STATUS = {
     "gripper_fault": 3,
     "stopped": 130,
 }
-#: The local store could not be written, or the recording could not.
-_NOT_KEPT = 3
-#: The subscriber that records; a fault of it begins so.
+#: Exit status if writing to the local store or the recording failed.
+_EXIT_NOT_STORED = 3
+#: Prefix of the faults of the recording subscriber.
 RECORDER = "recorder"
 
 
@@ -50,22 +50,31 @@ def grasp(
     target_force_n: option.TargetForceOption = None,
     expect_size_mm: Annotated[
         float | None,
-        opt("--expect-size MM", "Approximate thickness: the approach is faster.", min=1.0),
+        opt(
+            "--expect-size MM",
+            "Approximate thickness of the object, for a faster approach.",
+            min=1.0,
+        ),
     ] = None,
     calibration: Annotated[
         Path | None,
-        opt("--calibration FILE", "Use this calibration of the sensor in place of the rig's own."),
+        opt("--calibration FILE", "Use this calibration instead of the rig's."),
     ] = None,
     damage: option.DamageOption = None,
     kind: Annotated[
-        str | None, opt("--kind NAME", "With --damage: what is grasped, where known.")
+        str | None, opt("--kind NAME", "With --damage: kind of produce, if known.")
     ] = None,
     pull_n: Annotated[
-        float | None, opt("--pull-n NEWTONS", "Judge whether such a pull is secure.", min=0.01)
+        float | None,
+        opt("--pull-n NEWTONS", "Check whether the grip withstands this pull.", min=0.01),
     ] = None,
     friction: Annotated[
         float | None,
-        opt("--friction NUMBER", "With --pull-n: coefficient between pads and object.", min=0.01),
+        opt(
+            "--friction NUMBER",
+            "With --pull-n: friction coefficient between pads and object.",
+            min=0.01,
+        ),
     ] = None,
     method: MethodOption = "palpate",
     step_mm: StepOption = None,
@@ -80,21 +89,23 @@ def grasp(
         str | None,
         opt(
             "--item ITEM",
-            "Keep the grasp in the store, as one of this item.",
+            "Store the grasp with this item.",
             autocompletion=option.complete_items,
         ),
     ] = None,
     store: option.StoreOption = None,
     angle_deg: Annotated[
         float | None,
-        opt("--angle-deg DEGREES", "With --item: which side of it faces the first finger."),
+        opt(
+            "--angle-deg DEGREES", "With --item: rotation of the item relative to the first finger."
+        ),
     ] = None,
 ) -> None:
     """Close on an unknown object, measure size, force and stiffness, and release it.
 
     Example: palpate grasp --object strawberry --seed 3
     """
-    # Here and not above: help and completion need none of it.
+    # Imported here to keep help and completion fast.
     from palpate.cli.grasp_card import print_card
     from palpate.cli.grasp_extras import open_limit, open_store_entry, run_watched
     from palpate.grasp.document import grasp_document
@@ -112,9 +123,9 @@ def grasp(
         cutoff_s=cutoff_s,
     )
     if paper is not None and (target_force_n is not None or expect_size_mm is not None):
-        raise InputError("--method paper takes neither --target-force-n nor --expect-size")
+        raise InputError("--method paper can't be combined with --target-force-n or --expect-size")
     if (pull_n is None) != (friction is None):
-        raise InputError("--pull-n and --friction go together")
+        raise InputError("--pull-n and --friction must be given together")
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
@@ -137,7 +148,9 @@ def grasp(
         )
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.to_dict(result)
-        kept = {} if entry is None else entry.take(result, rig=devices, recording=record)
+        stored_names = (
+            {} if entry is None else entry.add_result(result, rig=devices, recording=record)
+        )
         pull = None
         if pull_n is not None and friction is not None:
             pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
@@ -146,7 +159,7 @@ def grasp(
                 result,
                 target_force_n=target_force_n,
                 damage_limit=limited,
-                names=kept,
+                names=stored_names,
                 truth=truth,
                 subject=devices.subject,
             )
@@ -168,21 +181,21 @@ def grasp(
             if pull is not None:
                 print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
             sys.stdout.flush()
-        # After the answer: the store may be slow or away.
-        unkept = entry is not None and not entry.store()
-    if status := _exit_status(result, unkept=unkept):
+        # Stored after the result is printed, because the store may be slow or unreachable.
+        is_unstored = entry is not None and not entry.store()
+    if status := _exit_status(result, is_unstored=is_unstored):
         raise typer.Exit(status)
 
 
-def _exit_status(result: GraspResult, *, unkept: bool) -> int:
-    """Return the exit status; print why, where equipment or a file failed."""
+def _exit_status(result: GraspResult, *, is_unstored: bool) -> int:
+    """Return the exit status; print the reason if equipment or a file failed."""
     from palpate.grasp.verdict import outcome_text
 
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
-        say(f"palpate grasp: {why}")
+        print_message(f"palpate grasp: {why}")
     lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
-    if lost is not None and status < _NOT_KEPT:
-        say(f"palpate grasp: {lost}")
-    return max(status, _NOT_KEPT) if lost is not None or unkept else status
+    if lost is not None and status < _EXIT_NOT_STORED:
+        print_message(f"palpate grasp: {lost}")
+    return max(status, _EXIT_NOT_STORED) if lost is not None or is_unstored else status

@@ -1,4 +1,4 @@
-"""The result card of a grasp: values, intervals, and the twin's own values."""
+"""The result card of a grasp: values, intervals and, on the twin, true values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.grasp.verdict import verdict
 from palpate.settling.result import Status
 from palpate.terminal_table import make_table
 
-#: Name of the measurement, label with its unit, digits after the point.
+#: Name of the measurement, label with unit, decimal places.
 _ROWS = (
     ("size_mm", "Size, mm", 1),
     ("force_n", "Grip force, N", 2),
@@ -43,7 +43,11 @@ def print_card(
     truth: Mapping[str, object] | None = None,
     limited: Mapping[str, object] | None = None,
 ) -> None:
-    """Print the card on standard output; `limited`: the effect of a learned damage limit."""
+    """Print the card on standard output.
+
+    `truth`: true values of the simulated object; None on hardware.
+    `limited`: effect of a learned damage limit; None without a limit.
+    """
     summary = verdict(result, target_force_n=target_force_n)
     damaged = truth is not None and bool(truth["damaged"])
     good = result.outcome is Outcome.HELD and not damaged
@@ -51,12 +55,12 @@ def print_card(
     if summary["firmness"]:
         headline.append(f"  ·  {summary['firmness']}", style="bold")
     if summary["on_target"] is not None:
-        met = "target within the interval" if summary["on_target"] else "off target"
-        headline.append(f"  ·  {met} ({summary['target_force_n']:g} N)", style="bold")
+        target = "target within the interval" if summary["on_target"] else "off target"
+        headline.append(f"  ·  {target} ({summary['target_force_n']:g} N)", style="bold")
     console = Console(highlight=False)
     parts: list[Text | Table | None] = [headline]
     if damaged:
-        damage = "The object was damaged: its force passed the yield."
+        damage = "The object was damaged: the force exceeded its yield force."
         parts.append(Text(damage, style="bold red"))
     parts += [None, _measurements(result, truth), None]
     parts.append(_timings(result))
@@ -75,7 +79,7 @@ def print_card(
 
 
 def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Table:
-    """Return the table of measurements; a true value is green inside the interval, else red."""
+    """Return the table of measurements; true values outside the interval are red."""
     table = make_table(["", ">value", "90 % interval", *[">true"] * (truth is not None)])
     for column in table.columns:
         column.no_wrap = True
@@ -109,22 +113,22 @@ def _timings(result: GraspResult) -> Text:
     if result.decision_time_s is not None:
         parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
     if result.peak_force_n is not None:
-        parts.append(f"peak force read {result.peak_force_n:.1f} N")
+        parts.append(f"measured peak force {result.peak_force_n:.1f} N")
     parts.append(f"{result.frames} frames, {result.frames_lost} lost")
     return Text("  ·  ".join(parts), style="dim")
 
 
 def _limit_text(limit: Mapping[str, object]) -> str:
-    """Return the limit and its effect as a line of the card."""
+    """Return the damage limit and its effect as one line."""
     who = limit["kind"] or "unknown kind"
     learned = f"{who}, {limit['closings']} closings"
     if limit["low_n"] is None:
-        why = "not shown by this closing, so the hand closed only a little further"
+        why = "not measurable in this closing, so the gripper closed only slightly further"
         return f"Damage limit ({learned}): {why}"
     did = ""
     if limit["passed"]:
-        # A sheet that does not show a faint force shows the limit only once it is passed.
-        did = ": shown only once the force had passed it; nothing more was pressed"
+        # The sheet can't resolve small forces, so the limit may be known too late.
+        did = ": known only after the force had exceeded it; the closing then stopped"
     elif limit["kept_below_target"]:
-        did = ": it kept the force below the target"
+        did = ": the force stayed below the target because of it"
     return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"

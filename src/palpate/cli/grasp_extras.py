@@ -1,4 +1,4 @@
-"""`palpate grasp --damage`, `--item` and `--record`: what watches a grasp while it runs."""
+"""`palpate grasp --damage`, `--item` and `--record`: observers of a running grasp."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.cli.options import refuse_options
-from palpate.cli.output import say
+from palpate.cli.output import print_message
 from palpate.errors import InputError, StoreError
 from palpate.grasp.document import limit_document
 from palpate.grasp.estimator import Observation
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Limit:
-    """The damage model of one grasp; it follows the limit over the closing."""
+    """The damage model of one grasp; records the limit during the closing."""
 
     def __init__(self, file: DamageFile, *, path: Path, kind: str) -> None:
         self.model = file.model
@@ -39,26 +39,25 @@ class Limit:
         self._low_n = math.inf
 
     def add_state(self, state: GraspState) -> None:
-        """Take the controller's next state."""
+        """Record the damage limit of the controller's next state."""
         self._low_n = state.estimate.damage_low_n
 
     def to_dict(self, result: GraspResult) -> dict[str, object]:
         """Return the limit and its effect, as in the JSON of the grasp."""
-
         return limit_document(
             self._file, path=self._path, kind=self.kind, low_n=self._low_n, result=result
         )
 
 
 def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
-    """Return the requested limit, or None.
+    """Load the requested damage limit; None without a file.
 
-    Raises `InputError` if a kind is given without a file, or is not in it; `CalibrationError` if
-    the file can't be used.
+    Raises `InputError` if a kind is given without a file, or the file lacks the kind;
+    `CalibrationError` if the file is unusable.
     """
     if path is None:
         if kind is not None:
-            raise InputError(f"--kind {kind}: needs --damage FILE, which defines the kinds")
+            raise InputError(f"--kind {kind}: requires --damage FILE, which defines the kinds")
         return None
     from palpate.estimate.damage_file import DamageFile
 
@@ -68,7 +67,7 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
 
 
 class StoreEntry:
-    """Watches one grasp of a named item, and stores it."""
+    """Observes one grasp of a named item and stores the record."""
 
     def __init__(self, store: Store, *, item_id: str, angle_deg: float | None) -> None:
         self._store = store
@@ -79,18 +78,20 @@ class StoreEntry:
         self._record: tuple[Grasp, str] | None = None
 
     def watch(self, plan: Plan) -> Watcher:
-        """Return the watchers of a grasp with this plan."""
+        """Return a watcher for a grasp with this plan."""
         from palpate.produce.ripeness.closing import ClosingWatch
 
         self._closing = ClosingWatch(plan)
         return self._closing.add_state
 
     def add_observation(self, observation: Observation) -> None:
-        """Take the next observation."""
+        """Add the next observation."""
         self._seen.append(observation)
 
-    def take(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, str]:
-        """Take how the grasp ended; return its entry in the JSON."""
+    def add_result(
+        self, result: GraspResult, *, rig: Rig, recording: Path | None
+    ) -> dict[str, str]:
+        """Create the record of the grasp; return its names for the JSON."""
         from palpate.produce.grasp_record import make_grasp_record
 
         calibration = rig.calibration.as_text()
@@ -122,26 +123,26 @@ class StoreEntry:
         )
 
     def store(self) -> bool:
-        """Write the grasp to the local store, then send it; False if writing fails."""
+        """Write the grasp to the local store and send it; return False if writing fails."""
         assert self._record is not None
         grasp, calibration = self._record
         try:
             self._store.add_grasp(grasp, calibration=calibration)
         except StoreError as error:
-            say(f"palpate grasp: {error}: the grasp is NOT kept")
+            print_message(f"palpate grasp: {error}: the grasp is NOT stored")
             return False
         if waiting := self._store.send_or_explain():
-            say(f"palpate grasp: {waiting}")
+            print_message(f"palpate grasp: {waiting}")
         return True
 
 
 def open_store_entry(
     stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
 ) -> StoreEntry | None:
-    """Open the local store before the hand moves; None without an item.
+    """Open the local store before the gripper moves; return None without an item.
 
-    Raises `InputError` if the item can't be named so, or there is a store and no item; `StoreError`
-    if the local store can't be used.
+    Raises `InputError` if the item name is invalid, or a store is given without an item;
+    `StoreError` if the local store is unusable.
     """
     if item_id is None:
         given = {"--store": store, "--angle-deg": angle_deg}
@@ -166,7 +167,7 @@ def run_watched(
 ) -> GraspResult:
     """Run a grasp with its damage limit, store entry and recording attached.
 
-    `stack` closes the recording, after the answer is printed.
+    `stack`: closes the recording after the result is printed.
     """
     subscribers: list[Subscriber] = []
     watchers: list[Watcher] = [] if limit is None else [limit.add_state]

@@ -1,4 +1,4 @@
-"""`palpate init`: a few questions, then a rig file."""
+"""`palpate init`: prompt for the parts of a rig and write the rig file."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from palpate.sensor.ports import list_serial_ports
 _Answer = TypeVar("_Answer")
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
 _ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
-#: Kind of gripper -> the function that opens it.
+#: Kind of gripper -> opener.
 _GRIPPERS = {
     "dynamixel": "palpate.gripper.dynamixel:open_gripper",
     "pneumatic": "palpate.gripper.pneumatic:open_gripper",
     "servo": "palpate.gripper.hobby_servo:open_gripper",
 }
-#: Frames must carry what the board itself drives.
+#: Actuator on the sensor board -> array option that adds the actuator's state to the frames.
 _SHARED = {"pneumatic": "pressure", "servo": "servo"}
-#: Of the gripper in `hardware/`, pitch diameter 28 mm, nominal; to be measured and replaced.
+#: Nominal values of the gripper in `hardware/` (pitch diameter 28 mm), to be replaced by measured
+#: ones.
 _SERVO: dict[str, str | float] = {
     "open_us": 715,
     "closed_us": 2285,
@@ -39,7 +40,7 @@ _SERVO: dict[str, str | float] = {
 def init(
     file: Annotated[Path, typer.Argument(help="The new rig file.")] = Path("rig.toml"),
     port: Annotated[
-        str | None, opt("--port", "Serial port, or `auto` to look for the board each time.")
+        str | None, opt("--port", "Serial port, or `auto` to search for the board on each start.")
     ] = None,
     layout: Annotated[
         str | None, opt("--layout", "rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
@@ -48,18 +49,18 @@ def init(
         float | None, opt("--reference-ohm", "The divider's resistor.")
     ] = None,
     taxel_leg: Annotated[
-        str | None, opt("--taxel-leg", "upper: the pixel lies at the supply; lower: at ground.")
+        str | None, opt("--taxel-leg", "upper: pixel at the supply; lower: pixel at ground.")
     ] = None,
     gripper: Annotated[
         str | None,
         opt(
             "--gripper KIND",
             "none, dynamixel, pneumatic (the board's regulator), servo (a hobby servo on the "
-            "board), or module:function that opens yours.",
+            "board), or module:function of your own opener.",
         ),
     ] = None,
     gripper_port: Annotated[
-        str | None, opt("--gripper-port", "Serial port of a dynamixel gripper's servo.")
+        str | None, opt("--gripper-port", "Serial port of a Dynamixel servo.")
     ] = None,
     idle_lines: Annotated[
         str | None,
@@ -67,22 +68,23 @@ def init(
     ] = None,
     fingers: Annotated[
         int | None,
-        opt("--fingers", "Fingers that the rows of a layout such as 6x3 are on. [default: 1]"),
+        opt(
+            "--fingers",
+            "Number of fingers that share the rows of a layout such as 6x3. [default: 1]",
+        ),
     ] = None,
     rate_hz: Annotated[float, opt("--rate-hz", "Frames per second.")] = 250.0,
-    baud: Annotated[
-        int, opt("--baud", "Speed that the firmware was built for.", min=1)
-    ] = 1_000_000,
+    baud: Annotated[int, opt("--baud", "Baud rate of the firmware.", min=1)] = 1_000_000,
     force: Annotated[bool, opt("--force", "Replace an existing file.")] = False,
 ) -> None:
     """Write a rig file.
 
-    Asks for what no option gives; without a terminal, takes the defaults.
+    Prompts for values without an option; without a terminal, uses the defaults.
 
     Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
     """
     if file.suffix != ".toml":
-        raise InputError(f"{file}: a rig file ends in .toml")
+        raise InputError(f"{file}: the name of a rig file must end in .toml")
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
     check_rate(rate_hz)
@@ -103,16 +105,18 @@ def init(
     with atomic_path(file) as partial:
         partial.write_text(text)
     print(f"Written: {file}\nNext: palpate doctor --rig {file}")
-    rest = "force and compliance to grasp with it" if hand else "force to read newtons"
+    rest = "force and compliance for grasping" if hand else "force for newtons"
     print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
 
 
 def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
-    """Ask for the layout, and for the number of fingers of a matrix."""
-    name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
+    """Prompt for the layout and, for a matrix, the number of fingers."""
+    name = _ask(
+        f"Layout ({', '.join(LAYOUTS)}, or total rows x columns, such as 6x3)", layout, _LAYOUT
+    )
     if name in LAYOUTS and fingers is None:
         return {"layout": name}
-    count = _ask("Fingers that its rows are on", fingers, 1)
+    count = _ask("Number of fingers that share the rows", fingers, 1)
     if count < 0:
         raise InputError(f"--fingers {count}: give a whole number, such as 2")
     return {"layout": name, "fingers": count}
@@ -121,7 +125,7 @@ def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | floa
 def _ask_divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
-    """Ask for resistor, leg and idle lines."""
+    """Prompt for the reference resistor, the pixel's leg and the idle lines."""
     ohm = _ask("Reference resistor, ohm", reference_ohm, 4700.0)
     leg = _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
     if leg not in ("upper", "lower"):
@@ -135,9 +139,9 @@ def _ask_divider(
 
 
 def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
-    """Ask for the gripper; return its table, empty without one."""
+    """Prompt for the gripper; return the [gripper] table, empty without a gripper."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
-    chosen = _ask(f"Gripper ({kinds}, or module:function that opens it)", kind, _NO_GRIPPER)
+    chosen = _ask(f"Gripper ({kinds}, or module:function of an opener)", kind, _NO_GRIPPER)
     if chosen == _NO_GRIPPER:
         return {}
     if chosen == "dynamixel":
@@ -147,7 +151,7 @@ def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
         return {"open": _GRIPPERS[chosen]} | (_SERVO if chosen == "servo" else {})
     if ":" not in chosen:
         raise InputError(
-            f"--gripper {chosen}: give {kinds}, or module:function, e.g. my_arm:open_hand"
+            f"--gripper {chosen}: give {kinds}, or module:function, such as my_arm:open_hand"
         )
     return {"open": chosen}
 
@@ -155,11 +159,11 @@ def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
 def rig_text(
     array: dict[str, str | float | bool], *, gripper: dict[str, str | float], calibration: str
 ) -> str:
-    """Return the rig file.
+    """Return the text of a rig file.
 
-    `array`: what `palpate.sensor.board_array.open_board` takes; a port of ``"auto"`` is left out.
-    `gripper`: the gripper's table; empty for none.
-    `calibration`: name of the calibration file, next to the rig file.
+    `array`: arguments of `palpate.sensor.board_array.open_board`; the port ``"auto"`` is omitted.
+    `gripper`: the [gripper] table; empty without a gripper.
+    `calibration`: name of the calibration file, relative to the rig file.
 
     >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
     # A rig of palpate: what its parts are, and how to open them.
@@ -180,8 +184,8 @@ def rig_text(
         "[array]",
         f'open = "{_OPEN_ARRAY}"',
     ]
-    kept = {key: value for key, value in array.items() if value != _ANY_PORT}
-    lines += [f"{key} = {json.dumps(value)}" for key, value in kept.items()]
+    written = {key: value for key, value in array.items() if value != _ANY_PORT}
+    lines += [f"{key} = {json.dumps(value)}" for key, value in written.items()]
     if gripper:
         lines += ["", "[gripper]"]
         lines += [f"{key} = {json.dumps(value)}" for key, value in gripper.items()]
@@ -195,7 +199,7 @@ def rig_text(
 
 
 def _ask(question: str, given: _Answer | None, default: _Answer) -> _Answer:
-    """Return the option's value, else the answer, of the default's type, else the default."""
+    """Return the option's value; if None, prompt on a terminal, or return the default."""
     if given is not None or not sys.stdin.isatty():
         return default if given is None else given
     answer: Any = typer.prompt(question, default=default, type=type(default), err=True)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from palpate.cli import options as option
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, say
+from palpate.cli.output import print_json, print_message
 from palpate.errors import InputError
 from palpate.files import check_new
 from palpate.plots.recording import recording_figure
@@ -26,15 +26,15 @@ def inspect(
         Path | None,
         opt(
             "--recover FILE",
-            "Write every intact message as a finished recording, which is then shown; the "
-            "recording's own name replaces it.",
+            "Write all intact messages to a complete recording and show that one; giving the "
+            "name of the recording itself replaces it.",
         ),
     ] = None,
 ) -> None:
-    """Show what a recording holds, and whether it is complete.
+    """Show the contents of a recording and whether the file is complete.
 
-    palpate itself reads a recording that was cut short as it is; other tools may not, and
-    --recover finishes it for them.
+    palpate can read an interrupted recording. Other tools may require a complete file, which
+    --recover writes.
 
     Example: palpate inspect run.mcap --recover run-whole.mcap
     """
@@ -45,7 +45,7 @@ def inspect(
     if plot is not None:
         recording = load_recording(file)
         if recording.time_s.size == 0:
-            raise InputError(f"{file}: no frame in it, so there is nothing to draw")
+            raise InputError(f"{file}: no frames to plot")
         save_figure(recording_figure(recording, title=file.name), plot)
     state = FileState()
     with RecordingReader(file) as reader:
@@ -78,13 +78,13 @@ def _recover(file: Path, out: Path) -> None:
         check_new(out, option="name")
     found = recover_recording(file, out)
     if found.intact:
-        report = f"{file} was whole already; written to {out}"
+        report = f"{file} was already complete; copied to {out}"
     else:
         report = (
-            f"{out}: everything readable is kept ({found.damaged_chunks} damaged chunks and "
-            f"{found.unread_bytes} bytes at the end are not)"
+            f"{out}: recovered, without {found.damaged_chunks} damaged chunks and "
+            f"{found.unread_bytes} unreadable bytes at the end"
         )
-    say(report)
+    print_message(report)
 
 
 def _recording_text(found: dict[str, Any]) -> str:
@@ -110,10 +110,10 @@ def _recording_text(found: dict[str, Any]) -> str:
 
 def _condition_text(found: dict[str, Any]) -> str:
     if found["intact"]:
-        return "whole"
+        return "complete"
     damaged, unread = found["damaged_chunks"], found["unread_bytes"]
     ended = "finished" if found["complete"] else "not finished"
     return (
-        f"{ended}, {damaged} damaged chunks, {unread} bytes unread at the end; "
-        f"`palpate inspect {found['path']} --recover FILE` makes it whole for strict readers"
+        f"{ended}, {damaged} damaged chunks, {unread} unreadable bytes at the end; "
+        f"`palpate inspect {found['path']} --recover FILE` writes a complete file for other tools"
     )

@@ -1,4 +1,4 @@
-"""`palpate items`: the items of a store, one item's page or a file."""
+"""`palpate items`: list, show, label or export the items of a store."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption,
 from palpate.cli.output import (
     CARD_FRAME,
     SIMULATED,
-    percent_text,
+    format_percent,
+    format_time,
     print_card,
     print_json,
-    say,
-    time_text,
+    print_message,
 )
 from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
@@ -39,7 +39,7 @@ from palpate.produce.store.item_history import (
 from palpate.terminal_table import fit_table, make_table, print_table
 
 _SETTABLE = ("kind", "batch", "label")
-#: Grasps and verdicts shown on a page: the last ones.
+#: Maximum number of latest grasps and verdicts shown for an item.
 _SHOWN = 20
 _MARK = "[yellow]~[/]"
 VERDICT_COLUMNS = ("about", "verdict", ">probability", "why")
@@ -47,13 +47,13 @@ VERDICT_COLUMNS = ("about", "verdict", ">probability", "why")
 
 def items(
     item: Annotated[
-        str | None, typer.Argument(help="One item's page.", autocompletion=option.complete_items)
+        str | None, typer.Argument(help="Show this item.", autocompletion=option.complete_items)
     ] = None,
     store: StoreOption = None,
-    kind: Annotated[str | None, opt("--kind", "Only items of this kind.")] = None,
+    kind: Annotated[str | None, opt("--kind", "Select items of this kind.")] = None,
     batch: BatchOption = None,
     day: DayOption = None,
-    limit: Annotated[int, opt("--limit N", "List at most this many.", min=1)] = 50,
+    limit: Annotated[int, opt("--limit N", "Maximum number of listed items.", min=1)] = 50,
     changes: Annotated[
         list[str] | None, opt("--set NAME=TEXT", "Set kind, batch or label of ITEM.")
     ] = None,
@@ -61,7 +61,7 @@ def items(
         list[str] | None,
         opt(
             "--say ABOUT=TEXT",
-            "Record what ITEM is today: ripeness, bruise, identity or bin. palpate learns from it.",
+            "Label ITEM's present ripeness, bruise, identity or bin, as training data.",
         ),
     ] = None,
     export: Annotated[
@@ -78,8 +78,8 @@ def items(
     Example: palpate items A17 --set kind=avocado --say ripeness=ripe
     """
     if item is None and (changes or labels):
-        raise InputError("--set and --say are about one item: palpate items ITEM --set ...")
-    period = None if day is None else day_bounds(day)[1:]
+        raise InputError("--set and --say require an item: palpate items ITEM --set ...")
+    period = None if day is None else parse_day(day)[1:]
     with open_store(store, create=bool(changes or labels)) as known:
         if item is not None and (changes or labels):
             _label(known, item, changes=changes or [], labels=labels or [])
@@ -99,7 +99,7 @@ def items(
 
 @contextmanager
 def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
-    """Yield the store; a line on stderr reports a shared one that did not answer."""
+    """Yield the store; report on stderr if a shared store does not answer."""
     with Store.open(where, create=create) as store:
         yield store
         try:
@@ -107,29 +107,31 @@ def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
         except StoreAwayError as error:
             store.away = error
         if store.away is not None:
-            say(f"palpate: {store.away}; this is from {store.local_name}, without other stations")
+            print_message(
+                f"palpate: {store.away}; showing {store.local_name} without data of other stations"
+            )
 
 
 def find_batch(store: Store, batch: str) -> tuple[Item, ...]:
     """Return the items of a batch.
 
-    Raises `InputError` if there is none.
+    Raises `InputError` if the batch has no items.
     """
     found = store.of_batch(batch)
     if not found:
-        raise InputError(f"--batch {batch}: no item of this batch in {store.name}")
+        raise InputError(f"--batch {batch}: {store.name} has no items of this batch")
     return found
 
 
-def day_bounds(text: str) -> tuple[date, datetime, datetime]:
-    """Return a day, and its start and end in the time zone of this machine.
+def parse_day(text: str) -> tuple[date, datetime, datetime]:
+    """Return a date with its start and end in the local time zone.
 
-    Raises `InputError` if it is no date.
+    Raises `InputError` if the text is not a date.
     """
     try:
         day = date.fromisoformat(text)
     except ValueError as error:
-        raise InputError(f"--day {text}: not a date; write it as 2026-05-01") from error
+        raise InputError(f"--day {text}: not a date; use the form 2026-05-01") from error
     start, end = (
         datetime(d.year, d.month, d.day).astimezone() for d in (day, day + timedelta(days=1))
     )
@@ -163,7 +165,7 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
 
 
 def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
-    """Store a person's label of an item, with its last grasp."""
+    """Store a person's label of an item, linked to its latest grasp."""
     grasps = store.grasps_of(item_id)
     store.add_verdict(
         Verdict(
@@ -220,7 +222,7 @@ def _export(
     verdicts_path = path.with_suffix(".verdicts.parquet")
     rows = export_grasps(path, grasps, items=found)
     verdict_rows = export_verdicts(verdicts_path, verdicts)
-    say(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts")
+    print_message(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts")
 
 
 def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
@@ -245,7 +247,7 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
             Text(page.item.item_id, style="bold"),
             Text(page.item.kind or "-"),
             Text(page.item.batch or "-"),
-            time_text(page.grasps[-1].taken_at) if page.grasps else "-",
+            format_time(page.grasps[-1].taken_at) if page.grasps else "-",
             f"{len(page.grasps)}{f' {_MARK}' if page.is_simulated else '  '}",
             _value(page.latest("size_mm"), 1),
             _value(page.latest("firmness"), 0),
@@ -258,13 +260,13 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     if any(page.is_simulated for page in pages):
         console.print(f"{_MARK} simulated on the twin", style="dim")
     if more:
-        console.print(f"the last {len(pages)} items; --limit shows more", style="dim")
+        console.print(f"the latest {len(pages)} items; --limit shows more", style="dim")
 
 
 def _print_page(page: ItemHistory) -> None:
-    """Print the page of one item."""
+    """Print one item with its grasps and verdicts."""
     item = page.item
-    seen = None if item.first_seen is None else f"first seen {time_text(item.first_seen)}"
+    seen = None if item.first_seen is None else f"first seen {format_time(item.first_seen)}"
     rank = None if page.firmness_rank is None else page.firmness_rank.text
     facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
     console = Console(highlight=False)
@@ -274,7 +276,9 @@ def _print_page(page: ItemHistory) -> None:
         part for t in tables for part in (None, fit_table(t, console=console, taken=CARD_FRAME))
     ]
     if not page.grasps:
-        shown.append(Text(f"not grasped yet: palpate grasp --item {item.item_id!r}", style="dim"))
+        shown.append(
+            Text(f"not grasped yet; use palpate grasp --item {item.item_id!r}", style="dim")
+        )
     title = Text(item.item_id, style="bold")
     subtitle = SIMULATED if page.is_simulated else None
     print_card(console, *parts, *shown, title=title, subtitle=subtitle)
@@ -295,7 +299,7 @@ def _grasps(page: ItemHistory) -> Table:
     for grasp in shown:
         side = "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°"
         table.add_row(
-            time_text(grasp.taken_at),
+            format_time(grasp.taken_at),
             str(grasp.outcome),
             *(
                 _interval_cell(grasp.measurements.get(name), n)
@@ -304,7 +308,7 @@ def _grasps(page: ItemHistory) -> Table:
             *[side for _ in sides],
         )
     if len(page.grasps) > _SHOWN:
-        table.caption = f"the last {_SHOWN} of {len(page.grasps)} grasps; --json has all"
+        table.caption = f"the latest {_SHOWN} of {len(page.grasps)} grasps; --json lists all"
     return table
 
 
@@ -317,15 +321,15 @@ def _verdicts(page: ItemHistory) -> Table:
 
 
 def verdict_rows(verdicts: Iterable[Verdict]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield a row for each verdict: the time, then `VERDICT_COLUMNS`."""
+    """Yield a table row for each verdict: the time and `VERDICT_COLUMNS`."""
     for one in verdicts:
         by_person = "given by a person" if one.source is Source.PERSON else ""
         why = one.explanation or by_person
         yield (
-            time_text(one.given_at),
+            format_time(one.given_at),
             str(one.about),
             one.text,
-            percent_text(one.probability),
+            format_percent(one.probability),
             why,
         )
 

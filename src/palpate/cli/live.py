@@ -1,4 +1,4 @@
-"""`palpate live`: the pixels, the aggregate and the link, as they are now."""
+"""`palpate live`: live view of pixels, aggregate and link."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from palpate.calibrate.laws import force_now
 from palpate.cli import options as option
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.live_view import DRAW_HZ, LiveView
-from palpate.cli.options import host_and_port, opt
-from palpate.cli.output import say
+from palpate.cli.options import opt, parse_address
+from palpate.cli.output import print_message
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
@@ -38,20 +38,27 @@ def live(
         str | None,
         typer.Argument(
             metavar="HOST:PORT",
-            help=f"Where --foxglove listens. [default: {DEFAULT_ADDRESS}]",
+            help=f"Listening address of --foxglove. [default: {DEFAULT_ADDRESS}]",
             show_default=False,
         ),
     ] = None,
     foxglove: Annotated[
-        bool, opt("--foxglove", "Send all of it to Foxglove, too (docs: See it in Foxglove).")
+        bool, opt("--foxglove", "Also stream the data to Foxglove (docs: See it in Foxglove).")
     ] = False,
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     duration_s: Annotated[
         float,
-        opt("--duration SECONDS", "How long. [default: until Ctrl-C]", min=0.1, show_default=False),
+        opt(
+            "--duration SECONDS",
+            "Display time. [default: until Ctrl-C]",
+            min=0.1,
+            show_default=False,
+        ),
     ] = math.inf,
-    force: Annotated[bool, opt("--force", "Newtons now, by the rig's force calibration.")] = False,
+    force: Annotated[
+        bool, opt("--force", "Show the present force, using the rig's calibration.")
+    ] = False,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal.
 
@@ -60,7 +67,9 @@ def live(
     Example: palpate live --rig sim-rigid --duration 20
     """
     if address is not None and not foxglove:
-        raise InputError(f"{address}: an address is for --foxglove; add it, or leave this out")
+        raise InputError(
+            f"{address}: an address requires --foxglove; add --foxglove or omit the address"
+        )
     source = open_source(rig, port=port)
     clock = RealClock()
     with ExitStack() as stack:
@@ -71,10 +80,10 @@ def live(
         if foxglove:
             stream = LiveStream(reading, clock=clock, address=address or DEFAULT_ADDRESS)
             stack.enter_context(closing(stream))
-            say(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}")
+            print_message(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}")
         end_s = clock.now_s() + duration_s
         console = Console()
-        if not console.is_terminal:  # there Rich leaves the last line open
+        if not console.is_terminal:  # Rich does not end the last line there.
             stack.callback(console.line)
         screen = stack.enter_context(Live(console=console, auto_refresh=False, transient=False))
         drawn_s = -math.inf
@@ -92,29 +101,32 @@ def live(
 
 
 def _follow_force(source: SensorSource) -> ForceSource:
-    """Return the force tracker of the source's calibration."""
+    """Return a force tracker from the source's calibration.
+
+    Raises `InputError` if the source has no calibration.
+    """
     calibration = source.find_calibration()
     if calibration is None:
         raise InputError(
-            f"--force: {source.name} names no calibration; run `palpate calibrate force` and name "
-            "its file in the rig file"
+            f"--force: {source.name} has no calibration; run `palpate calibrate force` and add the "
+            "calibration file to the rig file"
         )
     return force_now(calibration.force)
 
 
 class LiveStream:
-    """Sends a reading at every frame.
+    """Publishes the reading after each frame to Foxglove.
 
-    `clock`: the clock on the wall; a board's frames are on it too.
-    `address`: HOST:PORT to listen at.
-    Raises `InputError` if it can't listen there.
+    `clock`: real-time clock, which also stamps a board's frames.
+    `address`: HOST:PORT to listen on.
+    Raises `InputError` if the address is unusable.
     """
 
     def __init__(self, reading: LiveReading, *, clock: Clock, address: str) -> None:
         from palpate.foxglove.server import FoxgloveServer
 
         source = reading.source
-        host, port = host_and_port(address, option="--foxglove")
+        host, port = parse_address(address, option="--foxglove")
         self._reading, self._clock = reading, clock
         self._zero_unix_ns = self._wall_zero_unix_ns(clock.now_s())
         self._server = FoxgloveServer(
@@ -124,17 +136,17 @@ class LiveStream:
             layout=source.array.layout,
             unix_ns=lambda time_s: self._zero_unix_ns + round(time_s * 1e9),
         )
-        #: What to type in Foxglove.
+        #: Address to enter in Foxglove.
         self.address = self._server.address
         self._touching: frozenset[int] = frozenset()
         self._lost, self._silent = 0, False
         self._next_link_s = -math.inf
 
     def add(self, frame: Frame | None) -> None:
-        """Publish the reading after this frame; None after a pause."""
+        """Publish the reading after a frame; None means that no frame arrived."""
         time_s = self._clock.now_s() if frame is None else frame.time_s
         if self._reading.frames == 1 and self._reading.source.simulated:
-            # The twin's clock is its own, and is held to the pace of the wall's from here on.
+            # The twin has a separate clock, which is paced to real time from the first frame.
             self._zero_unix_ns = self._wall_zero_unix_ns(time_s)
         for event in self._events(time_s, silent=frame is None):
             self._server.send_recorded(event)
@@ -145,7 +157,7 @@ class LiveStream:
             self._server.send_link(self._link(time_s))
 
     def close(self) -> None:
-        """Stop sending."""
+        """Stop the server."""
         self._server.close()
 
     def _send(self, frame: Frame) -> None:
@@ -159,7 +171,7 @@ class LiveStream:
             self._server.send_force(frame.time_s, reading.force_n)
 
     def _events(self, time_s: float, *, silent: bool) -> Iterator[Event]:
-        """Yield new events: touches, losses, silence."""
+        """Yield new events: contacts, lost frames, silence of the sensor."""
         reading = self._reading
         if silent != self._silent:
             yield Event(time_s=time_s, name="silent" if silent else "back")
@@ -179,7 +191,7 @@ class LiveStream:
             rate_hz=reading.rate_hz,
             frames=reading.frames,
             lost=reading.lost,
-            corrupt=reading.source.events().corrupt,
+            corrupt=reading.source.link_counters().corrupt,
         )
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Frames of `palpate live` in real time, with pixels, force and link at each."""
+"""Real-time frames of `palpate live`, with pixel changes, force and link state."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from palpate.signal.relative import (
     relative_change_percent,
 )
 
-#: Without a calibration, the first second is taken for rest.
+#: Without a calibration, the rest values are measured during the first second.
 _REST_S = 1.0
-#: A finger that touched is released where no pixel shows this fraction of a contact any more.
-_RELEASED_SHARE = 0.5
-#: A frame is stale after five periods, at least 100 ms (as everywhere in palpate).
+#: Release threshold: fraction of the contact threshold (hysteresis).
+_RELEASE_FRACTION = 0.5
+#: A frame is stale after five periods, but not before 100 ms (as everywhere in palpate).
 _STALE_PERIODS, _STALE_S = 5.0, 0.1
 
-#: A silent sensor is shown as such, so a read must not wait long.
+#: Short read timeout, so that the view shows a silent sensor promptly.
 _WAIT_S = 0.2
-#: Close fast to a touch, then slowly to two depths: fraction of the gripper's greatest rate, mean
-#: relative change, percent, and the time that it is kept, seconds.
+#: Steps of the demonstration squeeze: fraction of the gripper's maximum rate, mean relative change
+#: to stop at, percent, and hold time, seconds.
 _STEPS = ((0.3, -3.0, 0.0), (0.02, -30.0, 4.0), (0.02, -50.0, 4.0))
 #: Time that the gripper stays open, seconds.
 _OPEN_S = 5.0
@@ -43,16 +43,18 @@ _OPEN_S = 5.0
 class LiveReading:
     """State of the sensor after the latest frames.
 
-    `rest_ohm`, shape (rows, cols): calibrated rest values; None takes them from the first second.
-    `clock`: the clock on the wall, for the age of the last frame.
-    `force`: follows the force at every frame; None leaves it out.
+    Arguments:
+    `rest_ohm`, shape (rows, cols): calibrated rest values; None measures them in the first second.
+    `clock`: real-time clock, for the age of the last frame.
+    `force`: force tracker; None disables the force.
 
+    Attributes:
     `ohm`, shape (rows, cols): resistances of the last frame.
-    `change_percent`, shape (rows, cols): the same relative to rest, NaN where a pixel does not
-        read; None before the rest is known.
-    `force_n`: the force at the last frame.
-    `touching`: fingers that touch something.
-    `frames`, `lost`: frames that came, and gaps in their numbers.
+    `change_percent`, shape (rows, cols): changes relative to rest, NaN for pixels without a
+        reading; None before the rest values are known.
+    `force_n`: force at the last frame.
+    `touching`: fingers in contact.
+    `frames`, `lost`: numbers of received and of lost frames.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class LiveReading:
         self._recent: deque[tuple[float, int]] = deque()
 
     def add(self, frame: Frame) -> None:
-        """Take a frame."""
+        """Add a frame."""
         self.ohm = pixel_resistance_ohm(
             frame.counts, layout=self._layout, oversampling=frame.oversampling
         )
@@ -88,12 +90,12 @@ class LiveReading:
         while frame.time_s - self._recent[0][0] > 2.0:
             self._recent.popleft()
         if self._rest_ohm is None:
-            self._learn_rest(self.ohm, frame.time_s)
+            self._collect_rest(self.ohm, frame.time_s)
         if self._rest_ohm is None:
             return
         self.change_percent = relative_change_percent(self.ohm, rest_ohm=self._rest_ohm)
         self.touching = frozenset(
-            finger for finger in set(self._layout.finger_of_row) if self._touches(finger)
+            finger for finger in set(self._layout.finger_of_row) if self._is_touching(finger)
         )
         if self._force is not None:
             excess = excess_conductance(self.ohm, rest_ohm=self._rest_ohm)
@@ -101,7 +103,7 @@ class LiveReading:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second over the last two seconds, lost ones included; NaN at the first."""
+        """Frames per second over the last two seconds, with lost frames; NaN after one frame."""
         if len(self._recent) < 2:
             return math.nan
         (start_s, start), (end_s, end) = self._recent[0], self._recent[-1]
@@ -113,19 +115,19 @@ class LiveReading:
         return self._clock.now_s() - self._arrived_s
 
     @property
-    def stale(self) -> bool:
+    def is_stale(self) -> bool:
         """Whether the next frame is overdue."""
         period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
         return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
 
-    def _touches(self, finger: int) -> bool:
+    def _is_touching(self, finger: int) -> bool:
         assert self.change_percent is not None
         rows = np.array(self._layout.finger_of_row) == finger
         lowest = np.nanmin(self.change_percent[rows], initial=0.0)
-        share = _RELEASED_SHARE if finger in self.touching else 1.0
-        return bool(lowest <= share * CONTACT_PERCENT)
+        fraction = _RELEASE_FRACTION if finger in self.touching else 1.0
+        return bool(lowest <= fraction * CONTACT_PERCENT)
 
-    def _learn_rest(self, ohm: FloatArray, time_s: float) -> None:
+    def _collect_rest(self, ohm: FloatArray, time_s: float) -> None:
         self._first.append(ohm)
         if time_s - self._recent[0][0] >= _REST_S:
             self._rest_ohm = np.asarray(np.median(self._first, axis=0))
@@ -133,10 +135,10 @@ class LiveReading:
 
 
 def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
-    """Yield frames as they arrive; None after a pause.
+    """Yield frames as they arrive, and None after each read timeout.
 
-    `source`: an open sensor. A simulated one is held back to the pace of `clock`.
-    `clock`: the clock on the wall.
+    `source`: an open sensor. A simulated sensor is squeezed, and paced to `clock`.
+    `clock`: real-time clock.
     """
     if source.gripper is None or source.calibration is None:
         while True:
@@ -160,9 +162,9 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
 
 
 def squeeze(gripper: Gripper) -> Generator[None, tuple[float, float], None]:
-    """Close a simulated gripper in steps, hold, open it, and repeat.
+    """Repeatedly close a simulated gripper in steps, hold, and open it.
 
-    Takes the time and the mean relative change, percent, of each frame.
+    Send it the time and the mean relative change, percent, of each frame.
     """
     limits = gripper.limits
     closed = limits.lowest if limits.drive == "width" else limits.highest

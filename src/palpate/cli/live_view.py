@@ -19,17 +19,18 @@ from palpate.sensor.array import Frame
 from palpate.signal.relative import finger_means, mean_change
 
 DRAW_HZ = 10.0
-#: Columns of the curve, and the span of one, seconds.
+#: Number of columns of the curve, and duration of a column, seconds.
 _CURVE_COLUMNS, _COLUMN_S = 64, 0.25
-#: A pixel about to come loose reads a hundred times its rest value: more digits add nothing.
+#: Upper limit of displayed changes: a loose contact can read a hundred times its rest value.
 _HIGHEST_PERCENT = 999
-#: Widest matrix -> characters per pixel: it must fit a terminal of eighty. Below four, color alone.
+#: (maximum columns, characters per pixel) for 80-column terminals; below four characters, only
+#: the color is shown.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 
 
 class LiveView:
-    """Draws a reading, and the curve of its last seconds."""
+    """Renders a reading with a curve of its last seconds."""
 
     def __init__(self, reading: LiveReading) -> None:
         self._reading, self._layout = reading, reading.source.array.layout
@@ -37,7 +38,7 @@ class LiveView:
         self._column = -1
 
     def add(self, frame: Frame) -> None:
-        """Take a frame."""
+        """Add a frame."""
         self._reading.add(frame)
         change = self._reading.change_percent
         if change is None:
@@ -51,14 +52,14 @@ class LiveView:
         self._column = column
 
     def render(self) -> RenderableType:
-        """Return the view as it is now."""
+        """Return the current view."""
         simulated = self._reading.source.simulated
         title = f"[bold]palpate live[/]  {self._reading.source.name}"
         return Panel(
             Group(self._body(), Text(""), self._link()),
             title=title,
             subtitle="[bold yellow]SIMULATED: the twin is squeezed[/]" if simulated else "live",
-            border_style="red" if self._reading.stale else "green",
+            border_style="red" if self._reading.is_stale else "green",
             padding=(1, 2),
             expand=False,
         )
@@ -66,7 +67,7 @@ class LiveView:
     def _body(self) -> RenderableType:
         change = self._reading.change_percent
         if change is None:
-            return Text("taking the rest values: leave the sensor alone", style="yellow")
+            return Text("measuring rest values: do not touch the sensor", style="yellow")
         fingers = sorted(set(self._layout.finger_of_row))
         means = finger_means(change, finger_of_row=self._layout.finger_of_row)
         maps = [
@@ -113,7 +114,7 @@ class LiveView:
         span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
         if (force := self._reading.force_n) is not None:
-            # Without a contact only the upper end is known.
+            # Without contact, only the upper limit is known.
             newtons = f"[bold]at most {force.high:.2f} N[/], no contact"
             if self._reading.touching:
                 ends = f"{force.low:.2f} to {force.high:.2f}, {force.level:.0%}"
@@ -125,12 +126,12 @@ class LiveView:
         reading = self._reading
         if not reading.frames:
             return Align.left(Text("no frame yet", style="bold red"))
-        events = reading.source.events()
+        counters = reading.source.link_counters()
         lost = f"[bold red]{reading.lost} lost[/]" if reading.lost else "0 lost"
-        bad = f"[bold red]{events.corrupt} corrupt[/]" if events.corrupt else "0 corrupt"
-        color = "bold red" if reading.stale else "green"
+        bad = f"[bold red]{counters.corrupt} corrupt[/]" if counters.corrupt else "0 corrupt"
+        color = "bold red" if reading.is_stale else "green"
         age = f"[{color}]last frame {1e3 * reading.age_s:.0f} ms ago[/]"
-        rest = "calibrated rest" if reading.calibrated else "rest of the first second"
+        rest = "calibrated rest" if reading.calibrated else "rest from the first second"
         rate = "" if math.isnan(reading.rate_hz) else f"{reading.rate_hz:.1f} Hz  ·  "
         return Text.from_markup(
             f"{rate}{reading.frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
@@ -138,12 +139,12 @@ class LiveView:
 
 
 def _percent(mean: float) -> str:
-    """Return a mean over pixels as text of fixed width; "no pixel" without a reading."""
+    """Format a mean over pixels at fixed width; "no pixel" for NaN."""
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 
 def _curve_block(deep: float) -> str:
-    """Return the column of the curve for a depth; a gap where no pixel read."""
+    """Return the block character for a depth; a space for NaN."""
     if math.isnan(deep):
         return " "
     return _BLOCKS[round(min(max(deep / DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]

@@ -1,4 +1,4 @@
-"""Options that several verbs share, each with one wording."""
+"""Command-line options that several verbs share."""
 
 from __future__ import annotations
 
@@ -19,26 +19,29 @@ if TYPE_CHECKING:
 def opt(usage: str, text: str, **settings: Any) -> Any:
     """Return a command-line option with its name, value placeholder and help text.
 
-    `usage`: as the help prints it, such as ``--out FILE``.
-    `settings`: further ones of `typer.Option`.
+    `usage`: name and placeholder as the help prints them, such as ``--out FILE``.
+    `settings`: further arguments of `typer.Option`.
     """
     name, _, metavar = usage.partition(" ")
     return typer.Option(name, help=text, metavar=metavar or None, **settings)
 
 
 def refuse_options(given: Mapping[str, object], *, why: str) -> None:
-    """Raise `InputError` if one of these options, by name, has a value."""
+    """Raise `InputError` with the reason `why` if any of the options has a value.
+
+    `given`: option name -> value.
+    """
     for name, value in given.items():
         if value is not None:
             raise InputError(f"{name} {value}: {why}")
 
 
-#: Items offered at most: a shell lists them all at once.
-_MOST_ITEMS = 200
+#: Maximum number of completions, because a shell lists all of them at once.
+_MAX_ITEMS = 200
 
 
 def _complete_from(module: str, table: str) -> Callable[[str], list[str]]:
-    """Return the completion of the names in a table, loaded on demand."""
+    """Return a completion function for the names in a table, which is loaded on demand."""
 
     def complete(incomplete: str) -> list[str]:
         return _filter_names(getattr(importlib.import_module(module), table), incomplete)
@@ -56,7 +59,7 @@ complete_demos = _complete_from("palpate.cli.demo", "NAMES")
 
 
 def complete_rigs(incomplete: str) -> list[str]:
-    """Return the rigs that have a name, and the rig files of the folder."""
+    """Return the names of built-in rigs and the rig files in the current folder."""
     from palpate.rig import rig_names
 
     files = sorted(str(path) for path in Path().glob("*.toml"))
@@ -64,7 +67,7 @@ def complete_rigs(incomplete: str) -> list[str]:
 
 
 def complete_items(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the items of the store on the command line, or of the default one."""
+    """Return the item names of the requested or default store."""
     from palpate.errors import PalpateError
     from palpate.produce.store import Store
 
@@ -73,15 +76,15 @@ def complete_items(context: typer.Context, incomplete: str) -> list[str]:
             known = [item.item_id for item in store.items()]
     except PalpateError:
         return []
-    return _filter_names(known, incomplete)[:_MOST_ITEMS]
+    return _filter_names(known, incomplete)[:_MAX_ITEMS]
 
 
-def host_and_port(text: str, *, option: str) -> tuple[str, int]:
-    """Return host and port of an option; a port alone is one of this machine.
+def parse_address(text: str, *, option: str) -> tuple[str, int]:
+    """Parse the value HOST:PORT or PORT of an option; the default host is 127.0.0.1.
 
-    Raises `InputError` if the text is neither.
+    Raises `InputError` if the text has neither form.
 
-    >>> host_and_port("[::1]:8765", option="--foxglove"), host_and_port("0", option="--opcua")
+    >>> parse_address("[::1]:8765", option="--foxglove"), parse_address("0", option="--opcua")
     (('::1', 8765), ('127.0.0.1', 0))
     """
     host, _, port = text.rpartition(":")
@@ -93,31 +96,33 @@ def host_and_port(text: str, *, option: str) -> tuple[str, int]:
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
 
-def rig_of_environment() -> str | None:
-    """Return the rig of this folder (`rig.toml`) or of the environment (`$PALPATE_RIG`)."""
+def find_default_rig() -> str | None:
+    """Return `rig.toml` if the current folder has one, otherwise the value of `$PALPATE_RIG`."""
     if _FILE.is_file():
         return str(_FILE)
     return os.environ.get(_VARIABLE) or None
 
 
-def rig_or_port(rig: str | None, port: str | None) -> str | None:
-    """Return the rig: `rig`, else without a port ./rig.toml or $PALPATE_RIG.
+def resolve_rig(rig: str | None, port: str | None) -> str | None:
+    """Return `rig`; if neither rig nor port is given, ./rig.toml or $PALPATE_RIG.
 
-    Raises `InputError` if both are given.
+    Raises `InputError` if both rig and port are given.
     """
     if rig is not None and port is not None:
-        raise InputError("--port: the rig states its port; leave it out with --rig")
-    return rig if rig is not None or port is not None else rig_of_environment()
+        raise InputError(
+            "--port can't be combined with --rig, because the rig file sets the port; omit --port"
+        )
+    return rig if rig is not None or port is not None else find_default_rig()
 
 
 def _choose_rig(rig: str) -> str:
-    """Return the requested rig, the folder's, or the twin, whose output is labelled."""
+    """Return the requested rig, the default rig of the folder or environment, or the twin."""
     from palpate.rig import DEFAULT_RIG
 
-    return rig or rig_of_environment() or DEFAULT_RIG
+    return rig or find_default_rig() or DEFAULT_RIG
 
 
-#: Give it the default "": ./rig.toml, then $PALPATE_RIG, then the simulated rig.
+#: Requires the default "", which means ./rig.toml, then $PALPATE_RIG, then the simulated rig.
 RigOption: TypeAlias = Annotated[
     str,
     opt(
@@ -133,17 +138,19 @@ RigOption: TypeAlias = Annotated[
 #: Give it the default False.
 JsonOption: TypeAlias = Annotated[bool, opt("--json", "Print one JSON document.")]
 
-#: Give it the default 20.
-HorizonOption: TypeAlias = Annotated[float, opt("--horizon SECONDS", "Time of the settled value.")]
+#: Requires the default 20.
+HorizonOption: TypeAlias = Annotated[
+    float, opt("--horizon SECONDS", "Time of the settled value, from the start of the hold.")
+]
 
 #: Give it the default False.
 QuietOption: TypeAlias = Annotated[
-    bool, opt("--quiet", "No progress bar (nor is there one without a terminal).")
+    bool, opt("--quiet", "Hide the progress bar (always hidden without a terminal).")
 ]
 
 
 def _check_force(target_force_n: float | None) -> float | None:
-    """Refuse a force that no grasp may reach."""
+    """Return the force; raise `InputError` if it exceeds the limit of all grasps."""
     from palpate.grasp.planning import check_target_force
 
     check_target_force(target_force_n, name="--target-force-n")
@@ -155,7 +162,7 @@ TargetForceOption: TypeAlias = Annotated[
     float | None,
     opt(
         "--target-force-n NEWTONS",
-        "Grip force to reach; a gentle squeeze by default.",
+        "Target grip force. [default: a gentle squeeze]",
         callback=_check_force,
     ),
 ]
@@ -165,34 +172,34 @@ StoreOption: TypeAlias = Annotated[
     str | None,
     opt(
         "--store FILE_OR_URL",
-        "The store of items: a file, or the URL of a PostgreSQL database. By default "
+        "The item store: a file, or the URL of a PostgreSQL database. By default "
         "$PALPATE_STORE, then palpate-items.sqlite in this folder.",
         show_default=False,
     ),
 ]
 
-#: Give them the default None.
-BatchOption: TypeAlias = Annotated[str | None, opt("--batch NAME", "Items of this batch.")]
+#: Require the default None.
+BatchOption: TypeAlias = Annotated[str | None, opt("--batch NAME", "Select items of this batch.")]
 DayOption: TypeAlias = Annotated[
-    str | None, opt("--day DATE", "Items grasped on this day, here: 2026-05-01.")
+    str | None, opt("--day DATE", "Select items grasped on this local date, such as 2026-05-01.")
 ]
 
 #: One item of the store.
 ItemArgument: TypeAlias = Annotated[
     str,
     typer.Argument(
-        help="An item that was grasped before.", metavar="ITEM", autocompletion=complete_items
+        help="A previously grasped item.", metavar="ITEM", autocompletion=complete_items
     ),
 ]
 
 #: Give it the default None.
 PlotOption: TypeAlias = Annotated[
-    Path | None, opt("--plot FILE", "Draw it: a file that ends in .png, .svg or .pdf.")
+    Path | None, opt("--plot FILE", "Write a plot to a .png, .svg or .pdf file.")
 ]
 
-#: Of a recording.
+#: A recording.
 RecordingArgument: TypeAlias = Annotated[
-    Path, typer.Argument(help="An .mcap recording, finished or not.")
+    Path, typer.Argument(help="An .mcap recording, complete or interrupted.")
 ]
 
 #: Give it the default None.
@@ -200,7 +207,7 @@ ObjectOption: TypeAlias = Annotated[
     str | None,
     opt(
         "--object NAME",
-        "Simulated rigs: the object between the fingers; by default drawn by the seed.",
+        "Simulated rigs: the object between the fingers; by default chosen by the seed.",
         autocompletion=complete_objects,
     ),
 ]
@@ -210,54 +217,62 @@ DamageOption: TypeAlias = Annotated[
     Path | None,
     opt(
         "--damage FILE",
-        "Stay below the force that such produce withstands: a file of `palpate calibrate damage`.",
+        "Limit the force with a damage model: a file from `palpate calibrate damage`.",
     ),
 ]
 
 #: Give it the default 0.
 SeedOption: TypeAlias = Annotated[
-    int, opt("--seed", "Simulated rigs: seed of all that is random.", min=0)
+    int, opt("--seed", "Simulated rigs: seed of the random numbers.", min=0)
 ]
 
-# Of every verb that reads a sensor: a rig, or a board on a port. Give them the default None.
+# Options of verbs that read a sensor: a rig, or a board on a port. Require the default None.
 SensorOption: TypeAlias = Annotated[
     str | None,
     opt("--rig NAME_OR_TOML", "Name of a rig, or a rig file.", autocompletion=complete_rigs),
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
-    opt("--port PORT", "Serial port of a 2x2 board with 4700 ohm; a rig file describes others."),
+    opt(
+        "--port PORT", "Serial port of a 2x2 board with 4700 ohm; for other boards use a rig file."
+    ),
 ]
 
-#: Of calibrations. Give it the default None.
+#: For calibrations. Requires the default None.
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
-    opt("--out FILE", "File to make or renew. By default the rig file's, or calibration.json."),
+    opt(
+        "--out FILE",
+        "File to create or update. By default the rig file's calibration, or calibration.json.",
+    ),
 ]
 
 
 Method: TypeAlias = Literal["palpate", "paper"]
 
 MethodOption: TypeAlias = Annotated[
-    Method, opt("--method", "paper: fixed steps to contact, an exponential, a line for force.")
+    Method,
+    opt("--method", "paper: fixed steps to contact, an exponential fit, a linear force law."),
 ]
 StepOption: TypeAlias = Annotated[
     float | None, opt("--step-mm MM", "Paper's method: closing step before contact. [default: 1]")
 ]
 EpsilonOption: TypeAlias = Annotated[
     float | None,
-    opt("--epsilon PERCENT", "Paper's method: mean change of contact, %. [default: -10]"),
+    opt(
+        "--epsilon PERCENT", "Paper's method: mean change that counts as contact, %. [default: -10]"
+    ),
 ]
 ExtraOption: TypeAlias = Annotated[
     float | None, opt("--extra-mm MM", "Paper's method: closing after contact. [default: 0]")
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
-    opt("--cutoff SECONDS", "Paper's method: seconds to the prediction. [default: 2.5]"),
+    opt("--cutoff SECONDS", "Paper's method: time of the prediction. [default: 2.5]"),
 ]
 
 
-#: Setting of the paper's method -> its option.
+#: Setting of the paper's method -> option.
 _PAPER = {
     "step_mm": "--step-mm",
     "epsilon_percent": "--epsilon",
@@ -269,8 +284,8 @@ _PAPER = {
 def paper_settings(method: Method, **settings: float | None) -> Paper | None:
     """Return the settings of the paper's method; None for the default method.
 
-    `settings`: of `palpate.grasp.paper.Paper`; None is its default.
-    Raises `InputError` if one is out of its range, or given without the paper's method.
+    `settings`: fields of `palpate.grasp.paper.Paper`; None means the field's default.
+    Raises `InputError` if a setting is out of range, or given without the paper's method.
     """
     from palpate.grasp.paper import Paper
 

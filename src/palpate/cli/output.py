@@ -1,4 +1,4 @@
-"""Output of the verbs: one JSON document, tables that fit the terminal, cards."""
+"""Output of the verbs: JSON documents, cards, progress and formatted values."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from rich.panel import Panel
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-#: Characters of each line that the frame of a card takes.
+#: Width of a card's frame and padding, characters per line.
 CARD_FRAME = 6
 SIMULATED = "[bold yellow]SIMULATED on the twin[/]"
 
 
-def say(text: str) -> None:
-    """Print progress, a warning or advice on standard error."""
+def print_message(text: str) -> None:
+    """Print a message on standard error."""
     print(text, file=sys.stderr, flush=True)
 
 
 def print_json(document: object) -> None:
-    """Print the one JSON document of a verb."""
+    """Print a verb's JSON document."""
     print(json.dumps(document, allow_nan=False, indent=1), flush=True)
 
 
@@ -35,7 +35,7 @@ def print_card(
     subtitle: str | None,
     style: str = "none",
 ) -> None:
-    """Print parts in a frame, with an empty line where one is None."""
+    """Print parts in a frame, with an empty line for each None."""
     shown = Group(*(Text("") if part is None else part for part in parts))
     console.print(
         Panel(
@@ -49,15 +49,15 @@ def print_card(
     )
 
 
-def time_text(moment: datetime) -> str:
-    """Return a time in this machine's time zone, to the minute."""
+def format_time(moment: datetime) -> str:
+    """Format a time in the local time zone, to the minute."""
     return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-def percent_text(fraction: float | None) -> str:
-    """Return a fraction as a percentage, a dash for None.
+def format_percent(fraction: float | None) -> str:
+    """Format a fraction as a percentage, or None as a dash.
 
-    >>> percent_text(0.875), percent_text(None)
+    >>> format_percent(0.875), format_percent(None)
     ('88 %', '-')
     """
     return "-" if fraction is None else f"{100 * fraction:.0f} %"
@@ -69,7 +69,7 @@ def progress(
 ) -> Iterator[Callable[[float], None]]:
     """Show a progress bar on a terminal; yield the function that advances it.
 
-    `total`: when it is done; without it the bar shows only that work continues, and for how long.
+    `total`: value at completion; without it the bar shows only activity and elapsed time.
     """
     console = Console(stderr=True)
     columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
@@ -78,7 +78,7 @@ def progress(
         console=console,
         transient=True,
         disable=quiet or not console.is_terminal,
-        # What goes into a file or a pipe stays out of the terminal.
+        # Output to a file or a pipe must not appear on the terminal.
         redirect_stdout=sys.stdout.isatty(),
     )
     with bar:

@@ -1,4 +1,4 @@
-"""`palpate pattern`: files for a vinyl cutter, from a few numbers in millimetres."""
+"""`palpate pattern`: cut files of a sensor for a vinyl cutter."""
 
 from __future__ import annotations
 
@@ -37,32 +37,32 @@ Size: TypeAlias = float | None
 
 
 def pattern(
-    out: Annotated[Path, opt("--out DIR", "Folder for the files; made if absent.")],
+    out: Annotated[Path, opt("--out DIR", "Output folder, created if absent.")],
     preset: Annotated[
         str, opt("--preset NAME", "Start from paper-2x2, paper-3x2 or so101.")
     ] = "paper-2x2",
     name: Annotated[
-        str | None, opt("--name NAME", "Stem of the files; the preset's by default.")
+        str | None, opt("--name NAME", "Stem of the file names. [default: the preset's]")
     ] = None,
-    rows: Annotated[int | None, _number("Pixels along the finger.", None, "N")] = None,
-    cols: Annotated[int | None, _number("Pixels across it.", None, "N")] = None,
+    rows: Annotated[int | None, _number("Number of pixels along the finger.", None, "N")] = None,
+    cols: Annotated[int | None, _number("Number of pixels across the finger.", None, "N")] = None,
     pixel: Annotated[
         str | None, _number("Size of a pixel: 7, or 7x9 for width x height.", None, "WxH")
     ] = None,
     shape: Annotated[
-        Shape, opt("--shape SHAPE", "Of the pixels: rectangle, rounded or circle.")
+        Shape, opt("--shape SHAPE", "Shape of the pixels: rectangle, rounded or circle.")
     ] = "rectangle",
     corner: Annotated[float, _number("Corner radius of rounded pixels.")] = 1.5,
-    gap: Annotated[Size, _number("Between pixels.")] = None,
-    overhang: Annotated[Size, _number("Velostat round the crossing copper; 1 by default.")] = None,
+    gap: Annotated[Size, _number("Gap between pixels.")] = None,
+    overhang: Annotated[Size, _number("Velostat beyond the copper; 1 by default.")] = None,
     trace: Annotated[Size, _number("Width of traces; 1.2 by default.", _TAIL)] = None,
     pad: Annotated[str | None, _number("Solder pad; 1.6x5 by default.", _TAIL, "WxL")] = None,
-    pad_pitch: Annotated[Size, _number("Between pads; 2.54 by default.", _TAIL)] = None,
-    tail: Annotated[Size, _number("From pixels to pads; 20 by default.", _TAIL)] = None,
-    margin: Annotated[Size, _number("Tape round it all; 3 by default.", _TAIL)] = None,
+    pad_pitch: Annotated[Size, _number("Pitch of pads; 2.54 by default.", _TAIL)] = None,
+    tail: Annotated[Size, _number("Length, pixels to pads; 20 by default.", _TAIL)] = None,
+    margin: Annotated[Size, _number("Tape margin; 3 by default.", _TAIL)] = None,
     width: Annotated[
         Size,
-        _number("Width of base and cover, as the finger has it; what fits by default.", _TAIL),
+        _number("Width of base and cover; minimal by default.", _TAIL),
     ] = None,
     min_feature: Annotated[float, _number("Narrowest strip.", _CUTTER)] = 1.0,
     min_gap: Annotated[float, _number("Narrowest gap.", _CUTTER)] = 0.5,
@@ -95,7 +95,7 @@ def pattern(
     if pad is not None:
         changes["pad_width_mm"], changes["pad_length_mm"] = _size(pad, option="--pad")
     if preset not in PRESETS:
-        raise InputError(f"--preset {preset}: there are {', '.join(PRESETS)}")
+        raise InputError(f"--preset {preset}: available: {', '.join(PRESETS)}")
     given = {key: value for key, value in changes.items() if value is not None}
     width_mm, height_mm = _size(sheet, option="--sheet")
     design = replace(PRESETS[preset], **given)
@@ -142,7 +142,7 @@ def _size(text: str, *, option: str) -> tuple[float, float]:
 
 
 def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
-    """Write every file whole or not at all, as SVG and optionally DXF."""
+    """Write the SVG and optional DXF files, each atomically."""
     if dxf:
         require_dxf()
     folder.mkdir(parents=True, exist_ok=True)
@@ -163,7 +163,7 @@ def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
 
 
 def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
-    """Return the JSON document: lengths in mm."""
+    """Return the JSON document; lengths in mm."""
     return {
         "name": drawn.design.name,
         "rows": drawn.design.rows,
@@ -196,7 +196,7 @@ def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
 
 
 def _print(document: dict[str, Any], *, folder: Path) -> None:
-    """Print the layers, the pixels, and the distance of two marks."""
+    """Print the layers, the pixels and the distance between the upper marks."""
     console = Console(highlight=False)
     layers = [
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])

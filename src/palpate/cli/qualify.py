@@ -1,4 +1,4 @@
-"""`palpate qualify`: agreement with a reference instrument, and the ceiling that it sets."""
+"""`palpate qualify`: agreement with a reference instrument, and its ceiling."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, say
+from palpate.cli.output import print_json, print_message
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_new
 from palpate.plots.inline_svg import inline_svg
@@ -31,8 +31,9 @@ from palpate.produce.qualify.readings import read_pairs
 from palpate.produce.qualify.scatter import scatter_of
 from palpate.terminal_table import print_table
 
-#: Without a reference read twice, the tolerance is this fraction of its scatter over items (guess).
-_TOLERANCE_SHARE = 0.5
+#: Default tolerance without repeated reference readings, as a fraction of the scatter between
+#: items (guess).
+_TOLERANCE_FRACTION = 0.5
 
 
 def qualify(
@@ -44,8 +45,8 @@ def qualify(
         float | None,
         opt(
             "--tolerance",
-            "Difference that is accepted, in the reference's unit. [default: the reference's "
-            "own scatter on one item]",
+            "Accepted difference, in the reference's unit. [default: the reference's "
+            "repeatability on one item]",
             min=1e-9,
             show_default=False,
         ),
@@ -58,34 +59,34 @@ def qualify(
         tuple[float, float],
         opt(
             "--cost HIGH LOW",
-            "With --limit: cost of an item graded one grade too high, and too low.",
+            "With --limit: cost of grading an item one grade too high, and too low.",
         ),
     ] = (1.0, 1.0),
-    unit: Annotated[str, opt("--unit", "Unit of the reference, for tables.")] = "",
+    unit: Annotated[str, opt("--unit", "Unit of the reference, for display.")] = "",
     grasp_s: Annotated[float, opt("--grasp-s SECONDS", "Time of one grasp.", min=0.0)] = 15.0,
     handling_s: Annotated[
-        float, opt("--handling-s", "Time of an item apart from its grasps.", min=0.0)
+        float, opt("--handling-s", "Handling time per item, without grasps.", min=0.0)
     ] = 5.0,
     level: Annotated[
-        float, opt("--level", "Probability of the intervals.", min=0.5, max=0.999)
+        float, opt("--level", "Confidence level of the intervals.", min=0.5, max=0.999)
     ] = 0.9,
     report: Annotated[
-        Path | None, opt("--report FILE.html", "Also write a page to print and sign.")
+        Path | None, opt("--report FILE.html", "Also write a printable report.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Qualify grasps against a penetrometer, a durometer or a buyer's grades.
 
-    Readings of one item repeat its item_id, a row for each side. Without a second reading of
-    the reference on some items, the ceiling is not known.
+    The table has one row per side; rows of the same item have the same item_id. The ceiling is
+    known only if the reference was read at least twice on some items.
 
     Example: palpate qualify readings.csv --tolerance 1 --unit lbf --limit 13 --report page.html
     """
     limits = tuple(limit or ())
     if any(later <= earlier for earlier, later in pairwise(limits)):
-        raise InputError(f"--limit {limits[-1]:g}: give the limits in rising order")
+        raise InputError(f"--limit {limits[-1]:g}: give the limits in increasing order")
     if min(cost) < 0:
-        raise InputError(f"--cost {cost[0]:g} {cost[1]:g}: a cost is 0 or more")
+        raise InputError(f"--cost {cost[0]:g} {cost[1]:g}: costs must not be negative")
     if report is not None:
         check_new(report, option="--report")
     pairs = read_pairs(readings)
@@ -93,7 +94,7 @@ def qualify(
         scatter = scatter_of(pairs.reference, pairs.item)
         tolerance = scatter.within
         if not tolerance > 0:
-            tolerance = _TOLERANCE_SHARE * scatter.between
+            tolerance = _TOLERANCE_FRACTION * scatter.between
         if not tolerance > 0:
             raise InputError(f"{readings}: all readings of the reference are equal")
     demand = Demand(
@@ -106,19 +107,19 @@ def qualify(
     )
     if report is not None:
         write_report(report, document, found=found, source=readings.name)
-        say(f"palpate qualify: wrote {report}")
+        print_message(f"palpate qualify: wrote {report}")
     if as_json:
         print_json(document)
         return
     console = Console(highlight=False)
     console.print(f"{document['items']} items, {document['pairs']} paired readings")
     columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
-    print_table(columns, rows_of(document), console=console)
+    print_table(columns, figure_rows(document), console=console)
     if limits:
         console.print()
         print_table(*grade_table(document), console=console)
     console.print()
-    print_table(("effort", ">answer"), demands_of(document), console=console)
+    print_table(("effort", ">answer"), effort_rows(document), console=console)
 
 
 #: As `qualification_document` returns it.
@@ -128,7 +129,7 @@ Document = dict[str, Any]
 def qualification_document(
     found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
 ) -> Document:
-    """Return the JSON of a qualification; null for unknown values."""
+    """Return the JSON of a qualification, with null for unknown values."""
 
     def write_number(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -158,8 +159,8 @@ def qualification_document(
     }
 
 
-def rows_of(document: Document) -> list[tuple[str, str, str]]:
-    """Return a qualification as rows of quantity, value with unit, and interval."""
+def figure_rows(document: Document) -> list[tuple[str, str, str]]:
+    """Return table rows of quantity, value with unit, and interval."""
     unit = f" {document['unit']}" if document["unit"] else ""
     rows = []
     for name, figure in document["figures"].items():
@@ -177,17 +178,17 @@ def rows_of(document: Document) -> list[tuple[str, str, str]]:
     return rows
 
 
-def demands_of(document: Document) -> list[tuple[str, str]]:
-    """Return the time and cost of meeting the requirements, as table rows."""
+def effort_rows(document: Document) -> list[tuple[str, str]]:
+    """Return table rows of the effort required for the tolerance."""
     unit = f" {document['unit']}" if document["unit"] else ""
     hour = document["items_per_hour"]
     return [
         (
             f"readings of the reference that average to within {document['tolerance']:g}{unit} "
             f"in {100 * document['level']:.0f} % of items",
-            count_text(document, "reference"),
+            format_count(document, "reference"),
         ),
-        ("grasps that average to within the same", count_text(document, "grasp")),
+        ("grasps that average to within the same", format_count(document, "grasp")),
         ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
         (
             "items that show the limit of agreement to within half of that",
@@ -196,8 +197,8 @@ def demands_of(document: Document) -> list[tuple[str, str]]:
     ]
 
 
-def count_text(document: Document, instrument: str) -> str:
-    """Return the number of readings or grasps needed, or why it is unknown."""
+def format_count(document: Document, instrument: str) -> str:
+    """Format the number of readings or grasps needed, or the reason why it is unknown."""
     if document["scatter"][instrument]["within"] is None:
         return "not known: no item was read twice"
     needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]
@@ -205,7 +206,7 @@ def count_text(document: Document, instrument: str) -> str:
 
 
 def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:
-    """Return columns and rows of the items by grade, of the reference and of grasps."""
+    """Return columns and rows of the confusion table of grades, reference by grasp."""
     limits = document["limits"]
     between = [f"{low:g} to {high:g}" for low, high in pairwise(limits)]
     grades = [f"below {limits[0]:g}", *between, f"{limits[-1]:g} and above"]
@@ -215,7 +216,7 @@ def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:
 
 
 def write_report(path: Path, document: Document, *, found: Agreement, source: str) -> None:
-    """Write the page of a qualification; it needs no other file.
+    """Write a qualification report as one self-contained HTML page.
 
     Parameters
     ----------
@@ -224,9 +225,9 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
     document : dict
         As `qualification_document` returns it.
     found : Agreement
-        The same, with its pairs for the figures.
+        The agreement with its pairs, for the figures.
     source : str
-        Name of the table.
+        Name of the table of readings.
 
     Raises
     ------
@@ -244,9 +245,9 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
         PageTable(
             "Agreement",
             ["figure", ">value", f">{100 * document['level']:.0f} % interval"],
-            rows_of(document),
+            figure_rows(document),
         ),
-        PageTable("Effort", ["question", ">answer"], demands_of(document)),
+        PageTable("Effort", ["question", ">answer"], effort_rows(document)),
     ]
     if document["limits"]:
         body.append(PageTable("Grades, number of readings", *grade_table(document)))
@@ -262,8 +263,8 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
         ],
         simulated=False,
         body=body,
-        foot="Grasps are converted to the reference's unit by the line of the other items. "
-        "Intervals are by the bootstrap over items. Sides of one item count as readings of it.",
+        foot="Grasps are converted to the reference's unit with a line fitted to the other items. "
+        "Intervals are from a bootstrap over items. Sides of one item count as repeated readings.",
     )
     with atomic_path(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -290,7 +291,7 @@ def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
             "ceiling " + ("not known" if ceiling is None else f"{ceiling:.2f}"),
         ),
         "Grasps needed": (
-            count_text(document, "grasp"),
+            format_count(document, "grasp"),
             "",
             "" if hour is None else f"{hour:.0f} items an hour",
         ),

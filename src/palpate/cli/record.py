@@ -13,7 +13,7 @@ import typer
 
 from palpate.cli import options as option
 from palpate.cli.options import opt
-from palpate.cli.output import say
+from palpate.cli.output import print_message
 from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.recording import LoadCells, RecordingWriter
@@ -32,31 +32,31 @@ def record(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     duration_s: Annotated[
-        float | None, opt("--duration SECONDS", "How long. [default: until Ctrl-C]")
+        float | None, opt("--duration SECONDS", "Recording time. [default: until Ctrl-C]")
     ] = None,
     seed: option.SeedOption = 0,
 ) -> None:
     """Record a board, or a rig with its gripper.
 
-    The file is readable at any moment. Ctrl-C or SIGTERM ends it, exit status 130, with the file
-    finished.
+    The file is readable during the recording. Ctrl-C or SIGTERM ends the recording with a complete
+    file and exit status 130.
 
     Example: palpate record apple.mcap --port /dev/ttyACM0 --duration 30
     """
     if file.suffix != ".mcap":
-        raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")
+        raise InputError(f"{file}: recordings must end in .mcap; `palpate export` writes tables")
     if duration_s is not None and not duration_s > 0:
         raise InputError(f"--duration {duration_s:g}: must be above 0")
-    rig = option.rig_or_port(rig, port)
+    rig = option.resolve_rig(rig, port)
     with ExitStack() as stack:
         opened = _open_rig(rig, port=port, seed=seed, endless=duration_s is None)
         stack.callback(opened.close)
         array, gripper, info = opened.array, opened.gripper, recording_info(opened, seed=seed)
         name = f"{opened.name} (simulated)" if opened.is_simulated else opened.name
-        # Before the file: a signal while that is begun or finished must not tear it either.
+        # Installed before the file is opened, so that a signal can't truncate its start or end.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
-        say(f"recording {name} to {file}; Ctrl-C ends it")
+        print_message(f"recording {name} to {file}; Ctrl-C ends it")
         record_frames(
             array,
             writer=writer,
@@ -65,10 +65,10 @@ def record(
             load_cells=_load_cell_reader(array),
             gripper=lambda: None if gripper is None else gripper.state(),
             stopped=stopped,
-            report=say,
+            report=print_message,
         )
     count = get_link_counters(array)
-    say(
+    print_message(
         f"{file}: recorded"
         if count is None
         else f"{file}: {count.frames} frames, {count.lost} lost, {count.corrupt} corrupt, "
@@ -79,14 +79,14 @@ def record(
 
 
 def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -> Rig | SensorRig:
-    """Open a rig with its gripper, if any, or else the board on a port."""
+    """Open a rig with its optional gripper, or the board on a port."""
     if name is None:
         board = open_board(port=port)
         return SensorRig(name=board.name, array=board, clock=RealClock(), calibration=None)
     rig = open_rig_or_sensor(name, seed=seed)
     if rig.is_simulated and endless:
         rig.close()
-        raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
+        raise InputError(f"--rig {name} is simulated and would never end; give a --duration")
     return rig
 
 
@@ -109,7 +109,7 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
 
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
-    """Yield a check for Ctrl-C and SIGTERM, so that neither truncates a file."""
+    """Intercept Ctrl-C and SIGTERM; yield a function that returns whether one arrived."""
     came: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: came.append(number))

@@ -1,4 +1,4 @@
-"""`palpate replay FILE`: decide a recorded grasp again, or play the frames of a recording."""
+"""`palpate replay FILE`: rerun a recorded grasp, or print recorded frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def replay(
         bool, opt("--frames", "Print the frames instead of the grasp's result.")
     ] = False,
     method: Annotated[
-        Method | None, opt("--method NAME", "paper: read any grasp as the paper's method would.")
+        Method | None, opt("--method NAME", "paper: evaluate the grasp with the paper's method.")
     ] = None,
     epsilon_percent: EpsilonOption = None,
     cutoff_s: CutoffOption = None,
@@ -29,12 +29,10 @@ def replay(
 ) -> None:
     """Run a recorded grasp through the controller again.
 
-    The results are those of the live run.
+    The result equals that of the original grasp. With --method paper, contact, size, settled value
+    and force are evaluated with the paper's method on the recorded motion.
 
-    With --method paper the hand moves as recorded, and contact, size, settled value and force
-    are read by the paper's method.
-
-    A recording without calibration and gripper is played frame by frame.
+    Without a recorded calibration or gripper, the frames are printed.
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """

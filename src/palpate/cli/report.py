@@ -1,4 +1,4 @@
-"""`palpate report`: one item, one batch or one day as a web page with plots."""
+"""`palpate report`: web page with plots of an item, a batch or a day."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ import typer
 from palpate.cli import options as option
 from palpate.cli.items import (
     VERDICT_COLUMNS,
-    day_bounds,
     find_batch,
     open_store,
+    parse_day,
     verdict_rows,
 )
 from palpate.cli.options import BatchOption, DayOption, StoreOption, opt
-from palpate.cli.output import percent_text, say, time_text
+from palpate.cli.output import format_percent, format_time, print_message
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path, check_new
@@ -47,7 +47,7 @@ from palpate.settling.result import Status
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Name, caption, unit, digits.
+#: Name, caption, unit, decimal places.
 _QUANTITIES = (
     ("firmness", "Firmness", "of 100", 0),
     ("stiffness_n_per_mm", "Stiffness", "N/mm", 2),
@@ -55,10 +55,10 @@ _QUANTITIES = (
     ("size_mm", "Size", "mm", 1),
     ("force_n", "Grip force", "N", 2),
 )
-#: Rows of the tables of grasps, verdicts and items at most (guess).
-_MOST_ROWS, _MOST_ITEMS = 100, 500
+#: Maximum rows in the tables of grasps and verdicts, and of items (guess).
+_MAX_ROWS, _MAX_ITEMS = 100, 500
 _FOOT = (
-    "Intervals are at level 0.9; hollow marks and * are readings that promise less than that. "
+    "Intervals have a level of 0.9. Hollow marks and * denote readings without that guarantee. "
     "Times are local."
 )
 
@@ -78,13 +78,13 @@ def report(
 ) -> None:
     """Write a web page about an item, a batch or a day.
 
-    It needs no other file and no network.
+    The page is self-contained and works offline.
 
     Example: palpate report A17 --out a17.html
     """
     asked = [name for name in (item, batch, day) if name is not None]
     if len(asked) != 1:
-        raise InputError("name one subject: ITEM, --batch NAME or --day DATE")
+        raise InputError("give exactly one of ITEM, --batch NAME or --day DATE")
     target = out or Path(f"report-{_file_name(asked[0])}.html")
     check_new(target)
     require_plots()
@@ -95,7 +95,7 @@ def report(
             pages = item_pages(known, find_batch(known, batch))
             text = _group_report(f"Batch {batch}", pages, store=known.name, day=None)
         else:
-            of, since, until = day_bounds(asked[0])
+            of, since, until = parse_day(asked[0])
             names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
             if not names:
                 raise InputError(f"{known.name}: no grasps on {of}")
@@ -104,11 +104,11 @@ def report(
             text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")
-    say(f"{target}: {len(text) // 1000} kB")
+    print_message(f"{target}: {len(text) // 1000} kB")
 
 
 def _file_name(name: str) -> str:
-    """Return a name that no other item's report has: `A/1` and `A 1` differ."""
+    """Return a file name that is unique to an item: `A/1` and `A 1` differ."""
     plain = re.sub(r"[^\w.-]+", "-", name).strip("-.")
     if plain == name:
         return plain
@@ -116,11 +116,11 @@ def _file_name(name: str) -> str:
 
 
 def _item_report(page: ItemHistory, *, store: str) -> str:
-    """Return the report of one item: its state, its history and the verdicts on it."""
+    """Return the HTML report of one item: latest values, history, verdicts and grasps."""
     item, count = page.item, len(page.grasps)
     chips = [*filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label))]
     if item.first_seen is not None:
-        chips.append(f"first seen {time_text(item.first_seen)}")
+        chips.append(f"first seen {format_time(item.first_seen)}")
     chips.append(f"{count} grasp{'s' * (count != 1)}")
     if page.firmness_rank is not None:
         chips.append(page.firmness_rank.text)
@@ -135,11 +135,11 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     if figures:
         body.append(_inline_figures(figures))
     if page.verdicts:
-        verdicts = list(verdict_rows(reversed(page.verdicts[-_MOST_ROWS:])))
+        verdicts = list(verdict_rows(reversed(page.verdicts[-_MAX_ROWS:])))
         body.append(PageTable("Verdicts", ("when", *VERDICT_COLUMNS), verdicts))
     if page.grasps:
-        rows = [_grasp_row(grasp) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
-        caption = f"Grasps (the last {_MOST_ROWS} of {count})" if count > _MOST_ROWS else "Grasps"
+        rows = [_grasp_row(grasp) for grasp in reversed(page.grasps[-_MAX_ROWS:])]
+        caption = f"Grasps (the last {_MAX_ROWS} of {count})" if count > _MAX_ROWS else "Grasps"
         quantities = [f">{name.lower()}, {unit}" for _, name, unit, _ in _QUANTITIES]
         body.append(PageTable(caption, ["taken", "outcome", "rig", ">side", *quantities], rows))
     return render_page(
@@ -164,7 +164,7 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
         verdict = page.latest_verdict(about)
         if verdict is not None:
             known = verdict.probability is not None
-            below = f"probability {percent_text(verdict.probability)}" if known else ""
+            below = f"probability {format_percent(verdict.probability)}" if known else ""
             if verdict.source is Source.PERSON:
                 below = "given by a person"
             tiles[str(about).capitalize()] = (verdict.text, "", below)
@@ -173,7 +173,7 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
 
 def _grasp_row(grasp: Grasp) -> list[str]:
     return [
-        time_text(grasp.taken_at),
+        format_time(grasp.taken_at),
         str(grasp.outcome).replace("_", " "),
         grasp.rig,
         "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
@@ -182,7 +182,7 @@ def _grasp_row(grasp: Grasp) -> list[str]:
 
 
 def _number(measured: Measurement | None, digits: int) -> str:
-    """Return a value, marked if its status is not `ok`."""
+    """Format a measurement, with * if its status is not `ok`."""
     if measured is None:
         return "-"
     return (
@@ -191,7 +191,7 @@ def _number(measured: Measurement | None, digits: int) -> str:
 
 
 def _format_digits(value: float, digits: int) -> str:
-    """Return a number with a typographic minus.
+    """Format a number with a typographic minus.
 
     >>> _format_digits(-45.04, 1)
     '\N{MINUS SIGN}45.0'
@@ -200,7 +200,7 @@ def _format_digits(value: float, digits: int) -> str:
 
 
 def _group_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: date | None) -> str:
-    """Return the report of a batch, or of a day: counts, firmness and bins."""
+    """Return the HTML report of a batch or a day."""
     grasps = [grasp for page in pages for grasp in page.grasps]
     return render_page(
         title=title,
@@ -218,7 +218,7 @@ def _group_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: 
 def _summary_labels(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
     chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
     if grasps:
-        first, last = (time_text(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
+        first, last = (format_time(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
         day, _, clock = last.partition(" ")
         chips.append(f"{first} to {clock if first.startswith(day) else last}")
     return chips
@@ -228,7 +228,7 @@ def _group_tiles(
     pages: Sequence[ItemHistory], grasps: Sequence[Grasp]
 ) -> dict[str, tuple[str, str, str]]:
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
-    below = f"{percent_text(held / len(grasps))} held" if grasps else ""
+    below = f"{format_percent(held / len(grasps))} held" if grasps else ""
     tiles = {"Items": (f"{len(pages)}", "", ""), "Grasps": (f"{len(grasps)}", "", below)}
     for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
         values = [measured.middle for page in pages if (measured := page.latest(name))]
@@ -247,7 +247,7 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
 
 
 def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:
-    """Return the rank of each stage of ripeness, the firmest first."""
+    """Return the rank of each ripeness stage, firmest first."""
     verdicts = (one for page in pages for one in page.verdicts if one.about is About.RIPENESS)
     judged = (one.details.get("probabilities") for one in verdicts)
     found = [stage for one in judged if isinstance(one, Mapping) for stage in one]
@@ -255,7 +255,7 @@ def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:
 
 
 def _days_to_ripe(page: ItemHistory) -> str:
-    """Return the days until ripe from an item's last verdict; a dash without one."""
+    """Format the days to ripe from an item's latest verdict; a dash if unknown."""
     verdict = page.latest_verdict(About.RIPENESS)
     details = {} if verdict is None else verdict.details
     ends = [details.get(f"days_to_ripe{end}") for end in ("", "_low", "_high")]
@@ -292,7 +292,7 @@ def _group_figures(
 
 
 def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
-    # A subject without any verdict gets no column.
+    # Only subjects with verdicts get a column.
     abouts = [
         about
         for about in (About.RIPENESS, About.BRUISE, About.BIN)
@@ -303,7 +303,7 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
         [
             page.item.item_id,
             kind_of(page),
-            time_text(page.grasps[-1].taken_at) if page.grasps else "-",
+            format_time(page.grasps[-1].taken_at) if page.grasps else "-",
             f"{len(page.grasps)}",
             _number(page.latest("size_mm"), 1),
             _number(page.latest("firmness"), 0),
@@ -311,10 +311,10 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
             *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
             *([_days_to_ripe(page)] if is_ripening else []),
         ]
-        for page in pages[:_MOST_ITEMS]
+        for page in pages[:_MAX_ITEMS]
     ]
-    more = len(pages) > _MOST_ITEMS
-    caption = f"Items (the first {_MOST_ITEMS} of {len(pages)})" if more else "Items"
+    more = len(pages) > _MAX_ITEMS
+    caption = f"Items (the first {_MAX_ITEMS} of {len(pages)})" if more else "Items"
     columns = [
         "item",
         "kind",

@@ -1,4 +1,4 @@
-"""`palpate ripeness`: stage and days to ripe, from days of grasps."""
+"""`palpate ripeness`: stage and days to ripe, from grasps on several days."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rich.text import Text
 from palpate.cli import options as option
 from palpate.cli.items import find_batch, open_store
 from palpate.cli.options import BatchOption, JsonOption, StoreOption, opt
-from palpate.cli.output import percent_text, print_json, say
+from palpate.cli.output import format_percent, print_json, print_message
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
 from palpate.produce.records import Drive, Item
@@ -41,7 +41,7 @@ def ripeness(
     items: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Items that were grasped before.",
+            help="Previously grasped items.",
             metavar="ITEM",
             autocompletion=option.complete_items,
         ),
@@ -49,17 +49,17 @@ def ripeness(
     batch: BatchOption = None,
     store: StoreOption = None,
     stages: Annotated[
-        str, opt("--stages A,B,...", "Stages as people label them, firmest first.")
+        str, opt("--stages A,B,...", "Labelled stages, firmest first.")
     ] = _DEFAULT_STAGES,
-    ripe: Annotated[str, opt("--ripe STAGE", "The stage that is waited for.")] = "ripe",
+    ripe: Annotated[str, opt("--ripe STAGE", "Stage that counts as ripe.")] = "ripe",
     plot: option.PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Report how ripe items are and when they will be ripe.
 
-    Stages are learned from items of the same kind that people labelled (palpate items NAME
-    --set kind=avocado --say ripeness=ripe); without labels an item is judged by its own first
-    day, taken as hard. The answer is kept with the item, unless it is no more than that assumption.
+    Stages are learned from labelled items of the same kind (palpate items NAME --set kind=avocado
+    --say ripeness=ripe). Without labels, the item is assumed to be hard on its first day. The
+    verdict is stored unless it is only this assumption.
 
     Example: palpate ripeness A17 --plot a17.png
     """
@@ -68,7 +68,7 @@ def ripeness(
     with open_store(store) as known:
         asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
-            raise InputError(f"--plot {plot}: draws one item; {len(asked)} were given")
+            raise InputError(f"--plot {plot}: plots a single item, but {len(asked)} were given")
         judge = _Judge(known, stages=names, ripe=ripe)
         judged = [judge.judge(item) for item in asked]
         for one in judged:
@@ -90,7 +90,7 @@ def ripeness(
 def _stage_names(stages: str, *, ripe: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in stages.split(","))
     if len(names) < 2 or len(set(names)) < len(names) or not all(names):
-        raise InputError(f"--stages {stages}: name at least two different stages, firmest first")
+        raise InputError(f"--stages {stages}: give at least two different stages, firmest first")
     if ripe not in names[1:]:
         raise InputError(f"--ripe {ripe}: must be one of {', '.join(names[1:])}")
     return names
@@ -101,13 +101,13 @@ def _select_items(store: Store, items: list[str], *, batch: str | None) -> list[
     if batch is not None:
         found += [item for item in find_batch(store, batch) if item.item_id not in items]
     if not found:
-        raise InputError("name an item, or --batch; `palpate items` lists them")
+        raise InputError("give an item or --batch NAME; `palpate items` lists the items")
     return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Judged:
-    """One item with its judged ripeness."""
+    """One item with its ripeness."""
 
     item: Item
     history: FirmnessHistory
@@ -123,7 +123,7 @@ class _Judged:
         return any(grasp.is_simulated for grasp in self.history.grasps)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the JSON form; the time of a stage that is never reached is null."""
+        """Return the JSON form, with null for times of stages that are never reached."""
         history, found = self.history, self.ripeness
         return {
             "item_id": self.item.item_id,
@@ -141,27 +141,29 @@ class _Judged:
 
 
 class _Judge:
-    """Judges items by labelled ones; learned once for each kind and gripper."""
+    """Judges items with rules learned once for each kind and gripper drive."""
 
     def __init__(self, store: Store, *, stages: tuple[str, ...], ripe: str) -> None:
         self._store, self._stages, self._ripe = store, stages, ripe
         self._rule_of = cache(self._learn_rule)
 
     def judge(self, item: Item) -> _Judged:
-        """Judge one item by labelled ones of its kind and kind of gripper."""
+        """Judge one item with the rule of its kind and gripper drive."""
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
         history = history_of(grasps, item_id=item.item_id, drive=drive)
         try:
             if item.kind is None:
                 raise InputError(
-                    f"its kind is not known (palpate items {item.item_id} --set kind=...)"
+                    f"its kind is unknown; set it with palpate items {item.item_id} --set kind=..."
                 )
             rule: RipenessRule | None = self._rule_of(item.kind, drive)
         except InputError as why:
             if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
                 raise
-            say(f"palpate ripeness: {item.item_id} by its own first day: {why}")
+            print_message(
+                f"palpate ripeness: {item.item_id}: judged relative to its first day, because {why}"
+            )
             rule = None
         return _Judged(
             item=item,
@@ -175,7 +177,7 @@ class _Judge:
 
 
 def _print(judged: Sequence[_Judged]) -> None:
-    """Print one line for each item, and the days of a single one."""
+    """Print one row per item and, for a single item, its days."""
     console = Console(highlight=False)
     rows = [
         (
@@ -183,9 +185,9 @@ def _print(judged: Sequence[_Judged]) -> None:
             Text(one.ripeness.stage, style="bold"),
             "assumed"
             if one.is_assumed
-            else percent_text(one.ripeness.probabilities[one.ripeness.stage]),
+            else format_percent(one.ripeness.probabilities[one.ripeness.stage]),
             _days_text(one.ripeness.days_to_ripe),
-            f"{len(one.history.grasps)} on {_count_text(len(one.history.days), 'day')}",
+            f"{len(one.history.grasps)} on {_format_count(len(one.history.days), 'day')}",
         )
         for one in judged
     ]
@@ -195,11 +197,11 @@ def _print(judged: Sequence[_Judged]) -> None:
         history = judged[0].history
         console.print(f"\n{explanation(judged[0].ripeness, history)}", markup=False)
         width = history.drive == "width"
-        felt = "stiffness_n_per_mm" if width else "pixels_sharing"
+        quantity_key = "stiffness_n_per_mm" if width else "pixels_sharing"
         days = [
             (
                 f"{row['day']:.1f}",
-                f"{row[felt]:.2f}",
+                f"{row[quantity_key]:.2f}",
                 "-" if row["settled_percent"] is None else f"{row['settled_percent']:.1f}",
                 str(row["grasps"]),
             )
@@ -210,15 +212,15 @@ def _print(judged: Sequence[_Judged]) -> None:
     unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.is_assumed]
     if unsure:
         console.print(
-            f"below {percent_text(SURE)} probability: {', '.join(unsure)}; "
-            "more grasps on the same day help",
+            f"below {format_percent(SURE)} probability: {', '.join(unsure)}; "
+            "more grasps on the same day reduce the uncertainty",
             markup=False,
         )
     if any(one.is_simulated for one in judged):
-        console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
+        console.print("[bold yellow]SIMULATED[/]: grasps on the twin")
 
 
-def _count_text(number: int, noun: str) -> str:
+def _format_count(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
@@ -252,4 +254,4 @@ def _days_document(days: Days | None) -> dict[str, float | None] | None:
 
 
 def _days_text(days: Days | None) -> str:
-    return "not known without labels" if days is None else days.text
+    return "unknown without labels" if days is None else days.text

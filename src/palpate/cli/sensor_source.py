@@ -1,4 +1,4 @@
-"""Sources of frames for a command: a rig, a rig file or a board."""
+"""Frame sources for commands: a rig, a rig file or a board."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.cli.options import rig_or_port
+from palpate.cli.options import resolve_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
@@ -24,41 +24,41 @@ from palpate.sensor.serial_array import SerialArray
 class SensorSource:
     """An open array with its origin and calibration."""
 
-    #: For titles.
+    #: Name for titles.
     name: str
-    #: The sensor.
+    #: The open sensor.
     array: PressureArray
-    #: A simulated rig's.
+    #: Calibration of a complete rig.
     calibration: Calibration | None = None
-    #: Where a rig file has it, made or not.
+    #: Calibration file named by a rig file; may not exist yet.
     calibration_path: Path | None = None
-    #: Of a simulated rig: what can squeeze its object.
+    #: Gripper of a simulated rig, to squeeze its object.
     gripper: Gripper | None = None
-    #: Whether the frames are.
+    #: Whether the frames are simulated.
     simulated: bool = False
 
     @property
     def requested_rate_hz(self) -> float | None:
-        """The rate that the board was set to, if there is a board."""
+        """The frame rate requested from the board; None without a board."""
         board = self.array.identity if isinstance(self.array, SerialArray) else None
         return None if board is None else board.rate_hz
 
-    def events(self) -> LinkCounters:
+    def link_counters(self) -> LinkCounters:
         """Return the counters of the link; zeros for a source without one."""
         return get_link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
-        """Return the calibrated rest values, shape (rows, cols); None without them.
+        """Return the calibrated rest values, shape (rows, cols); None without a calibration.
 
-        Raises `CalibrationError` as `find_calibration` does.
+        Raises `CalibrationError` like `find_calibration`.
         """
         calibration = self.find_calibration()
         return None if calibration is None else calibration.rest_ohm
 
     def find_calibration(self) -> Calibration | None:
-        """Return the calibration that belongs to the sensor; None before the first one.
+        """Return the sensor's calibration; None if there is none yet.
 
-        Raises `CalibrationError` if the calibration file can't be read or is of another layout.
+        Raises `CalibrationError` if the file can't be read or has another layout.
         """
         calibration, layout = self.calibration, self.array.layout
         if calibration is None and self.calibration_path and self.calibration_path.exists():
@@ -67,15 +67,15 @@ class SensorSource:
             return None
         if difference := calibration.layout.describe_difference(layout):
             raise CalibrationError(
-                f"the calibration is of another sensor ({difference}); "
+                f"the calibration belongs to another sensor ({difference}); "
                 "fix the rig file, or run `palpate calibrate rest --new`"
             )
         return calibration
 
     def frames(self, duration_s: float) -> FrameColumns:
-        """Read frames for this long, in the sensor's own time.
+        """Read frames for a duration on the sensor's clock.
 
-        Raises `DeviceError` if the sensor falls silent before there are two frames, or is gone.
+        Raises `DeviceError` if the sensor is disconnected, or silent before the second frame.
         """
         taken = [self.array.read(timeout_s=FRAME_TIMEOUT_S)]
         while taken[-1].time_s - taken[0].time_s < duration_s:
@@ -97,13 +97,12 @@ class SensorSource:
 def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSource:
     """Open the sensor of a rig without its gripper, or of a board.
 
-    `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
-        ./rig.toml or $PALPATE_RIG.
-    `port`: of a board as `palpate.sensor.board_array.open_board` takes it by default.
-    Raises `InputError` if the rig is at fault, or both are given; `DeviceError` if the equipment
-    isn't there.
+    `rig`: name of a rig, or a rig file. Without rig and port, ./rig.toml or $PALPATE_RIG.
+    `port`: serial port of a board with the defaults of `palpate.sensor.board_array.open_board`.
+    Raises `InputError` if the rig is invalid, or both are given; `DeviceError` if the equipment is
+    missing.
     """
-    rig = rig_or_port(rig, port)
+    rig = resolve_rig(rig, port)
     if rig is None:
         opened = open_board(port=port)
         return SensorSource(name=opened.name, array=opened)
@@ -112,7 +111,7 @@ def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSou
         stated = read_rig_table(path)
         if "use" not in stated:
             array: PressureArray = open_device(path, "array", stated.get("array"))
-            # Its calibration may still be to make.
+            # The calibration file may not exist yet.
             place = find_calibration_file(path)
             return SensorSource(name=path.name, array=array, calibration_path=place)
     devices = open_rig(rig)

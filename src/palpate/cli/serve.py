@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from palpate.cli import options as option
-from palpate.cli.options import host_and_port, opt
-from palpate.cli.output import say
+from palpate.cli.options import opt, parse_address
+from palpate.cli.output import print_message
 from palpate.errors import DeviceError, InputError, require_extra
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import rig_names
 from palpate.twin.objects import OBJECTS
 
 if TYPE_CHECKING:
-    # Each is an extra.
+    # Each requires an extra.
     from palpate.dashboard.server import LineOpener
     from palpate.line.machine import Line, Machine
     from palpate.line.modbus import ModbusStation
@@ -36,7 +36,7 @@ def serve(
         float, opt("--speed", "Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,
     folder: Annotated[
-        Path, opt("--folder DIR", "Where recordings go, and calibrations of simulated rigs.")
+        Path, opt("--folder DIR", "Folder of recordings and of calibrations of simulated rigs.")
     ] = Path("palpate-data"),
     store: option.StoreOption = None,
     damage: option.DamageOption = None,
@@ -44,13 +44,15 @@ def serve(
         Path | None,
         opt(
             "--rules FILE",
-            "Show which bin each named item goes to: a rules file as `palpate sort` reads it.",
+            "Show the bin of each named item: a rules file of `palpate sort`.",
         ),
     ] = None,
     host: Annotated[
-        str, opt("--host", "Address to listen at; beyond the loopback --token is needed.")
+        str, opt("--host", "Listening address; addresses other than loopback require --token.")
     ] = "127.0.0.1",
-    port: Annotated[int, opt("--port", "0 takes a free one.", min=0, max=65535)] = 8080,
+    port: Annotated[
+        int, opt("--port", "TCP port; 0 selects a free port.", min=0, max=65535)
+    ] = 8080,
     token: Annotated[
         str | None,
         opt("--token", "Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
@@ -59,7 +61,7 @@ def serve(
         Path | None,
         opt(
             "--mqtt FILE",
-            "Publish results and state to the broker that this file describes "
+            "Publish results and state to the broker described in this file "
             "(docs: Connect a packhouse).",
         ),
     ] = None,
@@ -67,14 +69,14 @@ def serve(
         str | None,
         opt(
             "--opcua [HOST:]PORT",
-            "Serve OPC UA; beyond the loopback encrypted, with --token as the password.",
+            "Serve OPC UA; beyond loopback it is encrypted and --token is the password.",
         ),
     ] = None,
     modbus: Annotated[
         str | None,
         opt(
             "--modbus [HOST:]PORT",
-            "Serve Modbus TCP, which has no password: every client that reaches it can grasp.",
+            "Serve Modbus TCP, which has no password: every client with access can start grasps.",
         ),
     ] = None,
 ) -> None:
@@ -88,10 +90,10 @@ def serve(
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
         raise InputError(
-            f"no rig {rig!r}; there are: {', '.join(rig_names())}, or a rig file (*.toml)"
+            f"no rig {rig!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
         )
     if object_name is not None and object_name not in OBJECTS:
-        raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
+        raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     settings = Settings(
         rigs=tuple(dict.fromkeys((rig, *rig_names()))),
         objects=tuple(OBJECTS),
@@ -106,7 +108,7 @@ def serve(
     )
     serve_page(
         settings,
-        # In an address it is written in brackets.
+        # IPv6 addresses may be given in brackets.
         host=host.strip("[]"),
         port=port,
         token=token,
@@ -122,7 +124,9 @@ def _publisher(file: Path, *, store: str | None) -> Publisher:
     from palpate.mqtt.publisher import Publisher
 
     return Publisher(
-        read_broker(file), store=store, on_error=lambda text: say(f"palpate serve: {text}")
+        read_broker(file),
+        store=store,
+        on_error=lambda text: print_message(f"palpate serve: {text}"),
     )
 
 
@@ -139,20 +143,20 @@ def _rules(path: Path) -> RuleBook:
 def open_lines(
     *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
 ) -> list[LineOpener]:
-    """Return the openers of the requested protocols.
+    """Return openers for the requested protocols.
 
-    Raises `InputError` if an address is wrong, or OPC UA would be open to others without a token;
-    `DeviceError` if a port is taken.
+    Raises `InputError` if an address is invalid, or OPC UA would be reachable from other machines
+    without a token; `DeviceError` if a port is taken.
     """
     openers: list[LineOpener] = []
     if opcua is not None:
         from palpate.line.opcua import USER, OpcUaStation
 
-        host, port = _parse_address("--opcua", opcua)
+        host, port = _parse_unused_address("--opcua", opcua)
         if host not in _LOOPBACK and not token:
             raise InputError(
-                f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
-                f"user {USER}"
+                f"--opcua {host}:{port}: other machines could move the gripper; add --token, the "
+                f"password of user {USER}"
             )
         station = partial(OpcUaStation, password=token, folder=folder)
         text = "OPC UA at opc.tcp://{}:{}/palpate"
@@ -160,23 +164,23 @@ def open_lines(
     if modbus is not None:
         from palpate.line.modbus import ModbusStation
 
-        host, port = _parse_address("--modbus", modbus)
+        host, port = _parse_unused_address("--modbus", modbus)
         text = "Modbus TCP at {}:{}"
         openers.append(partial(_start, station_of=ModbusStation, host=host, port=port, text=text))
     return openers
 
 
-def _parse_address(option: str, text: str) -> tuple[str, int]:
-    """Return host and port of ``[HOST:]PORT``; refuse a port that is taken."""
-    host, port = host_and_port(text, option=option)
+def _parse_unused_address(option: str, text: str) -> tuple[str, int]:
+    """Parse ``[HOST:]PORT``; raise `DeviceError` if the address can't be bound."""
+    host, port = parse_address(text, option=option)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # Before anything is opened: once the devices are, a fault would leave them running.
+    # Checked before the devices are opened, because a later error would leave them running.
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise DeviceError(f"{option} {text}: {error.strerror}; give another") from error
+            raise DeviceError(f"{option} {text}: {error.strerror}; give another address") from error
     return host, port
 
 
@@ -188,8 +192,8 @@ async def _start(
     port: int,
     text: str,
 ) -> Line:
-    """Start a station and print its address; `text` has places for host and port."""
+    """Start a station and print its address, with `text` as the format of host and port."""
     station = station_of(machine)
     at = await station.start(host, port)
-    say(f"palpate serve: {text.format(host, at)}")
+    print_message(f"palpate serve: {text.format(host, at)}")
     return station

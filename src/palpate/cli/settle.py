@@ -1,4 +1,4 @@
-"""`palpate settle`: the settled value of recorded holds, predicted from their first seconds."""
+"""`palpate settle`: predict settled values of recorded holds from their first seconds."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import typer
 
 from palpate.cli import options as option
 from palpate.cli import settle_report as report
-from palpate.cli.calibrate_settling import place_of_holds
+from palpate.cli.calibrate_settling import get_holds_path
 from palpate.cli.options import HorizonOption, JsonOption, QuietOption, opt
-from palpate.cli.output import print_json, progress, say
+from palpate.cli.output import print_json, print_message, progress
 from palpate.cli.settle_source import (
     HoldSource,
     Leg,
     ReadingOptions,
-    cut_at,
-    divider_of,
-    rest_stretch,
+    make_divider,
+    parse_cut,
+    parse_rest,
 )
 from palpate.errors import InputError
 from palpate.holds import Hold, measure_settled_value
@@ -33,7 +33,7 @@ from palpate.settling.predict import find_method
 from palpate.settling.result import SettlingMethod
 
 DEFAULT_CUTOFF_S = 2.5
-#: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
+#: Warn below this number of holds; a 90 % interval requires at least nine residuals.
 FEW_CALIBRATION_HOLDS = 20
 
 
@@ -57,81 +57,94 @@ def settle(
     ] = None,
     cutoff: Annotated[
         list[float] | None,
-        opt("--cutoff SECONDS", "Use samples up to here; may be repeated. [default: 2.5]"),
+        opt("--cutoff SECONDS", "Use samples up to this time; may be repeated. [default: 2.5]"),
     ] = None,
     horizon: HorizonOption = 20.0,
-    level: Annotated[float, opt("--level FRACTION", "Probability the interval is to cover.")] = 0.9,
+    level: Annotated[
+        float, opt("--level FRACTION", "Coverage probability of the intervals.")
+    ] = 0.9,
     fit_on: Annotated[
         list[Path] | None,
-        opt("--fit-on HOLDS", "Calibration holds: intervals as wide as errors on these."),
+        opt("--fit-on HOLDS", "Calibration holds, whose errors set the width of the intervals."),
     ] = None,
     learn_from: Annotated[
         list[Path] | None,
         opt(
-            "--learn-from HOLDS", "This sensor's own settled holds, for `relaxation` to learn from."
+            "--learn-from HOLDS", "Settled holds of this sensor, as training data of `relaxation`."
         ),
     ] = None,
     rig: Annotated[
-        str | None, opt("--rig FILE", "Learn from the settled holds that this rig file keeps.")
+        str | None, opt("--rig FILE", "Learn from the settled holds stored for this rig file.")
     ] = None,
     until_half_width: Annotated[
         float | None,
         opt(
             "--until-half-width PERCENT",
-            "Decide for each hold as soon as the half-width of its interval is below this.",
+            "Predict each hold as soon as the half-width of its interval is below this.",
         ),
     ] = None,
     time_column: Annotated[
-        str | None, opt("--time-column NAME", "Column of times. [default: by usual names]")
+        str | None, opt("--time-column NAME", "Time column. [default: from common names]")
     ] = None,
     time_unit: Annotated[
         Literal["s", "ms", "us", "unix"] | None,
-        opt("--time-unit UNIT", "s, ms, us or unix. [default: by name and values]"),
+        opt("--time-unit UNIT", "s, ms, us or unix. [default: from column name and values]"),
     ] = None,
     value_column: Annotated[
         list[str] | None,
         opt(
-            "--value-column NAME", "Column of readings; may be repeated. [default: by usual names]"
+            "--value-column NAME",
+            "Column of readings; may be repeated. [default: from common names]",
         ),
     ] = None,
     unit: Annotated[
         Literal["ohm", "percent", "counts", "volt"] | None,
-        opt("--unit UNIT", "ohm, percent, counts or volt. [default: by their names]"),
+        opt("--unit UNIT", "ohm, percent, counts or volt. [default: from column names]"),
     ] = None,
     adc_bits: Annotated[
-        int | None, opt("--adc-bits N", "Resolution of the converter: counts become ohm.")
+        int | None, opt("--adc-bits N", "Resolution of the converter, to convert counts to ohm.")
     ] = None,
     reference_ohm: Annotated[
         float | None, opt("--reference-ohm OHM", "The divider's fixed resistor.")
     ] = None,
     sensor_leg: Annotated[
         Leg | None,
-        opt("--sensor-leg LEG", "Where the sensor is: upper (at the supply) or lower (at ground)."),
+        opt(
+            "--sensor-leg LEG",
+            "Position of the sensor: upper (at the supply) or lower (at ground).",
+        ),
     ] = None,
     cut: Annotated[
         str,
         opt(
             "--cut auto|none|SECONDS",
-            "Where holds begin: auto (after each contact), none (at the first row), or a time.",
+            "Start of holds: auto (after each contact), none (at the first row), or a time.",
         ),
     ] = "auto",
     rest: Annotated[
         str | None,
-        opt("--rest START:END", "Stretch without load, seconds: readings become relative changes."),
+        opt(
+            "--rest START:END",
+            "Interval without load, seconds, to convert readings to relative changes.",
+        ),
     ] = None,
     mean: Annotated[
         bool, opt("--mean", "With --rest: predict the mean of all columns, as in the paper.")
     ] = False,
     plot: Annotated[
-        Path | None, opt("--plot FILE", "Draw cuts, typical and worst holds: .png, .svg or .pdf.")
+        Path | None,
+        opt("--plot FILE", "Plot the cuts and typical and worst holds: .png, .svg or .pdf."),
     ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
     out: Annotated[
-        Path | None, opt("--out FILE", "Write all of it (.json) or the rows (.csv, .parquet).")
+        Path | None,
+        opt("--out FILE", "Write the JSON document (.json) or its rows (.csv, .parquet)."),
     ] = None,
 ) -> None:
-    """Predict what recordings settle to from their first seconds, with the error.
+    """Predict the settled values of recordings from their first seconds.
+
+    Holds that last until the horizon also report the prediction error.
 
     Example: palpate settle recording.csv --plot cuts.png
     """
@@ -146,9 +159,9 @@ def settle(
             time_unit=time_unit,
             value_columns=tuple(value_column or ()),
             unit=unit,
-            divider=divider_of(adc_bits, reference_ohm, sensor_leg, unit=unit),
-            cut=cut_at(cut),
-            rest_s=rest_stretch(rest, mean=mean, unit=unit),
+            divider=make_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
+            cut=parse_cut(cut),
+            rest_s=parse_rest(rest, mean=mean, unit=unit),
             mean=mean,
         ),
     )
@@ -166,9 +179,9 @@ def settle(
     )
     without = ", ".join(name for name in chosen if name != "relaxation")
     if until_half_width and not fit_on and without:
-        say(
-            f"palpate: --until-half-width: {without} has no interval without --fit-on, so it "
-            "waits to the end of each hold"
+        print_message(
+            f"palpate: --until-half-width: {without} has no interval without --fit-on, so the "
+            "prediction uses each full hold"
         )
     predictions: list[Prediction] = []
     with progress("settling", total=len(files), quiet=quiet or as_json) as show:
@@ -189,7 +202,7 @@ def settle(
             if until_half_width is not None:
                 predictions += decide_holds(read(), half_width_percent=until_half_width, **how)
     if not predictions:
-        raise InputError(f"{holds[0]}: no hold in any of its files")
+        raise InputError(f"{holds[0]}: the files contain no holds")
     document = ScoreTable(
         predictions=predictions,
         horizon_s=horizon,
@@ -214,7 +227,7 @@ def _check_numbers(
     for cutoff_s in cutoffs_s:
         if not 0 < cutoff_s <= horizon_s:
             raise InputError(
-                f"--cutoff {cutoff_s:g}: give a time above 0 s and not after the horizon "
+                f"--cutoff {cutoff_s:g}: give a time above 0 s and at most the horizon "
                 f"({horizon_s:g} s)"
             )
     if not 0 < level < 1:
@@ -228,15 +241,15 @@ def _check_rereadable(files: Sequence[Path]) -> None:
         if file.exists() and not (file.is_file() or file.is_dir()):
             raise InputError(
                 f"{file}: a pipe can be read only once, and --plot (or --cutoff together with "
-                "--until-half-width) reads twice; save it as a file first"
+                "--until-half-width) reads twice; save the data as a file first"
             )
 
 
 def _find_own_holds(rig: str) -> Path:
-    place = place_of_holds(rig)
+    place = get_holds_path(rig)
     if not place.exists():
         raise InputError(
-            f"--rig {rig}: no settled holds are stored for it yet; `palpate calibrate settling "
+            f"--rig {rig}: no settled holds are stored yet; `palpate calibrate settling "
             f"RECORDINGS --rig {rig}` cuts them from recordings"
         )
     return place
@@ -247,8 +260,8 @@ def _check_held_out(learn_from: Sequence[Path], *, files: Sequence[Path]) -> Non
     for file in learn_from:
         if file.resolve() in predicted:
             raise InputError(
-                f"--learn-from {file}: its holds are predicted too, and scores on training holds "
-                "are meaningless; give other holds of the sensor"
+                f"--learn-from {file}: these holds are also predicted, and errors on training "
+                "holds are meaningless; give other holds of the sensor"
             )
 
 
@@ -260,23 +273,23 @@ def _methods(
     horizon_s: float,
     percent: bool,
 ) -> dict[str, SettlingMethod]:
-    """Make each method once; the sensor's own holds and calibration holds sharpen some."""
+    """Create the methods, trained on the sensor's holds and calibrated on `fit_on`."""
     made = {name: find_method(name) for name in names}
     if learn_from and "relaxation" in made:
         own = _read_settled_holds(learn_from, horizon_s=horizon_s, percent=percent)
         if not own:
             raise InputError(
-                f"--learn-from {learn_from[0]}: none of its holds reaches {horizon_s:g} s, so no "
-                "settled value is known; record longer holds"
+                f"--learn-from {learn_from[0]}: no hold lasts {horizon_s:g} s, so no settled value "
+                "is known; record longer holds"
             )
         made["relaxation"] = Calibrated(holds=tuple(own))
     if not fit_on:
         return made
     holds = _read_settled_holds(fit_on, horizon_s=horizon_s, percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
-        say(
-            f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
-            f"than {FEW_CALIBRATION_HOLDS} are rough or missing"
+        print_message(
+            f"palpate: --fit-on: {len(holds)} holds last {horizon_s:g} s; intervals from fewer "
+            f"than {FEW_CALIBRATION_HOLDS} holds are inaccurate or missing"
         )
     return {
         name: Calibrated(method=method, holds=holds, learn=False) for name, method in made.items()
@@ -284,7 +297,7 @@ def _methods(
 
 
 def _read_settled_holds(files: Sequence[Path], *, horizon_s: float, percent: bool) -> list[Hold]:
-    """Return the holds that reach the horizon."""
+    """Return the holds that last until the horizon."""
     source = HoldSource(paths=files, reading=ReadingOptions(unit="percent" if percent else None))
     return [
         hold

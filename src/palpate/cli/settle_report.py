@@ -1,4 +1,4 @@
-"""Output of `palpate settle`: JSON, tables, a file and a plot of selected holds."""
+"""Output of `palpate settle`: tables, files and a plot of selected holds."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from palpate.settling.result import SettlingMethod
 from palpate.terminal_table import print_table
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
-#: How many of the holds with the largest errors are listed.
+#: Number of listed holds, largest errors first.
 ROWS_SHOWN = 10
 
 
 def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
-    """Refuse, before the work, a file that can't or mustn't be written after it."""
+    """Raise `InputError` early if the output file is an input or can't be written."""
     if out is None:
         return
     if out.suffix.lower() not in OUT_ENDINGS:
-        raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
+        raise InputError(f"--out {out}: the name must end in .json, .csv or .parquet")
     check_writable(out)
     check_not_input(out, inputs=inputs)
     if out.suffix.lower() == ".parquet":
@@ -69,9 +69,9 @@ def write(document: ScoreTable, out: Path) -> None:
 
 
 def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:
-    """Return indices by error, largest first; without settled values by width of the interval.
+    """Return indices by error, largest first; without settled values, by interval width.
 
-    Those with neither come last, in their own order.
+    Predictions with neither value are last, in their original order.
     """
     keys = np.array([row.error_percent for row in predictions])
     if not np.isfinite(keys).any():
@@ -89,8 +89,8 @@ def draw(
 ) -> None:
     """Draw the holds with the median, the 90th percentile and the largest error.
 
-    They are ranked by the first method at its first cut-off, and read from their files again: only
-    then is it known which they are, and keeping every hold would take the memory of all.
+    The ranking uses the first method at its first cut-off. The selected holds are read again, which
+    avoids storing all holds in memory.
     """
     rows = next(iter(document.groups().values()))
     rows = [row for row in rows if np.isfinite(row.error_percent)] or rows
@@ -100,7 +100,7 @@ def draw(
         "90th percentile": round(0.9 * (len(order) - 1)),
         "largest error": len(order) - 1,
     }
-    # Later names win where a short file has the same hold in several places.
+    # In a short file one hold can have several ranks; the last name is used.
     wanted = {
         (row.source, row.hold_id, row.channel): (name, row)
         for name, row in ((name, order[place]) for name, place in places.items())
@@ -136,7 +136,7 @@ def _overviews(source: HoldSource) -> Iterator[tuple[str, CutColumn]]:
 
 
 def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
-    """Print the predictions, then the errors of holds that reach the horizon."""
+    """Print the predictions, then the errors of holds that last until the horizon."""
     console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
     _print_holds(document, console)
     for method in dict.fromkeys(row.method for row in document.predictions):
@@ -146,9 +146,7 @@ def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
     if any(np.isfinite(row.settled) for row in document.predictions):
         print_scores(document.summary(), console, level=document.level)
     else:
-        console.print(
-            f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
-        )
+        console.print(f"No hold lasts {document.horizon_s:g} s, so the errors are unknown.")
     for entry in document.summary():
         if "holds_decided" in entry:
             others = entry["holds"] - entry["holds_decided"]
@@ -156,7 +154,7 @@ def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
                 f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
                 f"{format_figure(entry['median_decision_s'])} s)"
-                + ("; the others waited to their end" if others else "")
+                + ("; the others used the full hold" if others else "")
             )
     for path in written:
         console.print(f"Written: {path}", highlight=False, soft_wrap=True)
@@ -187,7 +185,7 @@ def _print_holds(document: ScoreTable, console: Console) -> None:
     print_table(headings, cells, console=console)
     console.print(
         f"[dim]±: half-width of the {document.level:.0%} interval, in % of the settled value, "
-        "where known, else of the predicted one[/dim]",
+        "or of the predicted value if that is unknown[/dim]",
         highlight=False,
     )
 
@@ -211,7 +209,7 @@ def _row_cells(row: Prediction) -> dict[str, str]:
 
 
 def _text(figure: float | None) -> str:
-    """Return a value with four digits or its whole ones."""
+    """Format a value with four significant digits, or as an integer from 10 000."""
     if figure is None or not np.isfinite(figure):
         return "-"
     whole = 1e4 <= abs(figure) < 1e6

@@ -1,4 +1,4 @@
-"""Sources of holds for `palpate settle`: holds files, recordings, folders."""
+"""Sources of holds for `palpate settle`: holds files, recordings and folders."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from palpate.cli.output import say
+from palpate.cli.output import print_message
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
@@ -21,34 +21,34 @@ from palpate.recording import load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
 
-#: Endings that a recording in a folder may have; other files of it are skipped.
+#: File-name endings of recordings; other files in a folder are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
 
 
-#: No hold of 20 s is sampled that slowly, seconds.
-_SLOWEST_S = 4.0
-#: Place of the sensor in its divider.
+#: A larger sampling step suggests times in milliseconds, seconds.
+_MAX_STEP_S = 4.0
+#: Position of the sensor in the voltage divider.
 Leg: TypeAlias = Literal["upper", "lower"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingOptions:
-    """The user's description of recordings; only its unit applies to holds files."""
+    """The user's description of recordings; holds files use only the unit."""
 
-    #: As `palpate.read_recording` takes them.
+    #: Arguments of `palpate.read_recording`.
     time_column: str | None = None
     time_unit: TimeUnit | None = None
     value_columns: Sequence[str] = ()
     unit: Unit | None = None
     divider: Divider | None = None
-    #: As `palpate.cut_holds` takes it.
+    #: Argument of `palpate.cut_holds`.
     cut: CutAt = "auto"
-    #: Stretch at rest that makes relative changes of the columns, and whether their mean is taken.
+    #: Interval at rest for the conversion to relative changes, and whether to average the columns.
     rest_s: tuple[float, float] | None = None
     mean: bool = False
 
-    def is_about_units(self) -> bool:
-        """Return whether at most the unit is given, and that as ohm or percent."""
+    def has_only_unit(self) -> bool:
+        """Return whether all options are defaults, except a unit of ohm or percent."""
         return self in (
             ReadingOptions(),
             ReadingOptions(unit="percent"),
@@ -58,25 +58,25 @@ class ReadingOptions:
 
 @dataclass(slots=True, kw_only=True)
 class HoldSource:
-    """The files of one run, as holds."""
+    """Reads the holds of files and folders."""
 
-    #: As the user named them; a folder stands for the recordings in it.
+    #: Files, and folders of recordings.
     paths: Sequence[Path]
-    #: How recordings are to be read.
+    #: Description of the recordings.
     reading: ReadingOptions = field(default_factory=ReadingOptions)
     _warned: set[Path] = field(default_factory=set)
 
     def files(self) -> list[Path]:
-        """Return the files; those inside a folder are sorted by name.
+        """Return the files, with folders replaced by their recordings sorted by name.
 
-        Raises `InputError` if a folder has no recording in it.
+        Raises `InputError` if a folder contains no recording.
         """
         found: list[Path] = []
         for path in self.paths:
             inside = [path] if not path.is_dir() else _recordings_in(path)
             if not inside:
                 raise InputError(
-                    f"{path}: a folder without recordings (CSV, Excel, Parquet or .mcap files)"
+                    f"{path}: no recordings in this folder (CSV, Excel, Parquet or .mcap files)"
                 )
             found += inside
         return found
@@ -90,16 +90,16 @@ class HoldSource:
     ) -> Iterator[Hold]:
         """Yield the holds of one file.
 
-        A file of a folder without any is skipped with a line on standard error.
+        A file in a folder is skipped with a warning if it can't be read or has no holds.
         """
         is_known = file in self._warned
         for hold in self._read(file, until_s=until_s, progress=progress):
             if not is_known and len(hold.time_s) > 1:
                 step_s = float(np.median(np.diff(hold.time_s)))
-                if is_known := step_s > _SLOWEST_S:
-                    say(
+                if is_known := step_s > _MAX_STEP_S:
+                    print_message(
                         f"palpate: {file}: hold {hold.hold_id} has a sample every {step_s:g} s; "
-                        "time_s is in seconds, are these milliseconds?"
+                        "time_s must be in seconds; convert milliseconds"
                     )
             yield hold
         self._warned.add(file)
@@ -124,16 +124,16 @@ class HoldSource:
         yield from holds
 
     def recordings(self) -> list[Path]:
-        """Return the tables that are cut into holds."""
+        """Return the tables that are cut into holds; .mcap and holds files are not."""
         return [file for file in self.files() if not (self._is_holds(file) or _is_mcap(file))]
 
     def _is_holds(self, file: Path) -> bool:
-        return self.reading.is_about_units() and is_holds_file(file)
+        return self.reading.has_only_unit() and is_holds_file(file)
 
     def columns(self, file: Path) -> list[CutColumn]:
         """Return each sensor's data cut into holds; print each warning once.
 
-        Raises `InputError` if it can't be read, or no sensor has a hold.
+        Raises `InputError` if the file can't be read, or no sensor has a hold.
         """
         options = self.reading
         found: list[CutColumn] = []
@@ -165,20 +165,20 @@ class HoldSource:
             found += columns
         if not any(column.holds for column in found):
             raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
-        # Not before: a file that is refused gives one line.
+        # Printed last, so that a refused file reports only its error.
         for remark in remarks:
             self._warn(file, remark)
         return found
 
     def _warn(self, file: Path, remark: str) -> None:
         if file not in self._warned:
-            say(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}")
+            print_message(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}")
 
 
 def is_holds_file(file: Path) -> bool:
     """Return whether a file's header has the columns of a holds file.
 
-    A pipe, which can be read only once, counts as one.
+    A pipe can be read only once and is assumed to be a holds file.
     """
     if not file.is_file():
         return file.exists()
@@ -193,7 +193,7 @@ def is_holds_file(file: Path) -> bool:
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names
     except InputError:
-        # The reader of recordings refuses it with the same line.
+        # Reading the file as a recording reports the same error.
         return False
     return False
 
@@ -217,11 +217,11 @@ def _is_mcap(file: Path) -> bool:
 
 
 def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
-    """Return the holds of a palpate recording, as `palpate export --holds` cuts them."""
-    if not reading.is_about_units():
+    """Return the holds of a palpate recording, cut as in `palpate export --holds`."""
+    if not reading.has_only_unit():
         raise InputError(
-            f"{file}: a palpate recording is cut where its gripper stood still; it takes "
-            "--unit percent or ohm, and no other option of recordings"
+            f"{file}: a palpate recording is cut where the gripper was at rest; only --unit "
+            "percent or ohm applies to it"
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
     try:
@@ -230,10 +230,13 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
         raise InputError(f"{file}: {error}") from error
 
 
-def divider_of(
+def make_divider(
     adc_bits: int | None, reference_ohm: float | None, leg: Leg | None, *, unit: str | None
 ) -> Divider | None:
-    """Return the divider that the options describe; None without them."""
+    """Return the divider described by the options; None without options.
+
+    Raises `InputError` if the options are incomplete, out of range or conflict with the unit.
+    """
     if adc_bits is None and reference_ohm is None and leg is None:
         return None
     if adc_bits is None or reference_ohm is None or leg is None:
@@ -246,12 +249,12 @@ def divider_of(
             "a positive resistance"
         )
     if unit not in (None, "counts"):
-        raise InputError(f"--unit {unit}: --adc-bits is for counts; leave one of them out")
+        raise InputError(f"--unit {unit}: --adc-bits requires counts; omit one of the options")
     return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg)
 
 
-def cut_at(text: str) -> CutAt:
-    """Return the value of --cut."""
+def parse_cut(text: str) -> CutAt:
+    """Parse the value of --cut."""
     if text == "auto":
         return "auto"
     if text == "none":
@@ -265,14 +268,14 @@ def cut_at(text: str) -> CutAt:
     return begin_s
 
 
-def rest_stretch(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
-    """Return the stretch of --rest."""
+def parse_rest(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
+    """Parse the interval of --rest; None without one."""
     if text is None:
         if mean:
-            raise InputError("--mean needs --rest START:END, a stretch without load")
+            raise InputError("--mean requires --rest START:END, an interval without load")
         return None
     if unit in ("percent", "volt"):
-        raise InputError(f"--rest converts ohm to relative changes, and --unit is {unit}")
+        raise InputError(f"--rest converts ohm to relative changes, but --unit is {unit}")
     try:
         begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
     except ValueError:

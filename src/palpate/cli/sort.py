@@ -1,4 +1,4 @@
-"""`palpate sort`: each item's bin with the reason, or the kind of one item."""
+"""`palpate sort`: sort items into bins, or identify the kind of one item."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def sort(
         str | None,
         opt(
             "--identify ITEM",
-            "In place of sorting: report of which kind this item of the store is, and keep "
-            "the answer with it. Exits with 1 if it is unknown.",
+            "Instead of sorting: identify the kind of this stored item, and store the "
+            "verdict. Exit status 1: unknown kind.",
             autocompletion=option.complete_items,
         ),
     ] = None,
@@ -50,9 +50,9 @@ def sort(
         str | None,
         opt(
             "--rig NAME_OR_TOML",
-            "Grasp with this rig: sim-rigid brings a simulated crate, any other takes the "
-            "names of items from standard input, one a line. Without it: items of the store, by "
-            "the grasps they had; nothing is written.",
+            "Grasp with this rig. sim-rigid has a simulated crate; other rigs read item "
+            "names from standard input, one per line. Without --rig: a dry run with the stored "
+            "grasps, which writes nothing.",
         ),
     ] = None,
     damage: DamageOption = None,
@@ -62,9 +62,7 @@ def sort(
     items: Annotated[int, opt("--items N", "Size of the simulated crate.", min=1)] = 12,
     taught: Annotated[
         int,
-        opt(
-            "--taught N", "Simulated items of each kind to label, where the store is empty.", min=3
-        ),
+        opt("--taught N", "Labelled simulated items of each kind, if the store is empty.", min=3),
     ] = 6,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -72,13 +70,11 @@ def sort(
 ) -> None:
     """Sort items into bins by readable rules, or identify one item.
 
-    Uncertain items are grasped again, as often as the rules allow. A firmer squeeze
-    (--target-force-n) distinguishes better; --damage keeps it below what produce withstands. With a
-    rig, items, grasps and verdicts go to the store; a simulated crate goes there only with
-    --store.
+    Uncertain items are grasped again, up to the number of grasps in the rules. A higher force
+    (--target-force-n) separates kinds better; --damage limits the force. With a rig, items, grasps
+    and verdicts are stored; a simulated crate is stored only with --store.
 
-    Kinds are learned from labelled items: palpate items NAME --set kind=kiwi, three of a kind at
-    least.
+    Kinds are learned from at least three labelled items each: palpate items NAME --set kind=kiwi.
 
     Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
     """
@@ -86,23 +82,25 @@ def sort(
     if identify is not None:
         refuse_options(
             {"--rules": rules, "--rig": rig, "--batch": batch, **grasping},
-            why="--identify takes an item of the store alone",
+            why="can't be combined with --identify",
         )
         _identify(identify, store=store, as_json=as_json)
         return
     if rules is None:
-        raise InputError("name the --rules FILE to sort by, or the item with --identify ITEM")
+        raise InputError(
+            "give the sorting rules with --rules FILE, or an item with --identify ITEM"
+        )
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:
-        refuse_options(grasping, why="nothing is grasped; name a --rig")
+        refuse_options(grasping, why="requires --rig, because nothing is grasped without a rig")
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
         supply = open_supply(
             rig, seed=seed, items=items, taught=taught, target_force_n=target_force_n, damage=limit
         )
-        # At a real hand people are asked for items: a bar would be in the way.
+        # Without a crate the command prompts for items, so it shows no progress bar.
         crate = isinstance(supply, SimulatedCrate)
         try:
             with progress("sorting", total=items, quiet=quiet or as_json or not crate) as show:
@@ -114,9 +112,9 @@ def sort(
 
 
 def _identify(item: str, *, store: str | None, as_json: bool) -> None:
-    """Identify an item by size and stiffness and store the answer; exit 1 if unknown.
+    """Identify an item from size and stiffness and store the verdict; exit 1 if unknown.
 
-    Raises `InputError` if no grasp of it measured both, or too few items are labelled.
+    Raises `InputError` if no grasp of the item measured both, or too few items are labelled.
     """
     with open_store(store) as opened:
         opened.item(item)
@@ -126,7 +124,7 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
         touches = touches_of(grasps)
         if not touches:
             raise InputError(
-                f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
+                f"item {item!r}: no grasp measured size and stiffness; grasp the item again with "
                 "fingers driven by width"
             )
         known = learn_kinds(opened, without=item)
@@ -167,6 +165,6 @@ def _print_identity(
     console.print(why, markup=False)
     if known.learner.items_missing:
         console.print(
-            f"To call anything unknown at {100 * FALSE_REJECT:g} %, label "
+            f"To detect unknown kinds at a false-rejection rate of {100 * FALSE_REJECT:g} %, label "
             f"{known.learner.items_missing} more items."
         )

@@ -1,4 +1,4 @@
-"""The text of `palpate sort`: each item's bin with the reason, then purity and throughput."""
+"""Output of `palpate sort`: each item's bin with the reason, purity and throughput."""
 
 from __future__ import annotations
 
@@ -18,20 +18,23 @@ from palpate.terminal_table import print_table
 
 @dataclass(kw_only=True)
 class SortReport:
-    """Collects decisions."""
+    """Collects and prints sorting decisions."""
 
-    #: The rules.
+    #: Sorting rules.
     book: RuleBook
-    #: Whether items were only looked up, not grasped.
+    #: Whether this is a dry run with stored grasps.
     dry: bool
-    #: Takes how many items are done.
+    #: Called with the number of sorted items.
     show: Callable[[float], None] | None = None
     _simulated: bool = False
     _rows: list[dict[str, Any]] = field(default_factory=list)
     _placed: list[Placed] = field(default_factory=list)
 
     def add(self, done: Sorted, *, belongs: str | None) -> None:
-        """Add one decision; `belongs`: its true bin, known in a simulation."""
+        """Add one decision.
+
+        `belongs`: the item's true bin in a simulation; None if unknown.
+        """
         placed = Placed(
             bin=done.decision.bin,
             belongs=belongs,
@@ -45,14 +48,14 @@ class SortReport:
             self.show(len(self._rows))
 
     def emit(self, *, as_json: bool) -> None:
-        """Print all of it."""
+        """Print the decisions and the summary."""
         document = self._document()
         if as_json:
             print_json(document)
         elif document["rows"]:
             self._print(document)
         else:
-            print("no item came")
+            print("no items")
 
     def _document(self) -> dict[str, Any]:
         summary: dict[str, Any] | None = None
@@ -101,9 +104,9 @@ class SortReport:
             for name, one in summary["bins"].items()
         ]
         print_table(("bin", ">items", *[">right"] * is_judged), bins, console=console)
-        parts = [f"{100 * summary['left_over']:.0f} % left for {self.book.default_bin!r}"]
+        parts = [f"{100 * summary['left_over']:.0f} % in the default bin {self.book.default_bin!r}"]
         if is_judged:
-            parts.insert(0, f"{100 * summary['purity']:.0f} % of what went to a bin belongs there")
+            parts.insert(0, f"purity {100 * summary['purity']:.0f} % (items in the correct bin)")
         if self.dry:
             parts.append("dry run: nothing was grasped or written")
         else:

@@ -1,4 +1,4 @@
-"""Sorting of items in the store, and of items in front of a hand."""
+"""Sort items of the store, or items that a rig grasps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from palpate.cli.items import open_store
-from palpate.cli.output import say
+from palpate.cli.output import print_message
 from palpate.cli.sort_report import SortReport
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.damage import DamageModel
@@ -32,8 +32,8 @@ from palpate.rig import Rig, open_rig
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CRATE_TAUGHT, CrateItem, CrateTable, draw_crate, draw_mixed_crate
 
-#: Grasps of each labelled item: two show how far grasps of one item differ.
-_TAUGHT_GRASPS = 2
+#: Grasps of each training item; two grasps measure the variation within an item.
+_TRAINING_GRASPS = 2
 _BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper failed"}
 
 
@@ -42,20 +42,20 @@ def sort_from_store(
 ) -> None:
     """Sort stored items by their grasps and verdicts.
 
-    Raises `InputError` if there is no such batch, or no item with a grasp.
+    Raises `InputError` if the batch does not exist, or no item was grasped.
     """
-    with open_store(store) as kept:
-        asked = kept.items() if batch is None else kept.of_batch(batch)
-        found = [(item, kept.grasps_of(item.item_id)) for item in asked]
+    with open_store(store) as stored:
+        asked = stored.items() if batch is None else stored.of_batch(batch)
+        found = [(item, stored.grasps_of(item.item_id)) for item in asked]
         found = [(item, grasps) for item, grasps in found if grasps]
         if not found:
             which = "the store" if batch is None else f"batch {batch!r}"
-            raise InputError(f"{which} holds no item that was grasped; grasp some, or name a --rig")
+            raise InputError(f"{which} contains no grasped items; grasp some, or give a --rig")
         labelled = {item.kind for item, _ in found if item.kind is not None}
         guess = any(item.kind is None for item, _ in found)
-        identifier = _learn_kinds(kept, report.book, rules=rules, labelled=labelled, guess=guess)
+        identifier = _learn_kinds(stored, report.book, rules=rules, labelled=labelled, guess=guess)
         for item, grasps in found:
-            verdicts = kept.verdicts_of(item.item_id)
+            verdicts = stored.verdicts_of(item.item_id)
             evidence = evidence_of(grasps, identifier=identifier, kind=item.kind, verdicts=verdicts)
             done = Sorted(
                 item_id=item.item_id,
@@ -71,95 +71,95 @@ def sort_from_store(
 def sort_with_rig(
     report: SortReport, supply: Supply, *, rules: Path, store: str | None, batch: str | None
 ) -> None:
-    """Grasp and decide on each item; store both if there is a store.
+    """Grasp and sort each item; store grasps and verdicts if there is a store.
 
-    Raises `InputError` if the rules ask for what this hand can't measure, or kinds were not taught;
-    `DeviceError` if a device fails.
+    Raises `InputError` if the rules use quantities that the gripper can't measure or kinds without
+    labelled items; `DeviceError` if a device fails.
     """
     simulated = isinstance(supply, SimulatedCrate)
     _check_measurable(report.book, supply, rules=rules)
-    with nullcontext() if simulated and store is None else Store.open(store) as kept:
+    with nullcontext() if simulated and store is None else Store.open(store) as stored:
         identifier = None
         if report.book.has_condition("class"):
-            if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
-                identifier = _grasp_training_items(supply, kept)
+            if isinstance(supply, SimulatedCrate) and (stored is None or not stored.items(limit=1)):
+                identifier = _grasp_training_items(supply, stored)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
-            elif kept is not None:
-                identifier = _learn_kinds(kept, report.book, rules=rules)
+            elif stored is not None:
+                identifier = _learn_kinds(stored, report.book, rules=rules)
         for name in supply.names():
             kind: str | None = None
             verdicts: tuple[Verdict, ...] = ()
-            if kept is not None:
-                kept.add_item(Item(item_id=name, batch=batch))
-                kind, verdicts = kept.item(name).kind, kept.verdicts_of(name)
+            if stored is not None:
+                stored.add_item(Item(item_id=name, batch=batch))
+                kind, verdicts = stored.item(name).kind, stored.verdicts_of(name)
             done = sort_item(
                 name,
                 book=report.book,
                 identifier=identifier,
-                grasp=partial(_grasp, name, supply, kept),
+                grasp=partial(_grasp, name, supply, stored),
                 kind=kind,
                 verdicts=verdicts,
             )
-            if kept is not None:
+            if stored is not None:
                 now = supply.hand.now()
                 if done.identity is not None and done.identity.grasps:
-                    kept.add_verdict(identity_verdict(name, done.identity, given_at=now))
-                kept.add_verdict(bin_verdict(done, given_at=now))
+                    stored.add_verdict(identity_verdict(name, done.identity, given_at=now))
+                stored.add_verdict(bin_verdict(done, given_at=now))
             report.add(done, belongs=supply.choose_true_bin(name, book=report.book))
-        if kept is not None and (waiting := kept.send_or_explain()):
-            say(f"palpate: {waiting}")
+        if stored is not None and (waiting := stored.send_or_explain()):
+            print_message(f"palpate: {waiting}")
 
 
 def _learn_kinds(
-    kept: Store,
+    stored: Store,
     book: RuleBook,
     *,
     rules: Path,
     labelled: Collection[str] = (),
     guess: bool = True,
 ) -> Identifier | None:
-    """Learn kinds from the store if the rules need them."""
+    """Learn kinds from the store if the rules use them; otherwise return None."""
     if not book.has_condition("class"):
         return None
-    identifier = learn_kinds(kept) if guess else None
+    identifier = learn_kinds(stored) if guess else None
     taught = () if identifier is None else identifier.kinds
     check_kinds(book, taught={*taught, *labelled}, path=rules)
     return identifier
 
 
 def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
-    """Refuse rules that fingers driven by pressure can never decide."""
+    """Raise `InputError` for rules on quantities that pressure-driven fingers can't measure."""
     if supply.hand.plan.gripper.drive == "width":
         return
     for rule in book.rules:
         if rule.has_condition("class") or rule.has_condition("size_mm"):
             raise InputError(
-                f"rules file {rules} line {rule.line}: asks for class or size, and fingers driven "
+                f"rules file {rules} line {rule.line}: requires class or size, but fingers driven "
                 "by pressure measure neither size nor stiffness; use fingers driven by width"
             )
 
 
-def _grasp_training_items(supply: SimulatedCrate, kept: Store | None) -> Identifier:
-    """Grasp labelled items of each kind, as the training set."""
-    say(f"teaching with {len(supply.teaching)} labelled items (simulated) ...")
+def _grasp_training_items(supply: SimulatedCrate, stored: Store | None) -> Identifier:
+    """Grasp labelled items of each kind as the training set."""
+    print_message(f"training with {len(supply.training)} labelled items (simulated) ...")
     found = []
-    for item in supply.teaching.values():
-        if kept is not None:
-            kept.add_item(Item(item_id=item.item_id, kind=item.kind, batch="taught"))
+    for item in supply.training.values():
+        if stored is not None:
+            stored.add_item(Item(item_id=item.item_id, kind=item.kind, batch="taught"))
         grasps: list[Grasp] = []
-        for turn in range(_TAUGHT_GRASPS):
+        for turn in range(_TRAINING_GRASPS):
             size = grasps[-1].measurements.get("size_mm") if grasps else None
-            grasps.append(_grasp(item.item_id, supply, kept, turn, size).grasp)
+            grasps.append(_grasp(item.item_id, supply, stored, turn, size).grasp)
         found.append((str(item.kind), touches_of(grasps)))
     return Identifier(found)
 
 
 def _grasp(
-    name: str, supply: Supply, kept: Store | None, turn: int, size: Measurement | None
+    name: str, supply: Supply, stored: Store | None, turn: int, size: Measurement | None
 ) -> TimedGrasp:
     """Place an item, grasp it and store the grasp.
 
-    Equipment that fails, or a person who stops it, ends it all.
+    Raises `DeviceError` if equipment fails, `KeyboardInterrupt` if the grasp was stopped.
     """
     supply.place_item(name, turn=turn)
     timed = supply.hand.grasp(name, expected=size)
@@ -168,14 +168,14 @@ def _grasp(
         raise KeyboardInterrupt
     if outcome in _BROKEN:
         raise DeviceError(f"while grasping {name} {_BROKEN[outcome]}; run `palpate doctor`")
-    if kept is not None:
-        kept.add_grasp(timed.grasp, calibration=supply.calibration)
+    if stored is not None:
+        stored.add_grasp(timed.grasp, calibration=supply.calibration)
     return timed
 
 
-#: Fraction of a simulated crate that is of unlabelled kinds.
-_STRANGERS_SHARE = 1 / 6
-#: The rig that comes with a crate of the twin.
+#: Fraction of items of unlabelled kinds in a simulated crate.
+_UNKNOWN_FRACTION = 1 / 6
+#: Name of the rig with a simulated crate.
 _SIMULATED = "sim-rigid"
 
 
@@ -187,10 +187,10 @@ class SimulatedCrate:
     calibration: str
     #: The simulated world.
     table: CrateTable
-    #: What is to be sorted.
+    #: Items to sort.
     crate: Mapping[str, CrateItem]
     #: Labelled items of each kind, for training.
-    teaching: Mapping[str, CrateItem]
+    training: Mapping[str, CrateItem]
 
     def names(self) -> Iterator[str]:
         """Yield the items of the crate."""
@@ -198,11 +198,11 @@ class SimulatedCrate:
 
     def place_item(self, name: str, *, turn: int) -> None:
         """Place an item between the fingers."""
-        item = self.crate[name] if name in self.crate else self.teaching[name]
+        item = self.crate[name] if name in self.crate else self.training[name]
         self.table.bring(item, turn=turn)
 
     def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
-        """Return the bin by the rules for the item's true properties."""
+        """Return the bin for the item's true properties according to the rules."""
         item = self.crate[name]
         return true_bin(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
 
@@ -213,9 +213,9 @@ class SimulatedCrate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedByLine:
-    """Items in front of a real hand, named by lines of standard input.
+    """Items for a real gripper, with names from lines of standard input.
 
-    A bar-code reader that types what it reads will do.
+    A bar-code reader with keyboard output can enter the names.
     """
 
     hand: SortingHand
@@ -225,16 +225,16 @@ class NamedByLine:
     def names(self) -> Iterator[str]:
         """Yield names until the input ends or a line is empty."""
         while True:
-            say("lay an item between the fingers, then its name (none: end):")
+            print_message("place an item between the fingers and enter its name (empty line: end):")
             name = sys.stdin.readline().strip()
             if not name:
                 return
             yield name
 
     def place_item(self, name: str, *, turn: int) -> None:
-        """Ask to turn an item that was grasped before."""
+        """Prompt to turn the item before a repeated grasp."""
         if turn:
-            say(f"{name}: unsure; turn it, then press Enter:")
+            print_message(f"{name}: uncertain; turn the item, then press Enter:")
             sys.stdin.readline()
 
     def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
@@ -246,7 +246,7 @@ class NamedByLine:
         self.rig.close()
 
 
-#: Items, one after the other, and the hand that grasps them.
+#: A sequence of items and the gripper that grasps them.
 Supply: TypeAlias = SimulatedCrate | NamedByLine
 
 
@@ -259,9 +259,10 @@ def open_supply(
     target_force_n: float | None,
     damage: DamageModel | None,
 ) -> Supply:
-    """Open a rig; calibrate a simulated one and draw its crate.
+    """Open a rig; for the simulated rig, also calibrate it and draw a crate.
 
-    Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
+    `taught`: number of labelled items of each simulated kind.
+    Raises `InputError` if the rig does not exist; `DeviceError` if the rig can't be opened.
     """
     if name != _SIMULATED:
         rig = open_rig(name)
@@ -277,15 +278,15 @@ def open_supply(
         origin="twin",
     )
     crate = draw_mixed_crate(
-        items, seed=seed, strangers_share=_STRANGERS_SHARE, prefix=f"crate-{seed}"
+        items, seed=seed, strangers_share=_UNKNOWN_FRACTION, prefix=f"crate-{seed}"
     )
-    teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
+    training = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
     return SimulatedCrate(
         hand=_make_hand(rig, target_force_n, damage),
         calibration=rig.calibration.as_text(),
         table=table,
         crate={item.item_id: item for item in crate},
-        teaching={item.item_id: item for item in teaching},
+        training={item.item_id: item for item in training},
     )
 
 

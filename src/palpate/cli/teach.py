@@ -1,4 +1,4 @@
-"""`palpate teach`: learn a label from grasps, and report how well that works."""
+"""`palpate teach`: learn a label from grasps and report the accuracy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from palpate.cli.items import add_label, open_store
 from palpate.cli.options import JsonOption, StoreOption, opt, refuse_options
-from palpate.cli.output import percent_text, print_json
+from palpate.cli.output import format_percent, print_json
 from palpate.errors import InputError
 from palpate.produce.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate.produce.records import About
@@ -31,7 +31,7 @@ class Question(StrEnum):
     GRADE = "grade"
 
 
-#: Question -> the verdicts of people that answer it.
+#: Question -> subject of the verdicts that label it.
 _ABOUT = {
     Question.KIND: About.IDENTITY,
     Question.BRUISE: About.BRUISE,
@@ -46,29 +46,29 @@ def teach(
         Path | None,
         opt(
             "--table FILE",
-            "Learn from a CSV with columns item_id, label and numbers, in place of the store.",
+            "Learn from a CSV with columns item_id, label and numbers, instead of the store.",
         ),
     ] = None,
-    kind: Annotated[
-        str | None, opt("--kind", "Learn from items of this kind of the store.")
-    ] = None,
+    kind: Annotated[str | None, opt("--kind", "Learn from stored items of this kind.")] = None,
     say: Annotated[
-        list[str] | None, opt("--say ITEM=LABEL", "First label an item of the store; repeat.")
+        list[str] | None,
+        opt("--say ITEM=LABEL", "Label a stored item before learning; may be repeated."),
     ] = None,
     store: StoreOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Learn a label from grasps, report the accuracy, and name unlabelled items.
 
-    A linear discriminant, logistic regression and boosted trees are compared on items left out in
-    turn; the best is used. A grade is the bin that a person gave (--say ITEM=LABEL).
+    Linear discriminant analysis, logistic regression and boosted trees are compared by
+    cross-validation over items, and the best method is used. Grades are bin labels (--say
+    ITEM=LABEL).
 
     Example: palpate teach grade --kind avocado --say A17=firm
     """
     about = _ABOUT[question]
     if table is not None:
         given = {"--kind": kind, "--say": say and say[0], "--store": store}
-        refuse_options(given, why=f"--table {table} is learned from alone")
+        refuse_options(given, why=f"can't be combined with --table {table}")
         known = read_labelled(table)
     else:
         with open_store(store, create=bool(say)) as opened:
@@ -105,7 +105,7 @@ def _label_items(store: Store, texts: Sequence[str], *, about: About) -> None:
 
 
 def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[str, Any]]:
-    """Return the predicted label of each unlabelled item, as in the JSON."""
+    """Return the predicted label of each unlabelled item, for the JSON."""
     blank = known.find_unlabelled()
     if not blank:
         return []
@@ -123,9 +123,9 @@ def _print(
 ) -> None:
     console = Console(highlight=False)
     console.print(
-        f"{score.items} labelled items, {method}: {percent_text(score.right)} named "
-        f"rightly when left out ({percent_text(score.right_by_chance)} by always naming the most "
-        f"common), overconfident by {100 * score.overconfidence:+.0f} points",
+        f"{score.items} labelled items, {method}: {format_percent(score.right)} named "
+        f"correctly when held out ({format_percent(score.right_by_chance)} for the most common "
+        f"label), overconfident by {100 * score.overconfidence:+.0f} points",
         markup=False,
     )
     print_table(
@@ -140,7 +140,7 @@ def _print(
         print_table(
             ("item", "label", ">probability"),
             [
-                (escape(one["item_id"]), escape(one["label"]), percent_text(one["probability"]))
+                (escape(one["item_id"]), escape(one["label"]), format_percent(one["probability"]))
                 for one in named
             ],
             console=console,

@@ -1,4 +1,4 @@
-"""A packhouse to try: simulated grasps of two weeks in a store, and sorting rules."""
+"""Example packhouse: a store with two weeks of simulated grasps, and sorting rules."""
 
 from __future__ import annotations
 
@@ -33,27 +33,28 @@ from palpate.twin.placement import PixelGrid
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
 
-#: Seed of all of it; the sensor's and the gripper's too.
+#: Seed of all random numbers, including those of the sensor and the gripper.
 _SEED = 12
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 _DAYS = 3
 #: Batch, name of its fruits, number of fruits, grasps of each fruit per day. With fewer grasps the
 #: stages of the fruits to judge stay uncertain.
 _BATCHES = (("labelled", "taught", 12, 1), ("Monday", "fruit", 6, 2))
-#: Elastic force at 1 mm of a hard and of an overripe avocado (ends of the twin's ranges), and below
-#: which a person calls it by the next stage (middles between its four days), newtons.
+#: Elastic force at 1 mm of a hard and an overripe avocado (limits of the twin's ranges), and the
+#: boundaries between a person's stages (midpoints of the twin's four days), newtons.
 _HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)
-#: Half way of the ripest fruit of a batch and of the hardest, days after its first morning.
+#: Midpoint of softening of a batch's ripest and hardest fruit, days after the first morning.
 _HALF_DAYS = (-1.0, 4.0)
-#: Fruit differs from spot to spot: log standard deviation of the force (as in a mixed crate).
+#: Variation of the force between spots of a fruit: log standard deviation (as in a mixed crate).
 _SPOT_LOG_SD = 0.08
-#: A bruise of 24 mm whose flesh carries two fifths of what sound flesh does, 5 mm from the middle.
+#: Radius of the bruise, fraction of the load that bruised flesh carries, and offset of the bruise
+#: from the centre.
 _BRUISE_MM, _CARRIED, _OFF_MM = 12.0, 0.4, 5.0
 _APPLES, _SIDES_DEG = 3, (0.0, 90.0)
-#: The room on the mornings (temperatures of the paper's Figure 3; humidities ours); what the sheet
-#: was pressed for its calibration and is pressed each day (guesses).
+#: Ranges of room temperature (the paper's Figure 3) and humidity (guess) on the mornings, and press
+#: cycles of the sheet before the first day and on each day (guesses).
 _ROOM_C, _ROOM_PERCENT, _CYCLES, _CYCLES_A_DAY = (14.8, 26.8), (40.0, 70.0), 60, 250
-#: Frames a second, fewer than a board's; the open hand rests before each grasp, seconds.
+#: Frame rate, lower than a board's, and rest time of the open gripper before each grasp.
 _FRAME_RATE_HZ, _REST_S = 10.0, 6.0
 
 _RULES = """\
@@ -96,17 +97,18 @@ def write_packhouse(
 ) -> list[Path]:
     """Write a store of simulated grasps, and two files of rules.
 
-    `folder`: made where it does not exist.
-    `progress`: takes which fraction of the mornings is done.
-    Writes `palpate-items.sqlite`: twelve avocados that a person labelled ("labelled"), six to judge
-    ("Monday"), on three mornings, and four apples, of which "A17" fell
-    before its second visit. `rules.toml`: by ripeness. `by-size.toml`: by size. Every grasp is one
-    of the twin. Raises `InputError` if the folder has such a store already: nothing is added to it.
+    `folder`: created if absent.
+    `progress`: called with the completed fraction.
+    Writes `palpate-items.sqlite`, `rules.toml` (by ripeness) and `by-size.toml`. The store has
+    three mornings of twelve labelled avocados (batch "labelled") and six unlabelled ones (batch
+    "Monday"), and four apples, of which "A17" is bruised on its second visit. All grasps are
+    simulated.
+    Raises `InputError` if the folder already contains a store.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "palpate-items.sqlite"
     if path.exists():
-        raise InputError(f"{path}: is there already; name another folder, or remove it")
+        raise InputError(f"{path} already exists; give another folder, or remove the file")
     with atomic_path(path) as temporary, Store.open(temporary) as store:
         _fill(store, progress=progress)
     written = [path]
@@ -167,7 +169,7 @@ def _grasp_apples(hand: _Station, apples: dict[str, TwinObject], day: int) -> li
 
 @dataclass(frozen=True, slots=True)
 class _BruisedCheek:
-    """A round fruit whose first side carries less of its load on one spot."""
+    """A round fruit with a soft spot on its first side."""
 
     sound: TwinObject
 
@@ -186,34 +188,34 @@ class _BruisedCheek:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Avocado:
-    """A fruit that softens along an S, half way on a day after its first."""
+    """A fruit that softens along a sigmoid with its midpoint at `half_day`."""
 
     flesh: TwinObject
     half_day: float
 
     def force_at_1mm_n(self, day: int) -> float:
-        """Return its mean elastic force at 1 mm of deformation."""
+        """Return the mean elastic force at 1 mm of deformation."""
         return _SOFT_N + (_HARD_N - _SOFT_N) / (1.0 + math.exp((day - self.half_day) / 0.6))
 
     def stage(self, day: int) -> str:
-        """Return its stage by a person's judgement."""
+        """Return the stage that a person would assign."""
         return STAGES[sum(self.force_at_1mm_n(day) < bound for bound in _BOUNDARIES_N)]
 
     def spot(self, day: int, *, rng: np.random.Generator) -> TwinObject:
-        """Return the fruit as it is at one spot."""
+        """Return the fruit with the force of a random spot."""
         force_n = self.force_at_1mm_n(day) * math.exp(_SPOT_LOG_SD * rng.standard_normal())
         return replace(self.flesh, force_at_1mm_n=force_n)
 
 
 class _Station:
-    """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
+    """One sensor and gripper, calibrated once, with new rest values every morning."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._calibrated = calibrate_twin(seed=_SEED, level="lab", apart_from="")
         self._rng = rng
 
     def begin_morning(self, day: int) -> None:
-        """Take the rest values in the room and with the wear of a day."""
+        """Measure the rest values at the temperature, humidity and wear of a day."""
         self.close()
         self._day = day
         world = World(
@@ -229,7 +231,7 @@ class _Station:
         )
         bench = twin_bench(world, start=TwinGripper(world).limits.target(0.0))
         calibration = replace(self._calibrated, rest=measure_rest(bench))
-        #: The calibration of this morning, as text.
+        #: This morning's calibration as text.
         self.calibration = calibration.as_text()
         bench.array.close()
         self._world, self._array, self._gripper = world, TwinArray(world), TwinGripper(world)
@@ -238,7 +240,7 @@ class _Station:
         )
 
     def grasp(self, obj: TwinObject, item_id: str, *, angle_deg: float | None = None) -> Grasp:
-        """Lay an object into the nest and grasp it, as `palpate grasp --item` does."""
+        """Place an object in the fixture and grasp it like `palpate grasp --item`."""
         seen: list[Observation] = []
         closing, clock = ClosingWatch(self._plan), self._world.clock
         self._world.place(obj, fixture=True)

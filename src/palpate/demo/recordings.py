@@ -1,4 +1,4 @@
-"""Recordings as a data logger writes them: three simulated pads touched several times."""
+"""Example data-logger recordings of three simulated pads, each pressed several times."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from palpate.twin.world import World
 
 _SIMULATED = "simulated with palpate's physical twin; no sensor was read"
 _SEED = 1
-#: How far the fingers close beyond the touch, mm, touch by touch.
+#: Closing distance after contact for each press, mm.
 _CLOSURES_MM = (2.0, 3.0, 2.5, 3.5)
 _GAP_MM, _SPEED_MM_PER_S, _REST_S, _HOLD_S, _PAUSE_S = 6.0, 40.0, 2.0, 22.0, 8.0
 
 
 def write_recordings(folder: Path) -> list[Path]:
-    """Write three recordings of a pad that is touched four times, 22 s each.
+    """Write three recordings of a pad with four presses of 22 s each.
 
-    `folder`: made where it does not exist.
-    Writes `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and the counts of a 10-bit
-    converter whose divider has a resistor of 4700 ohm. `two-pads.csv`: two pixels, Unix time.
+    `folder`: created if absent.
+    Writes `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and counts of a 10-bit
+    converter with a 4700 ohm divider. `two-pads.csv`: two pixels, Unix time.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (time_s, _, ohm), (logged_s, counts, _), (both_s, _, both_ohm) = map(_record, range(3))
@@ -54,7 +54,7 @@ def write_recordings(folder: Path) -> list[Path]:
 
 
 def _record(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, counts and ohms of one session, shapes (frames,) and (frames, pixels)."""
+    """Return times, shape (frames,), counts and ohms, shapes (frames, pixels), of one session."""
     obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
     world, touch_mm = World(obj, seed=_SEED + number, level="lab"), obj.size_mm
     array, gripper = TwinArray(world), TwinGripper(world)

@@ -105,7 +105,7 @@ def _run_command(
     if listing or name in (None, "--help"):
         text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"
         listed = LazyGroup(name=verb, help=text, no_args_is_help=True, rich_markup_mode=HELP)
-        listed.offer(known)
+        listed.add_entries(known)
         listed.main(["--help"], prog_name=f"palpate {verb}", standalone_mode=False)
         return
     if name not in known:

@@ -20,7 +20,7 @@ def filled(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copy(packhouse / "palpate-items.sqlite", tmp_path_factory.mktemp("bruise")))
 
 
-def test_the_dropped_apple_is_bruised_where_it_is(filled: Path, palpate: Command) -> None:
+def test_bruise_dropped_apple_names_the_bruised_pixels(filled: Path, palpate: Command) -> None:
     found = palpate("bruise", "A17", "--json", "--store", filled, status=1).document
     assert found["bruised"]
     assert found["simulated"]
@@ -33,7 +33,7 @@ def test_the_dropped_apple_is_bruised_where_it_is(filled: Path, palpate: Command
     assert found["before_percent"] < found["now_percent"] < 0
 
 
-def test_a_sound_apple_is_sound_and_the_card_says_that_it_is_simulated(
+def test_bruise_sound_apple_exits_with_0_and_is_labelled_simulated(
     filled: Path, palpate: Command
 ) -> None:
     said = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled).out
@@ -41,7 +41,7 @@ def test_a_sound_apple_is_sound_and_the_card_says_that_it_is_simulated(
     assert "history" in said or "class" in said or "item" in said
 
 
-def test_each_answer_is_kept_with_the_item(filled: Path, palpate: Command) -> None:
+def test_bruise_stores_each_verdict_with_the_item(filled: Path, palpate: Command) -> None:
     def kept() -> list[str]:
         with Store.open(filled) as store:
             said = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
@@ -60,13 +60,13 @@ def test_each_answer_is_kept_with_the_item(filled: Path, palpate: Command) -> No
         (("A17", "--bruised-share", "1.5"), "--bruised-share"),
     ],
 )
-def test_bruise_mistakes_are_one_line(
+def test_bruise_invalid_input_is_refused_in_one_line(
     filled: Path, arguments: tuple[str, ...], says: str, palpate: Command
 ) -> None:
     assert says in palpate.refused("bruise", *arguments, "--store", filled)
 
 
-def test_an_item_without_a_kind_can_not_be_learned_about(filled: Path, palpate: Command) -> None:
+def test_bruise_learn_refuses_item_without_kind(filled: Path, palpate: Command) -> None:
     with Store.open(filled) as store:
         store.add_item(Item(item_id="thing"))
     assert "has no kind" in palpate("bruise", "thing", "--learn", "--store", filled, status=2).err

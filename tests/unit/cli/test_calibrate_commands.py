@@ -9,7 +9,7 @@ import pytest
 from tests.commands import Command
 
 from palpate.cli import build_app, calibrate_settling, run
-from palpate.cli.calibrate_bench import calibration_file
+from palpate.cli.calibrate_bench import resolve_calibration_file
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 from palpate.sensor.rest_calibration import replace_rest
@@ -23,7 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_force_file_holds_everything(made: Path) -> None:
+def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> None:
     found = Calibration.load(made)
     assert found.origin == "simulated"
     assert found.made_at is not None
@@ -35,7 +35,7 @@ def test_force_file_holds_everything(made: Path) -> None:
 
 
 @pytest.mark.slow
-def test_force_names_its_plot(tmp_path: Path, palpate: Command) -> None:
+def test_calibrate_force_prints_the_plot_file(tmp_path: Path, palpate: Command) -> None:
     plot = tmp_path / "pad.png"
     shown = palpate("calibrate", "force", "--out", tmp_path / "pad.json", "--plot", plot).out
     assert shown.splitlines()[-1] == f"Written: {plot}"
@@ -43,7 +43,7 @@ def test_force_names_its_plot(tmp_path: Path, palpate: Command) -> None:
 
 
 @pytest.mark.parametrize("loads", [[], ["--loads", "loads.csv"]])
-def test_force_advises_to_leave_out_only_loads_that_were_given(
+def test_calibrate_force_advises_omitting_loads_only_if_given(
     loads: list[str], palpate: Command
 ) -> None:
     said = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
@@ -51,7 +51,7 @@ def test_force_advises_to_leave_out_only_loads_that_were_given(
     assert ("leave --loads out" in said) == bool(loads)
 
 
-def test_compliance_goes_into_the_same_file(made: Path, palpate: Command) -> None:
+def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
     before = Calibration.load(made)
     document = palpate("calibrate", "compliance", "--seed", "3", "--out", made, "--json").document
     assert document["simulated"] is True
@@ -70,7 +70,7 @@ def test_compliance_goes_into_the_same_file(made: Path, palpate: Command) -> Non
         (("--rig", "sim-soft"), 3, "no load cell"),
     ],
 )
-def test_compliance_refuses_bad_input_in_one_line(
+def test_calibrate_compliance_invalid_input_is_refused_in_one_line(
     arguments: tuple[str, ...], status: int, message: str, palpate: Command
 ) -> None:
     assert message in palpate.refused("calibrate", "compliance", *arguments, status=status)
@@ -90,7 +90,7 @@ def cut_in_half(path: Path) -> None:
     ("spoil", "message"),
     [(of_other_sensor, "give another --out"), (cut_in_half, "not whole JSON")],
 )
-def test_a_file_that_does_not_fit_stays_as_it_is(
+def test_calibrate_other_sensors_file_is_left_unchanged(
     tmp_path: Path, spoil: object, message: str, palpate: Command
 ) -> None:
     path = tmp_path / "pad.json"
@@ -109,7 +109,7 @@ def test_a_file_that_does_not_fit_stays_as_it_is(
         ("weight\n1\n2\n3\n4\n", "no column load_n"),
     ],
 )
-def test_bad_loads_leave_the_old_calibration(
+def test_calibrate_force_bad_loads_preserve_the_old_file(
     tmp_path: Path, text: str, message: str, palpate: Command
 ) -> None:
     path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
@@ -133,7 +133,7 @@ def test_bad_loads_leave_the_old_calibration(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", ["rest", "force", "compliance"])
-def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
+def test_calibrate_unwritable_output_is_refused_before_measuring(
     step: str, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def measure(*_: object, **__: object) -> None:
@@ -146,23 +146,25 @@ def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
     assert f"there is no folder {path.parent}" in error
 
 
-def test_rig_file_calibration_path_is_used(tmp_path: Path) -> None:
+def test_resolve_calibration_file_prefers_option_then_rig_file(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text('calibration = "mine.json"\n')
-    assert calibration_file(str(rig), None) == tmp_path / "mine.json"
-    assert calibration_file(str(rig), tmp_path / "pad.json") == tmp_path / "pad.json"
+    assert resolve_calibration_file(str(rig), None) == tmp_path / "mine.json"
+    assert resolve_calibration_file(str(rig), tmp_path / "pad.json") == tmp_path / "pad.json"
     rig.write_text('use = "sim-rigid"\n')
-    assert calibration_file(str(rig), None) == Path("calibration.json")
-    assert calibration_file("sim-rigid", None) == Path("calibration.json")
+    assert resolve_calibration_file(str(rig), None) == Path("calibration.json")
+    assert resolve_calibration_file("sim-rigid", None) == Path("calibration.json")
 
 
-def test_weights_on_a_simulated_rig_are_refused(tmp_path: Path, palpate: Command) -> None:
+def test_calibrate_force_refuses_weights_on_a_simulated_rig(
+    tmp_path: Path, palpate: Command
+) -> None:
     error = palpate("calibrate", "force", "--loads", tmp_path / "loads.csv", status=2).err
     assert "simulated" in error
 
 
 @pytest.mark.slow
-def test_settling_takes_long_holds_only(
+def test_calibrate_settling_stores_only_long_holds(
     tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from palpate.holds import read_holds
@@ -178,9 +180,7 @@ def test_settling_takes_long_holds_only(
     assert "hold for longer" in palpate("calibrate", "settling", path, "--out", out, status=2).err
 
 
-def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
-    tmp_path: Path, palpate: Command
-) -> None:
+def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Command) -> None:
     from palpate.holds import read_holds
 
     rig = tmp_path / "rig.toml"

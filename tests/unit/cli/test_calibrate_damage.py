@@ -18,7 +18,7 @@ def damage_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_real_fruit_is_learned_and_its_copy_left_out(
+def test_calibrate_damage_real_fruit_excludes_the_duplicate(
     real_data: Path, tmp_path: Path, palpate: Command
 ) -> None:
     options = [
@@ -28,7 +28,7 @@ def test_real_fruit_is_learned_and_its_copy_left_out(
     ]
     said = palpate("calibrate", "damage", *options).out
     assert "learned from 162 closings (68 banana, 32 kiwi, 62 mango)" in said
-    assert "left out: banana-55, the same recording as banana-54" in said
+    assert "excluded: banana-55, the same recording as banana-54" in said
     assert "usable: stiffness predicts the strength of banana, kiwi, mango" in said
     made = DamageFile.load(tmp_path / "damage.json")
     assert made.kinds == ("banana", "kiwi", "mango")
@@ -47,7 +47,7 @@ def test_damage_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
     assert 0 < said["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
 
 
-def test_weak_evidence_is_reported_as_such(tmp_path: Path, palpate: Command) -> None:
+def test_calibrate_damage_reports_weak_evidence(tmp_path: Path, palpate: Command) -> None:
     """Strength without regard to stiffness; and a kind of which there are only a few."""
     rng = np.random.default_rng(1)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
@@ -60,15 +60,15 @@ def test_weak_evidence_is_reported_as_such(tmp_path: Path, palpate: Command) -> 
     files = ["--curves", str(tmp_path / "curves.csv"), "--index", str(tmp_path / "index.csv")]
     said = palpate("calibrate", "damage", *files, "--out", tmp_path / "damage.json").out
     assert "plum: stiffness does not predict the strength" in said
-    assert "pear: too few for a limit of its own (4)" in said
+    assert "pear: too few closings for a separate limit (4)" in said
     assert "usable" not in said
 
 
-def test_damage_of_too_few_closings_is_refused(tmp_path: Path, palpate: Command) -> None:
+def test_calibrate_damage_refuses_too_few_closings(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=11)
     out = tmp_path / "damage.json"
     error = palpate.refused("calibrate", "damage", *options, "--out", out)
-    assert "11 closings to learn from; 12 are needed" in error
+    assert "11 usable closings, but at least 12 are needed" in error
     assert not out.exists()
 
 
@@ -77,7 +77,7 @@ def test_damage_file_does_not_overwrite_its_inputs(tmp_path: Path, palpate: Comm
     error = palpate("calibrate", "damage", *options, "--out", tmp_path / "index.csv", status=2).err
     assert "index.csv is an input" in error
     shown = palpate("calibrate", "damage", *options, "--out", tmp_path / "damage.json").out
-    assert "kiwi: too few to be judged with some left out (12)" in shown
+    assert "kiwi: too few closings for held-out validation (12)" in shown
 
 
 def test_damage_file_in_a_missing_folder_is_refused(tmp_path: Path, palpate: Command) -> None:
@@ -87,7 +87,7 @@ def test_damage_file_in_a_missing_folder_is_refused(tmp_path: Path, palpate: Com
 
 
 @pytest.mark.slow
-def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
+def test_grasp_damage_limit_protects_kiwi_from_high_target_force(
     damage_file: Path, palpate: Command
 ) -> None:
     grasp = ["grasp", "--object", "kiwi", "--seed", "1", "--target-force-n", "4", "--json"]
@@ -108,7 +108,7 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
 
 
 @pytest.mark.slow
-def test_recording_with_a_limit_is_decided_again_alike(
+def test_replay_with_damage_limit_reproduces_the_result(
     damage_file: Path, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "grasp.mcap"
@@ -130,7 +130,9 @@ def test_card_reports_the_effect_of_the_limit(damage_file: Path, palpate: Comman
 
 
 @pytest.mark.slow
-def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) -> None:
+def test_grasp_damage_limit_is_higher_for_a_stronger_kind(
+    damage_file: Path, palpate: Command
+) -> None:
     low_n = {}
     for kind in ("kiwi", "melon"):
         told = ["--damage", str(damage_file), "--kind", kind, "--json"]
@@ -143,7 +145,7 @@ def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--kind", "kiwi"], "--kind kiwi: needs --damage FILE, which defines the kinds"),
+        (["--kind", "kiwi"], "--kind kiwi: requires --damage FILE, which defines the kinds"),
         (
             ["--damage", "{file}", "--kind", "plum"],
             "no kind 'plum'; its kinds are kiwi, melon; omit",
@@ -152,7 +154,7 @@ def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) 
         (["--damage", "{folder}/index.csv"], "not whole JSON"),
     ],
 )
-def test_a_limit_that_cannot_be_used_ends_in_one_line(
+def test_grasp_unusable_damage_file_is_refused_in_one_line(
     damage_file: Path, palpate: Command, arguments: list[str], complaint: str
 ) -> None:
     filled = [a.format(file=damage_file, folder=damage_file.parent) for a in arguments]

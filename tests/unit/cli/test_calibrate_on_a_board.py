@@ -58,12 +58,14 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench.board.unplug()
 
 
-def test_a_known_weight_gives_the_line_for_the_rig_file(bench: Bench, palpate: Command) -> None:
+def test_calibrate_cell_known_weight_prints_the_rig_file_table(
+    bench: Bench, palpate: Command
+) -> None:
     bench.rig.write_text(TABLES)
     bench.board.raw = [1_000, 0]
 
     def lays(what: str) -> None:
-        bench.board.raw[0] = 1_000 if "take everything off" in what else 1_000 - 2_000_000
+        bench.board.raw[0] = 1_000 if "remove everything" in what else 1_000 - 2_000_000
 
     bench.does = lays
     line = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10").out
@@ -82,7 +84,7 @@ def test_calibrate_cell_second_cell_is_added_to_the_rig_file(
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
 
     def lays(what: str) -> None:
-        bench.board.raw[1] = 0 if "take everything off" in what else 1_000_000
+        bench.board.raw[1] = 0 if "remove everything" in what else 1_000_000
 
     bench.does = lays
     document = palpate("calibrate", "cell", *of_cell_1).document
@@ -97,20 +99,22 @@ def test_calibrate_cell_second_cell_is_added_to_the_rig_file(
         (("--rig", "none.toml", "--known-n", "-1"), "above 0 newtons"),
     ],
 )
-def test_load_cell_faults_are_refused_in_one_line(
+def test_calibrate_load_cell_faults_are_refused_in_one_line(
     arguments: tuple[str, ...], message: str, palpate: Command
 ) -> None:
     assert message in palpate.refused("calibrate", "cell", *arguments)
 
 
-def test_a_weight_that_lies_elsewhere_is_noticed(bench: Bench, palpate: Command) -> None:
+def test_calibrate_cell_without_weight_on_the_cell_is_refused(
+    bench: Bench, palpate: Command
+) -> None:
     bench.rig.write_text(TABLES)
     error = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10", status=2).err
     assert "changed by only 0 counts" in error
 
 
 @pytest.mark.slow
-def test_compliance_on_a_board_with_two_cells(
+def test_calibrate_compliance_works_with_two_load_cells(
     bench: Bench, tmp_path: Path, palpate: Command
 ) -> None:
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [5e-6, -4e-6]\n")

@@ -17,7 +17,7 @@ PAIRS = ForcePairs(
 )
 
 
-def test_a_new_file_lies_where_the_rig_file_says(
+def test_calibrate_rest_writes_the_rigs_calibration_file(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file(seed=3)
@@ -31,7 +31,7 @@ def test_a_new_file_lies_where_the_rig_file_says(
     assert "Written: " in shown
 
 
-def test_renewing_rest_keeps_the_other_calibrations(
+def test_calibrate_rest_update_preserves_force_and_block(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()
@@ -47,7 +47,7 @@ def test_renewing_rest_keeps_the_other_calibrations(
     assert Calibration.load(path).force.force_n == ()
 
 
-def test_a_loaded_sensor_is_refused_and_the_file_kept(
+def test_calibrate_rest_loaded_sensor_is_refused_and_file_unchanged(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     path = rig_file().parent / "sensor.json"
@@ -60,7 +60,7 @@ def test_a_loaded_sensor_is_refused_and_the_file_kept(
     assert path.read_text() == before
 
 
-def test_empty_option_renews_rest_and_keeps_the_force(
+def test_calibrate_rest_empty_option_updates_rest_and_preserves_force(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()
@@ -78,7 +78,9 @@ def test_empty_option_renews_rest_and_keeps_the_force(
     assert renewed.rest.ohm[0][0] == pytest.approx(kept.rest.ohm[0][0], rel=0.02)
 
 
-def test_another_layout_is_refused(rig_file: Callable[..., Path], palpate: Command) -> None:
+def test_calibrate_rest_refuses_file_of_another_layout(
+    rig_file: Callable[..., Path], palpate: Command
+) -> None:
     rig = rig_file()
     path = rig.parent / "sensor.json"
     palpate("calibrate", "rest", "--rig", rig)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.cli.calibrate_force import WeightSeries, _ask_loads, _take_until_enough
+from palpate.cli.calibrate_force import WeightSeries, _ask_loads, _iterate_until_tolerance
 from palpate.errors import InputError
 
 
@@ -12,28 +12,30 @@ def course(tolerance_percent: float = 0.0) -> WeightSeries:
     return WeightSeries(tolerance_percent=tolerance_percent)
 
 
-def test_each_weight_reports_the_narrowed_intervals(capsys: pytest.CaptureFixture[str]) -> None:
+def test_calibrate_force_each_weight_reports_the_interval_widths(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     weights = course()
     for load_n in (1.5, 4.0, 9.0):
-        weights.take(8.0 * load_n**1.2, load_n)
+        weights.add(8.0 * load_n**1.2, load_n)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("1.5 N: half-width of the interval at 1.5 N ")
-    assert "most would show" in lines[0]
+    assert "most useful next" in lines[0]
     document = weights.to_dict()
     assert set(document) == {"1.5_n", "4_n", "9_n"}
     assert all(each["after"] < 0.5 * each["before"] for each in document.values())
 
 
-def test_no_more_weights_are_asked_for_within_the_tolerance() -> None:
+def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
     weights, laid = course(80.0), list[float]()
-    for load_n in _take_until_enough([1.5, 4.0, 9.0, 6.0, 2.0], weights):
+    for load_n in _iterate_until_tolerance([1.5, 4.0, 9.0, 6.0, 2.0], weights):
         laid.append(load_n)
-        weights.take(8.0 * load_n**1.2, load_n)
+        weights.add(8.0 * load_n**1.2, load_n)
     assert laid == [1.5, 4.0, 9.0]
 
 
-def test_typed_weights_end_with_enter_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calibrate_force_empty_line_ends_typed_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     typed = iter(["9", "1.5", "4", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
     assert list(_ask_loads(course())) == [9.0, 1.5, 4.0]
@@ -42,7 +44,7 @@ def test_typed_weights_end_with_enter_alone(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     ("words", "message"), [(["1.5", "4", ""], "at least 3"), (["heavy"], "type newtons")]
 )
-def test_unusable_typed_weights_are_refused(
+def test_calibrate_force_invalid_typed_weights_are_refused(
     words: list[str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     typed = iter(words)

@@ -65,6 +65,8 @@ def completed(line: str, folder: Path) -> list[str]:
         ("palpate items --store nowhere.sqlite fruit", []),
     ],
 )
-def test_bash_completes_verbs_and_options(line: str, offered: list[str], folder: Path) -> None:
+def test_completion_in_bash_lists_verbs_and_options(
+    line: str, offered: list[str], folder: Path
+) -> None:
     assert completed(line, folder) == offered
     assert not (folder / "nowhere.sqlite").exists()

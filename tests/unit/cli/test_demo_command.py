@@ -14,7 +14,7 @@ from palpate.produce.store import Store
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["recordings", "packhouse"])
-def test_proposed_commands_of_the_demo_run(
+def test_demo_suggested_commands_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -33,7 +33,7 @@ def test_proposed_commands_of_the_demo_run(
 
 @pytest.mark.slow
 def test_demo_into_an_existing_store_is_refused(packhouse: Path, palpate: Command) -> None:
-    assert "is there already" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
+    assert "already exists" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
 
 
 def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> None:

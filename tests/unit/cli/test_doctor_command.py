@@ -25,15 +25,17 @@ def test_doctor_of_a_healthy_rig_exits_with_0(
     assert len(said["pixels"]) == 8
     assert said["frames_lost"] == 0
     assert said["rate_hz"] == pytest.approx(15.0)
-    assert "leave the sensor alone" in captured.err
+    assert "do not touch the sensor" in captured.err
 
 
-def test_a_rig_under_load_is_unhealthy(rig_file: Callable[..., Path], palpate: Command) -> None:
+def test_doctor_of_a_loaded_rig_exits_with_1(
+    rig_file: Callable[..., Path], palpate: Command
+) -> None:
     """Closing goes on through the stretch."""
     assert "(unrest)" in palpate("doctor", "--rig", rig_file(pressed=True), status=1).out
 
 
-def test_doctor_of_a_recording_says_simulated(
+def test_doctor_of_a_simulated_recording_is_labelled_simulated(
     record_twin: Callable[..., Path], palpate: Command
 ) -> None:
     out = palpate("doctor", "--recording", record_twin()).out
@@ -68,14 +70,14 @@ def test_doctor_recorded_presses_of_crossed_rows_are_found(
 @pytest.mark.parametrize(
     ("arguments", "status", "says"),
     [
-        (["--rig", "a.toml", "--port", "b"], 2, "--port: the rig states its port"),
+        (["--rig", "a.toml", "--port", "b"], 2, "--port can't be combined with --rig"),
         (["--recording", "a.mcap", "--port", "b"], 2, "--recording can't be combined"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
         (["--rig", "no.toml"], 2, "no.toml"),
         (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),
     ],
 )
-def test_doctor_mistakes_are_one_line(
+def test_doctor_invalid_input_is_refused_in_one_line(
     arguments: list[str], status: int, says: str, palpate: Command
 ) -> None:
     err = palpate("doctor", *arguments, status=status).err.strip()
@@ -83,7 +85,7 @@ def test_doctor_mistakes_are_one_line(
     assert "\n" not in err
 
 
-def test_page_of_troubleshooting_lists_each_finding_with_its_check() -> None:
+def test_troubleshooting_page_lists_each_finding_with_its_check() -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "troubleshooting.md").read_text()
     findings = page.split("## When a grasp is cut short")[0]
     listed = dict(re.findall(r"^\| `(\w+)` \| .+ \| (.+) \|$", findings, re.MULTILINE))

@@ -13,7 +13,7 @@ import pytest
 from tests.commands import Command
 from tests.conftest import skip
 
-from palpate.cli.flash import meaning
+from palpate.cli.flash import explain_failure
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
 from palpate.sensor.wire import unpack
@@ -96,7 +96,7 @@ def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, sta
 
 
 @pytest.mark.slow
-def test_flash_runs_avrdude_and_then_asks_the_board(
+def test_flash_runs_avrdude_then_queries_the_board(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     board: Board,
@@ -121,10 +121,10 @@ def test_flash_runs_avrdude_and_then_asks_the_board(
             "avrdude error: expected signature for ATmega2560 is 1E 98 01\n",
             "the board is an ATmega328P (Arduino Uno, Nano), not an Arduino Mega 2560",
         ),
-        ("avrdude: Device signature = 0x000000\n", "the chip gives no signature"),
+        ("avrdude: Device signature = 0x000000\n", "the chip returned no signature"),
         (
             "avrdude error: timeout\navrdude error: unable to open programmer wiring on port\n",
-            "no boot loader of this board answers",
+            "the boot loader does not answer",
         ),
         ("avrdude OS error: cannot open port: Permission denied\n", "usermod -aG dialout"),
         ("avrdude OS error: cannot open port: Device or resource busy\n", "another program"),
@@ -160,17 +160,17 @@ def test_flash_failure_is_one_line(
 
 
 def test_flash_failure_without_output_is_still_reported() -> None:
-    assert meaning("") == "avrdude failed: no reason given"
+    assert explain_failure("") == "avrdude failed: no reason given"
 
 
-def test_missing_avrdude_says_what_to_install(
+def test_flash_without_avrdude_explains_how_to_install_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, palpate: Command
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "sudo apt install avrdude" in palpate("flash", "--port", "/dev/ttyACM0", status=3).err
 
 
-def test_port_and_image_are_checked_before_writing(
+def test_flash_checks_port_and_image_before_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="", status=0)
@@ -183,7 +183,7 @@ def test_port_and_image_are_checked_before_writing(
     assert not note.exists()
 
 
-def test_nano_with_the_older_boot_loader_is_tried_at_its_speed(
+def test_flash_nano_retries_at_the_old_boot_loaders_baud_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="avrdude: not in sync: resp=0x00\n", status=1)
@@ -194,7 +194,7 @@ def test_nano_with_the_older_boot_loader_is_tried_at_its_speed(
 
 
 @pytest.mark.parametrize(("kind", "baud"), IMAGES)
-def test_images_in_this_checkout_are_whole(kind: str, baud: int) -> None:
+def test_firmware_images_in_the_repository_are_complete(kind: str, baud: int) -> None:
     try:
         path = image_path(kind, baud)
     except DeviceNotFoundError:

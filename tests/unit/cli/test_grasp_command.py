@@ -14,7 +14,7 @@ from palpate.recording import load_recording
 pytestmark = pytest.mark.slow
 
 
-def test_grasp_json_is_one_document_and_the_same_twice(palpate: Command) -> None:
+def test_grasp_json_is_one_document_and_reproducible(palpate: Command) -> None:
     first = palpate("grasp", "--seed", "1", "--json").out
     assert palpate("grasp", "--seed", "1", "--json").out == first
     said = json.loads(first)
@@ -31,7 +31,7 @@ def test_grasp_json_is_one_document_and_the_same_twice(palpate: Command) -> None
     assert {"peak_force_n", "frames", "frames_lost", "verdict", "decision_time_s"} <= set(said)
 
 
-def test_card_says_simulated_and_recording_holds_every_frame(
+def test_grasp_card_is_labelled_simulated_and_every_frame_recorded(
     palpate: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "grasp.mcap"
@@ -44,7 +44,7 @@ def test_card_says_simulated_and_recording_holds_every_frame(
     assert '"palpate-calibration"' in (recording.info.calibration or "")
 
 
-def test_a_damaged_object_is_reported_under_the_headline_and_not_in_green(
+def test_grasp_card_reports_damaged_object_in_red(
     palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
@@ -60,7 +60,7 @@ def test_a_damaged_object_is_reported_under_the_headline_and_not_in_green(
 
 @pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
 @pytest.mark.parametrize("wish", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
-def test_grasp_recording_is_decided_again_alike(
+def test_replay_reproduces_the_grasp_result(
     palpate: Command, tmp_path: Path, rig: str, wish: list[str]
 ) -> None:
     path = tmp_path / "grasp.mcap"
@@ -73,7 +73,7 @@ def test_grasp_recording_is_decided_again_alike(
     assert again["force_n"] is not None
 
 
-def test_expected_size_shortens_the_approach(palpate: Command) -> None:
+def test_grasp_expected_size_shortens_the_approach(palpate: Command) -> None:
     felt_s = list[float]()
     for wish in ([], ["--expect-size", "36"]):
         moments = palpate(
@@ -83,7 +83,7 @@ def test_expected_size_shortens_the_approach(palpate: Command) -> None:
     assert felt_s[1] < felt_s[0] - 0.3
 
 
-def test_soft_fingers_give_no_size_and_a_bound_of_stiffness(palpate: Command) -> None:
+def test_grasp_with_soft_fingers_reports_no_size_and_a_stiffness_bound(palpate: Command) -> None:
     said = palpate("grasp", "--rig", "sim-soft", "--seed", "1", "--json").document
     assert said["outcome"] == "held"
     assert said["size_mm"] is said["previous_width_mm"] is None
@@ -111,7 +111,7 @@ def test_soft_fingers_give_no_size_and_a_bound_of_stiffness(palpate: Command) ->
         (["--target-force-n", "nan"], 2, "must be above 0"),
     ],
 )
-def test_grasp_mistakes_are_one_line(
+def test_grasp_invalid_input_is_refused_in_one_line(
     palpate: Command, arguments: list[str], status: int, words: str
 ) -> None:
     assert words in palpate.refused("grasp", *arguments, status=status)

@@ -53,14 +53,14 @@ def test_help_fits_80_columns_with_every_bracket(
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_of_a_verb_begins_with_its_summary(verb: str) -> None:
+def test_help_of_a_verb_starts_with_its_summary(verb: str) -> None:
     command = command_of([verb])
     first = inspect.cleandoc(command.help).split("\n\n")[0]
     assert " ".join(first.split()) == VERBS[verb].summary
     assert "Example: palpate " in command.help
 
 
-def test_options_of_several_verbs_have_one_name() -> None:
+def test_shared_options_have_the_same_name_in_all_verbs() -> None:
     app = build_app()
     commands = [app.load(verb) for verb in VERBS]
     names = {
@@ -81,7 +81,7 @@ def test_help_without_a_verb_groups_the_verbs(capsys: pytest.CaptureFixture[str]
     assert max(map(len, first.splitlines())) <= 80
 
 
-def test_module_runs_as_the_command() -> None:
+def test_python_m_palpate_runs_the_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "palpate", "--version"], capture_output=True, text=True
     )

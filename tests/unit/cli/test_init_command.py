@@ -18,7 +18,7 @@ from palpate.gripper.hobby_servo import ServoTravel, open_gripper
 from palpate.sensor.board_array import find_layout, open_board
 
 
-def test_options_become_a_rig_file(tmp_path: Path, palpate: Command) -> None:
+def test_init_options_are_written_to_the_rig_file(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "orchard.toml"
     options = ["--port", "/dev/ttyACM7", "--layout", "soft-3x2", "--reference-ohm", "1000"]
     options += ["--baud", "9600", "--rate-hz", "15"]
@@ -40,7 +40,7 @@ def test_options_become_a_rig_file(tmp_path: Path, palpate: Command) -> None:
     }
 
 
-def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(
+def test_init_hobby_servo_writes_travel_and_enables_pulses_in_frames(
     tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "rig.toml"
@@ -52,7 +52,7 @@ def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(
     assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
 
-def test_matrix_on_two_fingers_is_written(tmp_path: Path, palpate: Command) -> None:
+def test_init_writes_matrix_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
     stated = tomllib.loads(path.read_text())["array"]
@@ -64,9 +64,9 @@ def test_matrix_on_two_fingers_is_written(tmp_path: Path, palpate: Command) -> N
 
 @pytest.mark.parametrize(
     ("gripper", "rest"),
-    [("none", "and force to read newtons"), ("dynamixel", "and force and compliance to grasp")],
+    [("none", "and force for newtons"), ("dynamixel", "and force and compliance for grasping")],
 )
-def test_next_steps_match_the_rig(
+def test_init_next_steps_match_the_rig(
     tmp_path: Path, palpate: Command, gripper: str, rest: str
 ) -> None:
     shown = palpate("init", tmp_path / "rig.toml", "--port", "auto", "--gripper", gripper).out
@@ -74,12 +74,14 @@ def test_next_steps_match_the_rig(
 
 
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
-def test_invalid_pitch_is_refused(pitch_mm: float) -> None:
+def test_find_layout_invalid_pitch_is_refused(pitch_mm: float) -> None:
     with pytest.raises(InputError, match="give the distance between pixel centres"):
         find_layout("3x3", pitch_mm=pitch_mm)
 
 
-def test_openers_of_init_exist(tmp_path: Path, palpate: Command) -> None:
+def test_init_writes_options_that_the_board_opener_accepts(
+    tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "/dev/no-such-port")
     table = tomllib.loads(path.read_text())["array"]
@@ -88,7 +90,7 @@ def test_openers_of_init_exist(tmp_path: Path, palpate: Command) -> None:
     assert table.keys() <= accepted.keys()
 
 
-def test_soft_fingers_share_the_board(tmp_path: Path, palpate: Command) -> None:
+def test_init_pneumatic_gripper_uses_the_sensor_board(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "soft.toml"
     palpate("init", path, "--port", "auto", "--layout", "soft-3x2", "--gripper", "pneumatic")
     stated = tomllib.loads(path.read_text())
@@ -98,7 +100,7 @@ def test_soft_fingers_share_the_board(tmp_path: Path, palpate: Command) -> None:
     assert callable(getattr(importlib.import_module(module), function))
 
 
-def test_a_known_gripper_names_its_opener(tmp_path: Path, palpate: Command) -> None:
+def test_init_known_gripper_writes_its_opener(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     options = ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"]
     palpate("init", path, "--port", "auto", *options)
@@ -111,13 +113,13 @@ def test_a_known_gripper_names_its_opener(tmp_path: Path, palpate: Command) -> N
     assert table.keys() <= opener.__kwdefaults__.keys() | opener.__annotations__.keys()
 
 
-def test_the_rig_file_opens_its_port(tmp_path: Path, palpate: Command) -> None:
+def test_init_rig_file_opens_the_given_port(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "/dev/no-such-port")
     assert "no port /dev/no-such-port" in palpate("doctor", "--rig", path, status=3).err
 
 
-def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command) -> None:
+def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("mine = 1\n")
     assert "--force" in palpate("init", path, status=2).err
@@ -129,7 +131,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["rig.json"], "ends in .toml"),
+        (["rig.json"], "must end in .toml"),
         (["rig.toml", "--layout", "round"], "unknown layout"),
         (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be divided equally"),
         (["rig.toml", "--layout", "6x3", "--fingers", "-2"], "--fingers -2: give a whole number"),
@@ -143,7 +145,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command
         (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
     ],
 )
-def test_init_mistakes_write_nothing(
+def test_init_invalid_options_write_no_file(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     palpate: Command,
@@ -155,7 +157,7 @@ def test_init_mistakes_write_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_init_asks_on_a_terminal(tmp_path: Path) -> None:
+def test_init_prompts_on_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     master, slave = pty.openpty()
     program = "from palpate.cli import main; main()"

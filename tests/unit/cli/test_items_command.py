@@ -62,7 +62,7 @@ def filled() -> None:
 
 
 @pytest.mark.slow
-def test_a_grasp_of_an_item_is_kept_with_its_calibration(palpate: Command) -> None:
+def test_grasp_of_an_item_is_stored_with_its_calibration(palpate: Command) -> None:
     said = palpate("grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json").document
     with Store.open(create=False) as store:
         (kept,) = store.grasps_of("A17")
@@ -78,7 +78,7 @@ def test_a_grasp_of_an_item_is_kept_with_its_calibration(palpate: Command) -> No
 
 
 @pytest.mark.slow
-def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
+def test_grasp_with_unreachable_shared_store_is_stored_locally(
     palpate: Command, folder: Path
 ) -> None:
     nowhere = f"postgresql://palpate@/items?host={folder}"
@@ -93,7 +93,7 @@ def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
 
 
 @pytest.mark.parametrize(("others", "rank"), [(7, None), (8, {"items": 8, "softer": 0.75})])
-def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
+def test_items_page_shows_firmness_rank_within_the_kind(
     palpate: Command, others: int, rank: dict[str, float] | None
 ) -> None:
     with Store.open() as store:
@@ -110,7 +110,7 @@ def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", [(), ("--json",)])
-def test_the_result_is_on_the_screen_before_the_store_is_asked(
+def test_grasp_prints_the_result_before_contacting_the_store(
     palpate: Command,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -128,7 +128,7 @@ def test_the_result_is_on_the_screen_before_the_store_is_asked(
 
 
 @pytest.mark.slow
-def test_grasp_that_the_local_store_refuses_exits_with_3(
+def test_grasp_local_store_failure_exits_with_3(
     palpate: Command, monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     monkeypatch.setattr(engine, "LOCK_TIMEOUT_S", 0.05)
@@ -138,7 +138,7 @@ def test_grasp_that_the_local_store_refuses_exits_with_3(
         out, err = palpate("grasp", "--item", "A17", "--seed", "1", "--json", status=3)
     assert json.loads(out)["item_id"] == "A17"
     assert "locked by another program" in err
-    assert "the grasp is NOT kept" in err
+    assert "the grasp is NOT stored" in err
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_grasp_that_the_local_store_refuses_exits_with_3(
         (("--item", "A", "--store", "no/x.sqlite"), "there is no folder no; make it first"),
     ],
 )
-def test_a_store_that_makes_no_sense_stops_the_grasp_before_it_begins(
+def test_grasp_invalid_store_is_refused_before_the_gripper_moves(
     palpate: Command, arguments: tuple[str, ...], said: str
 ) -> None:
     out, err = palpate("grasp", *arguments, status=2)
@@ -159,13 +159,13 @@ def test_a_store_that_makes_no_sense_stops_the_grasp_before_it_begins(
 
 
 @pytest.mark.usefixtures("filled")
-def test_the_list_shows_the_last_met_first(palpate: Command) -> None:
+def test_items_list_starts_with_the_latest_grasped(palpate: Command) -> None:
     out = palpate("items").out
     assert out.index("K2") < out.index("A17")
     assert "2.25" in out
     assert "ripe" in out
     assert "simulated" not in out
-    assert "the last 1 items; --limit shows more" in palpate("items", "--limit", "1").out
+    assert "the latest 1 items; --limit shows more" in palpate("items", "--limit", "1").out
 
 
 @pytest.mark.usefixtures("filled")
@@ -203,7 +203,7 @@ def test_items_line_has_the_last_grasp_and_verdicts(palpate: Command) -> None:
 
 
 @pytest.mark.usefixtures("filled")
-def test_page_shows_grasps_and_labels(palpate: Command) -> None:
+def test_items_page_shows_grasps_and_labels(palpate: Command) -> None:
     out = palpate("items", "A17").out
     for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
         assert words in out
@@ -213,7 +213,7 @@ def test_page_shows_grasps_and_labels(palpate: Command) -> None:
     assert page["verdicts"][0]["text"] == "ripe"
 
 
-def test_a_simulated_item_is_said_to_be(palpate: Command) -> None:
+def test_items_page_labels_simulated_items(palpate: Command) -> None:
     with Store.open() as store:
         store.add_grasp(grasp("S1"))
     assert "simulated on the twin" in palpate("items").out
@@ -221,7 +221,7 @@ def test_a_simulated_item_is_said_to_be(palpate: Command) -> None:
 
 
 @pytest.mark.usefixtures("filled")
-def test_label_of_a_person_is_stored(palpate: Command) -> None:
+def test_items_say_option_stores_a_label(palpate: Command) -> None:
     told = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
     assert "Hass avocado" in palpate("items", "A17", *told, "--say", "ripeness=overripe").out
     with Store.open() as store:
@@ -236,28 +236,28 @@ def test_label_of_a_person_is_stored(palpate: Command) -> None:
     ("arguments", "said"),
     [
         (("B9",), "no item 'B9'; `palpate items` lists them"),
-        (("--say", "ripeness=ripe"), "--set and --say are about one item"),
+        (("--say", "ripeness=ripe"), "--set and --say require an item"),
         (("A17", "--say", "taste=good"), "NAME is one of ripeness, bruise, identity, bin"),
         (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
-        (("--day", "yesterday"), "--day yesterday: not a date; write it as 2026-05-01"),
+        (("--day", "yesterday"), "--day yesterday: not a date; use the form 2026-05-01"),
         (("--export", "all.csv"), "--export all.csv: the file must end in .parquet"),
         (("--export", "no/all.parquet"), "there is no folder no; make it first"),
         (("--store", "none.sqlite"), "no such file"),
     ],
 )
-def test_items_mistakes_are_one_line(
+def test_items_invalid_input_is_refused_in_one_line(
     palpate: Command, arguments: tuple[str, ...], said: str
 ) -> None:
     assert said in palpate.refused("items", *arguments)
 
 
-def test_an_empty_store_says_how_to_fill_it(palpate: Command) -> None:
+def test_items_of_an_empty_store_explains_how_to_add_one(palpate: Command) -> None:
     Store.open().close()
     assert "`palpate grasp --item NAME` adds one" in palpate("items").out
 
 
 @pytest.mark.usefixtures("filled")
-def test_parquet_holds_every_grasp_with_its_item(palpate: Command, folder: Path) -> None:
+def test_items_export_writes_every_grasp_with_its_item(palpate: Command, folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     assert "3 grasps" in palpate("items", "--export", "all.parquet").err
     table = parquet.read_table(folder / "all.parquet")

@@ -60,16 +60,16 @@ class Screen:
         return file.getvalue()
 
 
-def test_live_view_without_a_frame_says_so() -> None:
+def test_live_view_without_frames_shows_no_frame_yet() -> None:
     assert "no frame yet" in Screen().text()
 
 
-def test_rest_is_taken_first_without_a_calibration() -> None:
+def test_live_view_without_calibration_measures_rest_first() -> None:
     screen = Screen(calibrated=False)
     screen.feed(REST_COUNTS, frames=10)
-    assert "leave the sensor alone" in screen.text()
+    assert "do not touch the sensor" in screen.text()
     screen.feed(REST_COUNTS, frames=60)
-    assert "rest of the first second" in screen.text()
+    assert "rest from the first second" in screen.text()
     assert screen.text().count("no contact") == 2
 
 
@@ -88,7 +88,7 @@ def test_live_view_shows_contact_and_pixels() -> None:
     assert "SIMULATED" not in shown
 
 
-def test_unplugged_sensor_is_shown_and_reconnects() -> None:
+def test_live_view_shows_unplugged_sensor_and_reconnects() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
     screen.feed(np.zeros((4, 2), dtype=int), frames=40)
@@ -104,14 +104,14 @@ def test_unplugged_sensor_is_shown_and_reconnects() -> None:
     assert "no pixel" not in screen.text()
 
 
-def test_one_frame_has_no_rate_yet() -> None:
+def test_live_reading_rate_after_one_frame_is_nan() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS, frames=1)
     assert "Hz" not in screen.text()
     assert "1 frames" in screen.text()
 
 
-def test_the_largest_matrix_fits_a_terminal() -> None:
+def test_live_view_of_the_largest_matrix_fits_a_terminal() -> None:
     array = TwinArray(World(None, seed=1, layout=find_layout("16x16")))
     source = SensorSource(name="bench", array=array)
     view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
@@ -123,7 +123,7 @@ def test_the_largest_matrix_fits_a_terminal() -> None:
     assert sum(line.count("+") + line.count(" -") >= 16 for line in lines) == 16
 
 
-def test_losses_are_red() -> None:
+def test_live_view_shows_lost_frames_in_red() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
     assert f"{RED}0 lost" not in screen.text(colors=True)
@@ -132,7 +132,7 @@ def test_losses_are_red() -> None:
     assert f"{RED}3 lost" in screen.text(colors=True)
 
 
-def test_a_stale_frame_is_red() -> None:
+def test_live_view_shows_stale_frame_in_red() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
     screen.clock.sleep_s(0.05)
@@ -148,7 +148,7 @@ def test_live_view_labels_simulation() -> None:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_simulated_rig_is_squeezed_and_released(kind: str) -> None:
+def test_live_simulated_rig_is_squeezed_and_released(kind: str) -> None:
     world = World(
         draw_object(np.random.default_rng(2), "ball-44lbs"),
         seed=2,
@@ -168,12 +168,12 @@ def test_simulated_rig_is_squeezed_and_released(kind: str) -> None:
     assert max(mean[: 15 * 5]) > -5
 
 
-def test_live_view_ends_after_its_duration(rig_file: Callable[..., Path], palpate: Command) -> None:
+def test_live_ends_after_the_duration(rig_file: Callable[..., Path], palpate: Command) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
     assert "palpate live" in palpate(*arguments).out
 
 
-def test_force_is_shown_at_every_frame() -> None:
+def test_live_force_is_updated_at_every_frame() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0)
     )
@@ -190,7 +190,7 @@ def test_force_is_shown_at_every_frame() -> None:
     assert value > 1.0
 
 
-def test_force_without_a_calibration_is_refused(
+def test_live_force_without_calibration_is_refused(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", "--force"]
@@ -206,7 +206,7 @@ def test_force_without_a_calibration_is_refused(
         (["nowhere.invalid:8765", "--foxglove"], "another address"),
     ],
 )
-def test_invalid_address_is_refused(
+def test_live_invalid_foxglove_address_is_refused(
     words: list[str], said: str, rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]

@@ -73,9 +73,7 @@ def desk(
 
 
 @pytest.mark.slow
-def test_a_board_of_another_maker_reaches_newtons(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     """Doctor, rest, three weights, live newtons, a recording and its settled value."""
     health = json.loads(desk.run("doctor", "--json"))
     assert health["healthy"], health["findings"]
@@ -125,7 +123,7 @@ def test_a_board_of_another_maker_reaches_newtons(
         ('layout = "4x2"', True, 0, ""),
     ],
 )  # fmt: skip
-def test_a_rig_file_opens_a_board_that_prints(
+def test_rig_file_opens_a_text_protocol_board(
     options: str,
     is_there: bool,
     status: int,

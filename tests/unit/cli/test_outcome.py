@@ -22,21 +22,21 @@ def test_version_option_prints_the_version(palpate: Command) -> None:
     assert palpate("--version").out == f"palpate {__version__}\n"
 
 
-def test_palpate_without_a_verb_prints_the_help(palpate: Command) -> None:
+def test_run_without_a_verb_prints_the_help(palpate: Command) -> None:
     captured = palpate(status=2)
     assert "grasp" in captured.out
     assert captured.err == ""
 
 
 @pytest.mark.parametrize("wrong", ["--nonsense", "gras"])
-def test_usage_errors_are_sentences(wrong: str, palpate: Command) -> None:
+def test_run_usage_errors_are_one_sentence(wrong: str, palpate: Command) -> None:
     error = palpate.refused(wrong)
     assert (". Try `palpate --help`." in error) or ("? Try `palpate --help`." in error)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_output_in_a_poor_encoding_has_question_marks(encoding: str) -> None:
+def test_output_in_ascii_encoding_replaces_characters_with_question_marks(encoding: str) -> None:
     done = subprocess.run(
         [*SCRIPT, *CARD],
         capture_output=True,
@@ -51,7 +51,7 @@ def test_output_in_a_poor_encoding_has_question_marks(encoding: str) -> None:
     assert len({len(line) for line in shown.splitlines()}) == 1
 
 
-def test_a_full_disk_is_one_line() -> None:
+def test_run_full_disk_is_reported_in_one_line() -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [*SCRIPT, "study", "--list"],
@@ -61,10 +61,12 @@ def test_a_full_disk_is_one_line() -> None:
             check=False,
         )
     assert done.returncode == 3
-    assert done.stderr == "palpate: No space left on device; make room, or choose another disk\n"
+    assert (
+        done.stderr == "palpate: No space left on device; free some space, or choose another disk\n"
+    )
 
 
-def test_a_reader_that_leaves_early_is_no_fault() -> None:
+def test_run_closed_output_pipe_exits_with_0() -> None:
     with subprocess.Popen(
         [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -72,7 +74,7 @@ def test_a_reader_that_leaves_early_is_no_fault() -> None:
         assert process.stderr.read() == ""
 
 
-def test_missing_permission_names_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_missing_permission_reports_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
     app = typer.Typer()
 
     @app.command()
@@ -85,7 +87,7 @@ def test_missing_permission_names_the_remedy(capsys: pytest.CaptureFixture[str])
     )
 
 
-def test_unanswered_question_is_bad_usage(
+def test_run_prompt_without_input_exits_with_2(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", StringIO())
@@ -96,10 +98,13 @@ def test_unanswered_question_is_bad_usage(
         typer.prompt("loads", err=True)
 
     assert run(app, [], name="palpate") == 2
-    assert "palpate: no answer on standard input; run it in a terminal" in capsys.readouterr().err
+    assert (
+        "palpate: no answer on standard input; run the command in a terminal"
+        in capsys.readouterr().err
+    )
 
 
-def test_ctrl_c_at_a_question_is_a_stop(
+def test_run_ctrl_c_at_a_prompt_exits_with_130(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Pressed(StringIO):
@@ -118,7 +123,7 @@ def test_ctrl_c_at_a_question_is_a_stop(
 
 
 @pytest.mark.slow
-def test_a_narrow_terminal_shows_every_number() -> None:
+def test_table_in_a_narrow_terminal_shows_every_number() -> None:
     done = subprocess.run(
         [*SCRIPT, *CARD],
         capture_output=True,

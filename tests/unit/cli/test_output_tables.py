@@ -29,7 +29,7 @@ def printed(width: int) -> str:
 
 
 @pytest.mark.parametrize("width", [24, 40, 46, 60, 80, 200])
-def test_no_word_is_cut_and_none_is_missing(width: int) -> None:
+def test_table_shows_every_word_uncut(width: int) -> None:
     shown = printed(width)
     assert max(map(len, shown.splitlines())) <= width
     words = "item last grasp size mm verdict fruit-17 2026-05-14 08:02 62.0 61.6…62.4 conditioned"
@@ -37,7 +37,7 @@ def test_no_word_is_cut_and_none_is_missing(width: int) -> None:
     assert set(words.split()) <= set(re.split(r"[\s()]+|, ", shown)) | set(shown.split())
 
 
-def test_wide_terminal_keeps_one_line_a_row() -> None:
+def test_table_in_a_wide_terminal_has_one_line_per_row() -> None:
     assert printed(200).splitlines()[2].split() == [
         "fruit-17",
         "2026-05-14",
@@ -47,6 +47,6 @@ def test_wide_terminal_keeps_one_line_a_row() -> None:
     ]
 
 
-def test_without_room_a_row_is_a_paragraph_that_names_its_columns() -> None:
+def test_table_in_a_tiny_terminal_prints_rows_as_labelled_paragraphs() -> None:
     one = " ".join(printed(40).split())
     assert "item fruit-17 · last grasp 2026-05-14 08:02 · size, mm 62.0 (61.6…62.4) ·" in one

@@ -49,7 +49,9 @@ def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
 @pytest.mark.parametrize(
     ("more", "bar"), [([], True), (["--quiet"], False), (["--json"], False)], ids=str
 )
-def test_sorting_shows_a_bar_on_a_terminal(more: list[str], bar: bool, tmp_path: Path) -> None:
+def test_sort_on_a_terminal_shows_a_progress_bar(
+    more: list[str], bar: bool, tmp_path: Path
+) -> None:
     (tmp_path / "rules.toml").write_text(RULES)
     out, shown = on_a_terminal([*SORT, *more], folder=tmp_path)
     assert (b"sorting" in shown) is bar
@@ -57,7 +59,7 @@ def test_sorting_shows_a_bar_on_a_terminal(more: list[str], bar: bool, tmp_path:
     assert "sorting" not in out
 
 
-def test_progress_hides_no_output_of_the_work(tmp_path: Path) -> None:
+def test_progress_preserves_output_printed_meanwhile(tmp_path: Path) -> None:
     script = (
         "from palpate.cli.output import progress\n"
         "with progress('counting') as show:\n"

@@ -37,7 +37,7 @@ def test_qualify_prints_agreement_ceiling_grades_and_effort(
         assert words in shown
 
 
-def test_qualify_json_holds_every_figure(tmp_path: Path, palpate: Command) -> None:
+def test_qualify_json_contains_every_figure(tmp_path: Path, palpate: Command) -> None:
     file = write_readings(tmp_path / "readings.csv")
     document = palpate("qualify", file, "--json").document
     assert document["items"] == 40
@@ -47,7 +47,9 @@ def test_qualify_json_holds_every_figure(tmp_path: Path, palpate: Command) -> No
 
 
 @pytest.mark.slow
-def test_qualify_report_is_written_once(tmp_path: Path, palpate: Command) -> None:
+def test_qualify_report_does_not_overwrite_an_existing_file(
+    tmp_path: Path, palpate: Command
+) -> None:
     file, page = write_readings(tmp_path / "readings.csv"), tmp_path / "page.html"
     palpate("qualify", file, "--limit", "13", "--report", page)
     text = page.read_text()
@@ -59,18 +61,20 @@ def test_qualify_report_is_written_once(tmp_path: Path, palpate: Command) -> Non
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--limit", "15", "--limit", "13"), "rising order"),
+        (("--limit", "15", "--limit", "13"), "increasing order"),
         (("--tolerance", "0"), "--tolerance"),
-        (("--limit", "14", "--cost", "1", "-1"), "a cost is 0 or more"),
+        (("--limit", "14", "--cost", "1", "-1"), "costs must not be negative"),
     ],
 )
-def test_qualify_refuses_in_one_line(
+def test_qualify_invalid_input_is_refused_in_one_line(
     tmp_path: Path, palpate: Command, arguments: tuple[str, ...], message: str
 ) -> None:
     file = write_readings(tmp_path / "readings.csv")
     assert message in palpate("qualify", file, *arguments, status=2).err
 
 
-def test_qualify_too_few_items_says_how_many_it_needs(tmp_path: Path, palpate: Command) -> None:
+def test_qualify_too_few_items_reports_the_required_number(
+    tmp_path: Path, palpate: Command
+) -> None:
     error = palpate("qualify", write_readings(tmp_path / "few.csv", items=5), status=2).err
     assert "needs at least 8" in error

@@ -49,7 +49,9 @@ def test_inspect_counts_frames_and_losses(recorded: Path, palpate: Command) -> N
     assert (found["origin"], found["seed"], found["layout"]["rows"]) == ("twin", 3, 4)
 
 
-def test_inspect_says_simulated_and_what_is_missing(recorded: Path, palpate: Command) -> None:
+def test_inspect_of_a_truncated_recording_suggests_recover(
+    recorded: Path, palpate: Command
+) -> None:
     cut(recorded, share=0.6)
     text = palpate("inspect", recorded).out
     assert "twin (simulated)" in text
@@ -57,54 +59,54 @@ def test_inspect_says_simulated_and_what_is_missing(recorded: Path, palpate: Com
     assert f"`palpate inspect {recorded} --recover FILE`" in text
 
 
-def test_recover_makes_a_cut_recording_whole(recorded: Path, palpate: Command) -> None:
+def test_inspect_recover_completes_a_truncated_recording(recorded: Path, palpate: Command) -> None:
     cut(recorded, share=0.6)
     shown = palpate("inspect", recorded, "--recover", recorded, "--json")
     assert json.loads(shown.out)["intact"] is True
-    assert "everything readable is kept (0 damaged chunks" in shown.err
+    assert "recovered, without 0 damaged chunks" in shown.err
     copy = recorded.with_name("copy.mcap")
     shown = palpate("inspect", recorded, "--recover", copy, "--json")
     assert json.loads(shown.out)["path"] == str(copy)
-    assert "was whole already" in shown.err
+    assert "was already complete" in shown.err
 
 
-def test_export_writes_beside_the_recording(recorded: Path, palpate: Command) -> None:
+def test_export_default_output_is_next_to_the_recording(recorded: Path, palpate: Command) -> None:
     palpate("export", recorded)
     with recorded.with_suffix(".csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
 
 
-def test_export_never_writes_over_a_recording(recorded: Path, palpate: Command) -> None:
+def test_export_does_not_overwrite_a_recording(recorded: Path, palpate: Command) -> None:
     before = recorded.read_bytes()
     error = palpate("export", recorded, "--out", recorded, status=2).err
-    assert "ends in .csv or .parquet" in error
+    assert "must end in .csv or .parquet" in error
     error = palpate("export", recorded, "--to", "parquet", "--out", "run.csv", status=2).err
     assert "ends in .parquet" in error
     assert recorded.read_bytes() == before
 
 
-def test_export_takes_the_form_from_the_name(
+def test_export_infers_format_from_the_file_name(
     recorded: Path, tmp_path: Path, palpate: Command
 ) -> None:
     palpate("export", recorded, "--out", tmp_path / "run.parquet")
     assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
 
 
-def test_record_into_another_file_type_is_refused(tmp_path: Path, palpate: Command) -> None:
+def test_record_refuses_other_file_types(tmp_path: Path, palpate: Command) -> None:
     table = tmp_path / "run.csv"
     error = palpate("record", table, "--rig", "sim-rigid", "--duration", "1", status=2).err
-    assert "a recording ends in .mcap" in error
+    assert "recordings must end in .mcap" in error
     assert not table.exists()
 
 
-def test_settle_names_the_recording_that_has_no_rest(recorded: Path, palpate: Command) -> None:
+def test_settle_reports_recording_without_rest(recorded: Path, palpate: Command) -> None:
     error = palpate("settle", recorded, status=2).err
     assert f"{recorded}: no rest at the beginning" in error
     assert "Record a second of rest first" in error
 
 
-def test_recover_never_writes_over_another_recording(
+def test_inspect_recover_does_not_overwrite_another_recording(
     recorded: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.mcap"
@@ -145,7 +147,7 @@ def test_reader_missing_file_is_refused_in_one_line(
     assert palpate.refused(*arguments).startswith("palpate: gone.mcap: ")
 
 
-def test_a_folder_is_no_recording(
+def test_folder_as_recording_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -155,13 +157,13 @@ def test_a_folder_is_no_recording(
         assert error.endswith("Is a directory\n")
 
 
-def test_export_names_the_folder_that_is_missing(recorded: Path, palpate: Command) -> None:
+def test_export_to_a_missing_folder_is_refused(recorded: Path, palpate: Command) -> None:
     out = recorded.parent / "gone" / "run.csv"
     said = f"palpate: {out}: there is no folder {out.parent}; make it first\n"
     assert palpate.refused("export", recorded, "--out", out) == said
 
 
-def test_record_needs_its_port(tmp_path: Path, palpate: Command) -> None:
+def test_record_missing_port_is_reported(tmp_path: Path, palpate: Command) -> None:
     port = tmp_path / "ttyACM9"
     assert palpate("record", tmp_path / "new.mcap", "--port", port, status=3).err.startswith(
         f"palpate: no port {port}"
@@ -174,7 +176,7 @@ def test_record_needs_its_port(tmp_path: Path, palpate: Command) -> None:
     ("options", "said"),
     [
         (["--rig", "sim-rigid"], "never end: give a --duration"),
-        (["--rig", "sim-rigid", "--port", "x"], "--port: the rig states its port"),
+        (["--rig", "sim-rigid", "--port", "x"], "--port can't be combined with --rig"),
         (["--rig", "nothing"], "no rig 'nothing'"),
         (["--rig", "gone.toml"], "gone.toml: no such file"),
         (["--duration", "0"], "--duration 0: must be above 0"),
@@ -196,7 +198,7 @@ def test_record_from_a_rig_file_without_a_gripper(tmp_path: Path, palpate: Comma
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> None:
+def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
     path = tmp_path / "new.mcap"
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]
     options = ["--rig", "sim-rigid", "--seed", "4", "--duration", "1e9"]
@@ -228,7 +230,7 @@ def test_help_shows_an_example(verb: str, palpate: Command) -> None:
     assert "Example: palpate" in palpate(verb, "--help").out
 
 
-def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path, palpate: Command) -> None:
+def test_inspect_writes_a_plot(recorded: Path, tmp_path: Path, palpate: Command) -> None:
     palpate("inspect", recorded, "--plot", tmp_path / "run.png")
     png = (tmp_path / "run.png").read_bytes()
     assert png.startswith(b"\x89PNG")
@@ -241,5 +243,5 @@ def test_inspect_plot_without_data_is_refused(tmp_path: Path, palpate: Command) 
     with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
         pass
     error = palpate("inspect", path, "--plot", tmp_path / "run.png", status=2).err
-    assert "no frame in it" in error
+    assert "no frames to plot" in error
     assert not (tmp_path / "run.png").exists()

@@ -24,7 +24,7 @@ def frames_of(path: Path) -> tuple[int, FileState]:
         return sum(1 for _ in reader.messages(state=state)), state
 
 
-def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
+def test_record_sigterm_completes_the_file(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-c", MAIN, "record", str(path), "--rig", "sim-rigid"]
     command += ["--duration", "1e9"]
@@ -37,9 +37,7 @@ def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
     assert frames_of(path)[1].intact
 
 
-def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
-    tmp_path: Path, palpate: Command
-) -> None:
+def test_record_full_disk_exits_with_3(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "run.mcap"
     with file_size_limit(130_000):
         printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
@@ -50,13 +48,17 @@ def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
     assert frames_of(path)[0] > 0
 
 
-def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path, palpate: Command) -> None:
+def test_record_disk_full_at_start_is_reported_in_one_line(
+    tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "run.mcap"
     path.symlink_to("/dev/full")
     palpate.refused("record", path, "--rig", "sim-rigid", "--duration", "1", status=3)
 
 
-def test_existing_files_are_not_overwritten(tmp_path: Path, palpate: Command) -> None:
+def test_record_and_export_do_not_overwrite_existing_files(
+    tmp_path: Path, palpate: Command
+) -> None:
     recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
     palpate("record", recorded, "--rig", "sim-rigid", "--duration", "0.5")
     table.write_text("mine")

@@ -155,7 +155,7 @@ def test_report_of_a_batch_shows_its_items(report: Callable[..., str]) -> None:
 
 
 @pytest.mark.usefixtures("store")
-def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe(
+def test_report_of_a_judged_batch_shows_ordered_stages_and_days_to_ripe(
     report: Callable[..., str],
 ) -> None:
     days = {"days_to_ripe": 1.25, "days_to_ripe_low": 0.0, "days_to_ripe_high": 2.5}
@@ -177,7 +177,7 @@ def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe
 
 
 @pytest.mark.usefixtures("store")
-def test_report_of_a_day_has_the_grasps_of_that_day_alone(report: Callable[..., str]) -> None:
+def test_report_of_a_day_contains_only_that_days_grasps(report: Callable[..., str]) -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "Grasps over the day" in page
     assert "4.25 *" in page
@@ -199,7 +199,7 @@ def test_report_styles_cover_light_dark_and_print(report: Callable[..., str]) ->
     assert "DejaVu" not in drawn
 
 
-def test_an_item_that_was_never_grasped_has_a_page(report: Callable[..., str]) -> None:
+def test_report_of_an_item_without_grasps_is_written(report: Callable[..., str]) -> None:
     with Store.open() as store:
         store.add_item(Item(item_id="new"))
     page = report("new")
@@ -219,7 +219,7 @@ def test_report_file_is_named_after_its_item_or_batch(palpate: Command) -> None:
 
 
 @pytest.mark.usefixtures("store")
-def test_an_earlier_report_is_not_written_over(palpate: Command) -> None:
+def test_report_does_not_overwrite_an_existing_file(palpate: Command) -> None:
     page = Path("report-i0.html")
     page.write_text("mine")
     assert "report-i0.html: exists already" in palpate("report", "i0", status=2).err
@@ -230,16 +230,16 @@ def test_an_earlier_report_is_not_written_over(palpate: Command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "name one subject: ITEM, --batch NAME or --day DATE"),
-        (("i0", "--batch", "Monday"), "name one subject"),
+        ((), "give exactly one of ITEM, --batch NAME or --day DATE"),
+        (("i0", "--batch", "Monday"), "give exactly one of"),
         (("i9",), "no item 'i9'"),
-        (("--batch", "Tuesday"), "--batch Tuesday: no item of this batch"),
+        (("--batch", "Tuesday"), "has no items of this batch"),
         (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
         (("--day", "May"), "--day May: not a date"),
         (("i0", "--out", "no/page.html"), "there is no folder no; make it first"),
     ],
 )
-def test_report_mistakes_are_one_line(
+def test_report_invalid_input_is_refused_in_one_line(
     palpate: Command, arguments: tuple[str, ...], said: str
 ) -> None:
     assert said in palpate.refused("report", *arguments)

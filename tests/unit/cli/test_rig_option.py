@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 
-from palpate.cli.options import rig_of_environment
+from palpate.cli.options import find_default_rig
 
 
 @pytest.fixture(autouse=True)
@@ -18,17 +18,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_default_simulation_is_labelled(palpate: Command) -> None:
+def test_default_rig_output_is_labelled_simulated(palpate: Command) -> None:
     out, err = palpate("grasp", "--seed", "2")
     assert "SIMULATED" in out
     assert err == ""
 
 
-def test_the_folder_comes_before_the_environment(
+def test_find_default_rig_prefers_the_folder_over_the_environment(
     folder: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.setenv("PALPATE_RIG", "nowhere")
     assert "no rig 'nowhere'" in palpate.refused("grasp")
     (folder / "rig.toml").write_text('use = "sim-elsewhere"\n')
     assert "no rig 'sim-elsewhere'" in palpate.refused("grasp")
-    assert rig_of_environment() == "rig.toml"
+    assert find_default_rig() == "rig.toml"

@@ -33,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_a_batch_is_judged_item_by_item(made: Path, palpate: Command) -> None:
+def test_ripeness_of_a_batch_has_one_row_per_item(made: Path, palpate: Command) -> None:
     items = palpate("ripeness", "--batch", "Monday", "--store", made, "--json").document["items"]
     assert len(items) == 6
     assert all(item["simulated"] and item["basis"] == "labels" for item in items)
@@ -52,7 +52,7 @@ def test_a_batch_is_judged_item_by_item(made: Path, palpate: Command) -> None:
 
 
 @pytest.mark.slow
-def test_ripeness_below_the_confidence_names_the_items(made: Path, palpate: Command) -> None:
+def test_ripeness_lists_items_below_the_confidence(made: Path, palpate: Command) -> None:
     arguments = ("--batch", "Monday", "--store", str(made))
     items = palpate("ripeness", *arguments, "--json").document["items"]
     named = [item["item_id"] for item in items if item["unsure"]]
@@ -62,7 +62,7 @@ def test_ripeness_below_the_confidence_names_the_items(made: Path, palpate: Comm
 
 
 @pytest.mark.slow
-def test_one_item_is_explained_drawn_and_remembered(
+def test_ripeness_of_one_item_is_explained_plotted_and_stored(
     made: Path, folder: Path, palpate: Command
 ) -> None:
     said = palpate("ripeness", "fruit-1", "--store", made, "--plot", "fruit.pdf").out
@@ -75,7 +75,7 @@ def test_one_item_is_explained_drawn_and_remembered(
     assert kept[-1].text in said
 
 
-def test_an_item_of_no_kind_is_judged_by_its_first_day(
+def test_ripeness_of_item_without_kind_uses_its_first_day(
     made: Path, tmp_path: Path, palpate: Command
 ) -> None:
     with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as alone:
@@ -83,13 +83,13 @@ def test_an_item_of_no_kind_is_judged_by_its_first_day(
         for grasp in store.grasps_of("fruit-1"):
             alone.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
     shown = palpate("ripeness", "mine", "--store", "one.sqlite", "--json")
-    assert "by its own first day: its kind is not known" in shown.err
+    assert "judged relative to its first day, because its kind is unknown" in shown.err
     item = json.loads(shown.out)["items"][0]
     assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
     assert item["stage"] == "conditioned"
 
 
-def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
+def test_ripeness_assumed_from_first_day_is_not_stored(
     made: Path, tmp_path: Path, palpate: Command
 ) -> None:
     with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as alone:
@@ -108,7 +108,7 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
     ("arguments", "said"),
     [
         ((), "name an item, or --batch"),
-        (("--batch", "Tuesday"), "no item of this batch"),
+        (("--batch", "Tuesday"), "has no items of this batch"),
         (("nobody",), "nobody"),
         (("fruit-1", "--stages", "ripe"), "at least two different stages"),
         (("fruit-1", "--ripe", "green"), "must be one of conditioned, ripe, overripe"),
@@ -117,7 +117,7 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
         (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is no stage of ripeness"),
     ],
 )
-def test_ripeness_mistakes_are_one_line(
+def test_ripeness_invalid_input_is_refused_in_one_line(
     arguments: tuple[str, ...], said: str, made: Path, palpate: Command
 ) -> None:
     shown = palpate("ripeness", *arguments, "--store", made, status=2).err.strip()
@@ -126,7 +126,7 @@ def test_ripeness_mistakes_are_one_line(
 
 
 @pytest.mark.slow
-def test_the_example_prints_its_batch_and_draws_it(
+def test_ripeness_example_script_prints_and_plots_its_batch(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runpy.run_path(str(EXAMPLE), run_name="example")["main"]([str(made), "Monday"])

@@ -14,15 +14,15 @@ from tests.commands import Command
 @pytest.mark.parametrize(
     ("options", "status", "said"),
     [
-        (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; there are: sim-rigid"),
-        (["--object", "moon"], 2, "no simulated object 'moon'; there are: ecoflex-10"),
-        (["--host", "0.0.0.0"], 2, "give a --token"),
+        (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; available: sim-rigid"),
+        (["--object", "moon"], 2, "no simulated object 'moon'; available: ecoflex-10"),
+        (["--host", "0.0.0.0"], 2, "set --token"),
         (["--host", "[::]"], 2, "--host :: allows other machines to move the gripper"),
         (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
         (["--token", "short"], 2, "the token has 5 characters; use at least 8"),
     ],
 )
-def test_invalid_serve_options_are_refused_in_one_line(
+def test_serve_invalid_options_are_refused_in_one_line(
     options: list[str],
     status: int,
     said: str,
@@ -36,7 +36,7 @@ def test_invalid_serve_options_are_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
+def test_serve_taken_port_is_reported(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
@@ -48,7 +48,7 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
     assert "Traceback" not in ended.stderr
 
 
-def test_nothing_but_serving_loads_the_web() -> None:
+def test_build_app_does_not_import_the_web_server() -> None:
     code = (
         "import sys; from palpate.cli import build_app; build_app(); "
         "print([name for name in ('nicegui', 'fastapi', 'uvicorn') if name in sys.modules])"
@@ -57,7 +57,9 @@ def test_nothing_but_serving_loads_the_web() -> None:
     assert ended.stdout.strip() == "[]"
 
 
-def test_a_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch, palpate: Command) -> None:
+def test_serve_missing_extra_is_reported_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, palpate: Command
+) -> None:
     for name in ("palpate.dashboard.server", "palpate.dashboard.access"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):

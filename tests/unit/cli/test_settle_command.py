@@ -72,7 +72,7 @@ def test_settle_json_matches_the_published_schema(holds_csv: Path, palpate: Comm
     assert found["summary"][0]["holds_with_settled_value"] == 6
 
 
-def test_figures_agree_with_their_names(holds_csv: Path, palpate: Command) -> None:
+def test_settle_json_figures_are_consistent(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
     rows = [row for row in found["rows"] if row["error_percent"] is not None]
     for row in rows:
@@ -86,7 +86,9 @@ def test_figures_agree_with_their_names(holds_csv: Path, palpate: Command) -> No
     assert found["summary"][0]["coverage"] is None
 
 
-def test_several_files_and_methods_in_a_stable_order(holds_csv: Path, palpate: Command) -> None:
+def test_settle_rows_of_files_and_methods_have_a_stable_order(
+    holds_csv: Path, palpate: Command
+) -> None:
     arguments = (holds_csv, holds_csv, "--method", "exponential", "--method", "recorded")
     first = document(palpate, *arguments)
     assert first == document(palpate, *arguments)
@@ -94,7 +96,7 @@ def test_several_files_and_methods_in_a_stable_order(holds_csv: Path, palpate: C
     assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
 
 
-def test_fit_on_sets_intervals_and_leaves_values(holds_csv: Path, palpate: Command) -> None:
+def test_settle_fit_on_changes_intervals_but_not_values(holds_csv: Path, palpate: Command) -> None:
     methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
     plain = document(palpate, holds_csv, *methods)
     fitted = palpate("settle", holds_csv, *methods, "--fit-on", holds_csv, "--json").document
@@ -104,7 +106,7 @@ def test_fit_on_sets_intervals_and_leaves_values(holds_csv: Path, palpate: Comma
     assert [r["predicted"] for r in plain["rows"]] == [r["predicted"] for r in fitted["rows"]]
 
 
-def test_own_holds_teach_relaxation_alone(
+def test_settle_learn_from_affects_only_relaxation(
     holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     own = tmp_path / "own.csv"
@@ -127,21 +129,23 @@ def test_own_holds_teach_relaxation_alone(
     assert rivals[0] == rivals[1]
 
 
-def test_learn_from_refuses_the_predicted_holds(holds_csv: Path, palpate: Command) -> None:
+def test_settle_learn_from_refuses_the_predicted_holds(holds_csv: Path, palpate: Command) -> None:
     error = palpate("settle", holds_csv, "--learn-from", holds_csv, status=2).err
-    assert "scores on training holds are meaningless" in error
+    assert "errors on training holds are meaningless" in error
 
 
-def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
+def test_settle_warns_of_few_calibration_holds_and_missing_intervals(
     holds_csv: Path, palpate: Command
 ) -> None:
     error = palpate("settle", holds_csv, "--fit-on", holds_csv).err
-    assert "holds reach 20 s; intervals from fewer than 20" in error
+    assert "holds last 20 s; intervals from fewer than 20" in error
     error = palpate("settle", holds_csv, "--method", "recorded", "--until-half-width", "5").err
     assert "recorded has no interval without --fit-on" in error
 
 
-def test_until_half_width_reports_the_time_of_decision(holds_csv: Path, palpate: Command) -> None:
+def test_settle_until_half_width_reports_the_decision_time(
+    holds_csv: Path, palpate: Command
+) -> None:
     found = document(palpate, holds_csv, "--until-half-width", "5")
     [entry] = found["summary"]
     decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
@@ -153,12 +157,12 @@ def test_until_half_width_reports_the_time_of_decision(holds_csv: Path, palpate:
             assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
 
 
-def test_fixed_cutoff_combines_with_until_half_width(holds_csv: Path, palpate: Command) -> None:
+def test_settle_cutoff_combines_with_until_half_width(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
     assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
 
 
-def test_out_writes_the_same_as_json_csv_and_parquet(
+def test_settle_out_writes_equal_json_csv_and_parquet(
     holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     found = document(palpate, holds_csv, "--out", tmp_path / "all.json")
@@ -173,7 +177,7 @@ def test_out_writes_the_same_as_json_csv_and_parquet(
     assert rows[5]["settled"] == ""
 
 
-def test_out_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, palpate: Command) -> None:
+def test_settle_out_csv_escapes_spreadsheet_formulas(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"=1+1,{t},{9 - t / 50}" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
@@ -184,16 +188,18 @@ def test_out_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, palpate: Co
 
 
 @pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
-def test_milliseconds_are_reported_once(how: list[str], tmp_path: Path, palpate: Command) -> None:
+def test_settle_warns_once_of_times_in_milliseconds(
+    how: list[str], tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
     said = palpate("settle", path, *how).err
-    assert said.count("a sample every 100 s; time_s is in seconds, are these milliseconds?") == 1
+    assert said.count("a sample every 100 s; time_s must be in seconds; convert milliseconds") == 1
 
 
 @pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
-def test_out_never_overwrites_its_input(
+def test_settle_out_does_not_overwrite_its_input(
     read_by: str, holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.csv"
@@ -207,7 +213,7 @@ def test_out_never_overwrites_its_input(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_settle_plot_is_drawn(
+def test_settle_writes_a_plot(
     holds_csv: Path, tmp_path: Path, ending: str, palpate: Command
 ) -> None:
     plot = tmp_path / f"plot.{ending}"
@@ -218,7 +224,7 @@ def test_settle_plot_is_drawn(
         check_fonts(plot)
 
 
-def test_tables_are_readable_in_a_terminal(holds_csv: Path, palpate: Command) -> None:
+def test_settle_tables_fit_a_terminal(holds_csv: Path, palpate: Command) -> None:
     captured = palpate("settle", holds_csv, "--until-half-width", "5", "--method", "relaxation")
     assert captured.err == ""
     for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
@@ -226,7 +232,7 @@ def test_tables_are_readable_in_a_terminal(holds_csv: Path, palpate: Command) ->
 
 
 @pytest.mark.slow
-def test_values_are_shown_with_their_units(tmp_path: Path, palpate: Command) -> None:
+def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
     write_recordings(tmp_path)
     shown = palpate("settle", tmp_path / "ohm.csv", "--cutoff", "1", "--cutoff", "2.5").out
     assert "Value in ohm predicted for 20 s by relaxation: 8 predictions" in shown
@@ -251,7 +257,7 @@ def test_values_are_shown_with_their_units(tmp_path: Path, palpate: Command) -> 
         ),
         (["--cutoff", "0"], "--cutoff 0"),
         (["--cutoff", "nan"], "--cutoff nan"),
-        (["--cutoff", "21"], "not after the horizon (20 s)"),
+        (["--cutoff", "21"], "at most the horizon (20 s)"),
         (["--cutoff", "soon"], "--cutoff"),
         (["--level", "1"], "--level 1"),
         (["--level", "0"], "--level 0"),
@@ -266,7 +272,7 @@ def test_values_are_shown_with_their_units(tmp_path: Path, palpate: Command) -> 
         (["--bogus"], "--bogus"),
     ],
 )
-def test_bad_options_are_one_line_and_status_2(
+def test_settle_invalid_options_exit_with_2_in_one_line(
     holds_csv: Path, palpate: Command, arguments: list[str], said: str
 ) -> None:
     assert said in palpate.refused("settle", holds_csv, *arguments)
@@ -283,7 +289,7 @@ def test_bad_options_are_one_line_and_status_2(
         (bytes(range(256)) * 8, "not a text file"),
     ],
 )
-def test_bad_file_prints_one_line_and_exits_with_2(
+def test_settle_bad_file_exits_with_2_in_one_line(
     tmp_path: Path, palpate: Command, content: bytes, said: str
 ) -> None:
     path = tmp_path / "bad.csv"
@@ -298,7 +304,7 @@ def test_bad_file_prints_one_line_and_exits_with_2(
 @pytest.mark.parametrize(
     ("header", "hold"), [("hold_id,time_s,value", "A,"), ("time_s,percent", "")]
 )
-def test_values_too_large_to_work_with_are_one_line(
+def test_settle_overflowing_values_are_refused_in_one_line(
     tmp_path: Path, palpate: Command, header: str, hold: str
 ) -> None:
     rows = (f"{hold}{number / 20},{(-1) ** number * 1.7e308}" for number in range(400))
@@ -307,7 +313,7 @@ def test_values_too_large_to_work_with_are_one_line(
     assert f"{path}" in palpate.refused("settle", path, "--plot", tmp_path / "plot.png")
 
 
-def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
+def test_settle_pipe_is_read_once_and_refused_if_reread(
     holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     pipe = tmp_path / "pipe"
@@ -322,12 +328,12 @@ def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
 
 
 def test_settle_of_a_folder_without_recordings_is_refused(tmp_path: Path, palpate: Command) -> None:
-    assert "a folder" in palpate("settle", tmp_path, status=2).err
+    assert "no recordings in this folder" in palpate("settle", tmp_path, status=2).err
     assert palpate("settle", status=2).err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_real_holds_give_finite_predictions(real_data: Path, palpate: Command) -> None:
+def test_settle_real_holds_have_finite_predictions(real_data: Path, palpate: Command) -> None:
     found = document(palpate, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
     assert len(found["rows"]) == found["summary"][0]["holds"] == 131
     assert all(row["predicted"] is not None for row in found["rows"])
@@ -335,7 +341,7 @@ def test_real_holds_give_finite_predictions(real_data: Path, palpate: Command) -
 
 
 @pytest.mark.parametrize("columns", [60, 80])
-def test_a_narrow_terminal_has_every_column(
+def test_settle_table_in_a_narrow_terminal_has_every_column(
     holds_csv: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch, columns: int
 ) -> None:
     monkeypatch.setattr(settle_report, "PIPED_WIDTH", columns)
@@ -352,7 +358,7 @@ def test_a_narrow_terminal_has_every_column(
     assert all(len(line) <= columns for line in lines)
 
 
-def test_mean_of_the_columns_is_predicted_as_one_hold(tmp_path: Path, palpate: Command) -> None:
+def test_settle_mean_option_predicts_one_hold(tmp_path: Path, palpate: Command) -> None:
     time_s = np.arange(0, 26, 0.1)
     fall = np.where(time_s > 3, 0.5 - 0.1 * np.exp(-(time_s - 3) / 2), 0.0)
     rows = [
@@ -366,14 +372,14 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(tmp_path: Path, palpate: C
     assert row["hold_id"] == "pixels:mean change:1"
     assert row["predicted"] == pytest.approx(-35.0, abs=0.2)
     for wrong, words in (
-        (["--mean"], "needs --rest START:END"),
+        (["--mean"], "requires --rest START:END"),
         (["--rest", "3"], "give START:END in seconds"),
         (["--rest", "0:2", "--unit", "percent"], "converts ohm to relative changes"),
     ):
         assert words in palpate("settle", path, *wrong, status=2).err
 
 
-def test_rows_and_summary_of_one_hold_agree(tmp_path: Path, palpate: Command) -> None:
+def test_settle_rows_and_summary_of_one_hold_agree(tmp_path: Path, palpate: Command) -> None:
     time_s = np.arange(0, 21, 0.1)
     values = 40.0 + 8.0 * np.exp(-time_s / 4.0)
     rows = [f"h1,{time:.1f},{value:.6f}" for time, value in zip(time_s, values, strict=True)]

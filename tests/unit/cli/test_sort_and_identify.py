@@ -90,7 +90,7 @@ def rules(tmp_path: Path) -> Path:
     return path
 
 
-def test_identify_names_the_kind_and_keeps_the_verdict(palpate: Command, store: Path) -> None:
+def test_identify_prints_the_kind_and_stores_the_verdict(palpate: Command, store: Path) -> None:
     found = palpate("sort", "--identify", "K", "--store", store, "--json").document
     assert (found["kind"], found["grasps"], found["simulated"]) == ("kiwi", 2, True)
     assert found["probability"]["kiwi"] == found["confidence"] > 0.8
@@ -99,7 +99,7 @@ def test_identify_names_the_kind_and_keeps_the_verdict(palpate: Command, store: 
     assert (verdict.text, verdict.explanation) == ("kiwi", found["explanation"])
 
 
-def test_identify_exits_with_1_for_a_stranger(palpate: Command, store: Path) -> None:
+def test_identify_unknown_kind_exits_with_1(palpate: Command, store: Path) -> None:
     out = palpate("sort", "--identify", "X", "--store", store, status=1).out
     assert "X: unknown (simulated)" in out
     assert "Unlike every trained kind" in out
@@ -119,19 +119,23 @@ def test_identify_does_not_learn_from_the_item_itself(palpate: Command, store: P
         ("never", "item 'never' was never grasped; grasp it first"),
     ],
 )
-def test_identify_refuses_in_one_line(palpate: Command, store: Path, item: str, said: str) -> None:
+def test_identify_invalid_input_is_refused_in_one_line(
+    palpate: Command, store: Path, item: str, said: str
+) -> None:
     assert said in palpate.refused("sort", "--identify", item, "--store", store)
 
 
-def test_identify_needs_size_and_stiffness(palpate: Command, store: Path) -> None:
+def test_identify_requires_size_and_stiffness(palpate: Command, store: Path) -> None:
     slipped = make_grasp("never", rig="test", outcome=Outcome.SLIPPED)
     with Store.open(store) as kept:
         kept.add_grasp(slipped)
     err = palpate("sort", "--identify", "never", "--store", store, status=2).err
-    assert "no grasp of it measured size and stiffness" in err
+    assert "no grasp measured size and stiffness" in err
 
 
-def test_a_store_without_labels_says_what_to_do(palpate: Command, tmp_path: Path) -> None:
+def test_identify_in_a_store_without_labels_explains_the_remedy(
+    palpate: Command, tmp_path: Path
+) -> None:
     path = tmp_path / "new.sqlite"
     with Store.open(path) as kept:
         kept.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
@@ -139,7 +143,7 @@ def test_a_store_without_labels_says_what_to_do(palpate: Command, tmp_path: Path
     assert "each label needs at least 3 labelled items with a grasp; found none at all" in err
 
 
-def test_few_labels_are_reported(palpate: Command, tmp_path: Path) -> None:
+def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> None:
     rng, path = np.random.default_rng(2), tmp_path / "few.sqlite"
     with Store.open(path) as kept:
         for number in range(4):
@@ -147,15 +151,18 @@ def test_few_labels_are_reported(palpate: Command, tmp_path: Path) -> None:
             kept.add_grasp(grasp(f"e{number}", KINDS["egg"], rng=rng))
         kept.add_grasp(grasp("A", KINDS["egg"], rng=rng))
     out = palpate("sort", "--identify", "A", "--store", path).out
-    assert "To call anything unknown at 5 %, label 15 more items." in out
+    assert "To detect unknown kinds at a false-rejection rate of 5 %, label 15 more items." in out
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ([], "name the --rules FILE to sort by, or the item with --identify ITEM"),
-        (["--identify", "K", "--rig", "sim-rigid"], "--identify takes an item of the store alone"),
-        (["--identify", "K", "--target-force-n", "5"], "--target-force-n 5.0: --identify takes"),
+        ([], "give the sorting rules with --rules FILE, or an item with --identify ITEM"),
+        (["--identify", "K", "--rig", "sim-rigid"], "can't be combined with --identify"),
+        (
+            ["--identify", "K", "--target-force-n", "5"],
+            "--target-force-n 5.0: can't be combined with --identify",
+        ),
     ],
 )
 def test_sort_without_exactly_one_task_is_refused(
@@ -164,9 +171,7 @@ def test_sort_without_exactly_one_task_is_refused(
     assert said in palpate.refused("sort", *options)
 
 
-def test_sorting_a_batch_of_the_store_is_a_dry_run(
-    palpate: Command, store: Path, rules: Path
-) -> None:
+def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rules: Path) -> None:
     arguments = ("sort", "--rules", rules, "--store", store, "--batch", "crate")
     found = palpate(*arguments, "--json").document
     assert found["dry_run"] is True
@@ -182,7 +187,9 @@ def test_sorting_a_batch_of_the_store_is_a_dry_run(
     assert any(row[:2] == ["K", "kiwi"] and row[2].isdigit() for row in rows)
 
 
-def test_label_of_a_person_replaces_the_guess(palpate: Command, store: Path, rules: Path) -> None:
+def test_sort_uses_a_persons_label_instead_of_the_prediction(
+    palpate: Command, store: Path, rules: Path
+) -> None:
     with Store.open(store) as kept:
         kept.add_item(Item(item_id="X", kind="kiwi"))
     out = palpate("sort", "--rules", rules, "--store", store, "--batch", "crate", "--json").out
@@ -213,7 +220,7 @@ def test_sort_rules_on_verdicts_use_stored_verdicts(
         (('class = "kiwi"', 'class = "kiwi"\nweight = 3'), "line 10: no key 'weight' here"),
     ],
 )
-def test_bad_rules_are_refused(
+def test_sort_invalid_rules_are_refused(
     palpate: Command, store: Path, rules: Path, change: tuple[str, str], said: str
 ) -> None:
     rules.write_text(RULES.replace(*change))
@@ -221,13 +228,13 @@ def test_bad_rules_are_refused(
     assert said in err
 
 
-def test_an_unknown_batch_says_so(palpate: Command, store: Path, rules: Path) -> None:
+def test_sort_unknown_batch_is_refused(palpate: Command, store: Path, rules: Path) -> None:
     err = palpate("sort", "--rules", rules, "--store", store, "--batch", "x", status=2).err
-    assert "batch 'x' holds no item that was grasped" in err
+    assert "batch 'x' contains no grasped items" in err
 
 
 @pytest.mark.slow
-def test_a_simulated_crate_is_grasped_and_kept(palpate: Command, tmp_path: Path) -> None:
+def test_sort_grasps_a_simulated_crate_and_stores_it(palpate: Command, tmp_path: Path) -> None:
     path, store = tmp_path / "size.toml", tmp_path / "crate.sqlite"
     path.write_text(BY_SIZE)
     arguments = ("sort", "--rules", path, "--rig", "sim-rigid", "--items", 2, "--seed", 3)
@@ -248,7 +255,7 @@ def test_a_simulated_crate_is_grasped_and_kept(palpate: Command, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_a_simulated_crate_learns_from_labelled_items_of_the_store(
+def test_sort_simulated_crate_uses_labelled_items_of_the_store(
     palpate: Command, store: Path, rules: Path
 ) -> None:
     arguments = ("sort", "--rules", rules, "--rig", "sim-rigid", "--items", 1, "--seed", 3)
@@ -258,7 +265,7 @@ def test_a_simulated_crate_learns_from_labelled_items_of_the_store(
 
 
 @pytest.mark.slow
-def test_items_before_other_fingers_are_named_line_by_line(
+def test_sort_on_other_rigs_reads_item_names_from_stdin(
     palpate: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig, path, store = (tmp_path / n for n in ("rig.toml", "size.toml", "named.sqlite"))
@@ -274,7 +281,7 @@ def test_items_before_other_fingers_are_named_line_by_line(
 
 
 @pytest.mark.slow
-def test_damage_file_lowers_the_force_and_a_target_raises_it(
+def test_sort_force_is_lowered_by_damage_file_and_raised_by_target(
     palpate: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "size.toml"
@@ -294,28 +301,28 @@ def test_damage_file_lowers_the_force_and_a_target_raises_it(
     assert firm_but_limited_n < gentle_n
 
 
-def test_target_force_needs_a_rig(palpate: Command, tmp_path: Path, rules: Path) -> None:
+def test_sort_target_force_requires_a_rig(palpate: Command, tmp_path: Path, rules: Path) -> None:
     file = write_damage_file(tmp_path)
     for told in (("--damage", file), ("--target-force-n", "5")):
         err = palpate("sort", "--rules", rules, *told, status=2).err
         assert told[0] in err
-        assert "nothing is grasped; name a --rig" in err
+        assert "requires --rig, because nothing is grasped" in err
     err = palpate("sort", "--rules", rules, "--target-force-n", "900", status=2).err
     assert "force ceiling" in err
 
 
 @pytest.mark.slow
-def test_soft_fingers_can_not_decide_on_class_or_size(palpate: Command, tmp_path: Path) -> None:
+def test_sort_soft_fingers_refuse_rules_on_class_or_size(palpate: Command, tmp_path: Path) -> None:
     path = tmp_path / "size.toml"
     path.write_text(BY_SIZE)
     err = palpate(
         "sort", "--rules", path, "--rig", "sim-soft", "--store", tmp_path / "s.sqlite", status=2
     ).err
-    assert "line 4: asks for class or size, and fingers driven by pressure measure neither" in err
+    assert "line 4: requires class or size, but fingers driven by pressure measure neither" in err
 
 
 @pytest.mark.slow
-def test_equipment_that_fails_ends_the_sorting_with_3(
+def test_sort_equipment_failure_exits_with_3(
     palpate: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from palpate.errors import DeviceTimeoutError

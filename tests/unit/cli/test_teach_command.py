@@ -72,7 +72,9 @@ def store(tmp_path: Path) -> Path:
     return path
 
 
-def test_teach_table_reports_and_names_rows_without_label(tmp_path: Path, palpate: Command) -> None:
+def test_teach_table_reports_accuracy_and_labels_unlabelled_rows(
+    tmp_path: Path, palpate: Command
+) -> None:
     file = write_table(tmp_path / "grades.csv")
     document = palpate("teach", "grade", "--table", file, "--json").document
     assert document["features"] == ["firmness", "size_mm"]
@@ -84,10 +86,10 @@ def test_teach_table_reports_and_names_rows_without_label(tmp_path: Path, palpat
     ]
     shown = palpate("teach", "grade", "--table", file).out
     assert "22 labelled items" in shown
-    assert "named rightly when left out" in " ".join(shown.split())
+    assert "named correctly when held out" in " ".join(shown.split())
 
 
-def test_teach_grade_labels_items_of_the_store_first(store: Path, palpate: Command) -> None:
+def test_teach_grade_stores_given_labels_before_learning(store: Path, palpate: Command) -> None:
     says = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(12)]
     document = palpate(
         "teach", "grade", "--kind", "avocado", *says, "--store", store, "--json"
@@ -118,14 +120,17 @@ def test_teach_learns_each_question_from_the_store(
         (("grade", "--table", "none.csv"), "can't be read"),
         (("grade", "--table", "bare.csv"), "no numeric column"),
         (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
-        (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind kiwi: --table few.csv"),
+        (
+            ("grade", "--table", "few.csv", "--kind", "kiwi"),
+            "--kind kiwi: can't be combined with --table few.csv",
+        ),
         (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),
         (("grade", "--store", "store.sqlite", "--say", "A1"), "must be ITEM=LABEL"),
         (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
         (("bruise", "--store", "store.sqlite", "--kind", "kiwi"), "no grasp to learn bruise from"),
     ],
 )
-def test_teach_bad_input_says_what_to_do(
+def test_teach_invalid_input_is_refused_with_a_remedy(
     store: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
