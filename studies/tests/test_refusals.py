@@ -35,7 +35,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     (
         "rupture",
         {"curves": CURVES + "a,2.0,4.0\n", "index": INDEX + "a,kiwi,3.0\n"},
-        "more closings",
+        "add closings",
     ),
     ("rupture", {}, "either --curves and --index or --second"),
     ("rupture", {"curves": CURVES, "index": INDEX, "test-curves": CURVES}, "belong together"),
