@@ -82,7 +82,7 @@ def test_export_does_not_overwrite_a_recording(recorded: Path, palpate: Command)
     error = palpate("export", recorded, "--out", recorded, status=2).err
     assert "must end in .csv or .parquet" in error
     error = palpate("export", recorded, "--to", "parquet", "--out", "run.csv", status=2).err
-    assert "ends in .parquet" in error
+    assert "must end in .parquet" in error
     assert recorded.read_bytes() == before
 
 
@@ -103,7 +103,7 @@ def test_record_refuses_other_file_types(tmp_path: Path, palpate: Command) -> No
 def test_settle_reports_recording_without_rest(recorded: Path, palpate: Command) -> None:
     error = palpate("settle", recorded, status=2).err
     assert f"{recorded}: no rest at the beginning" in error
-    assert "Record a second of rest first" in error
+    assert "Record a second of rest before the first contact" in error
 
 
 def test_inspect_recover_does_not_overwrite_another_recording(
