@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness.history import history_of, judge_ripeness, learn_rule
+from palpate.produce.ripeness.history import firmness_history, judge_ripeness, learn_rule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate.produce.store import Store
 
@@ -28,7 +28,7 @@ def main(arguments: list[str]) -> None:
     with Store.open(path, create=False) as store:
         rule = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
         fruits = [
-            history_of(store.grasps_of(item.item_id), item_id=item.item_id, drive="width")
+            firmness_history(store.grasps_of(item.item_id), item_id=item.item_id, drive="width")
             for item in store.of_batch(batch)
         ]
     judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.produce.bruise.shape import contrast, pixel_contrast, shape_of
+from palpate.produce.bruise.shape import contrast, fit_load_shape, pixel_contrast
 
 CHANGES = arrays(np.float64, (4, 2), elements=st.floats(-99.0, 5.0))
 #: Name -> what is done to the pixels.
@@ -27,14 +27,14 @@ def test_bruise_contrast_is_invariant_to_swapped_or_turned_pixels(
     name: str, now: np.ndarray, before: np.ndarray
 ) -> None:
     move = MOVES[name]
-    plain = shape_of(now, width_mm=66.0), shape_of(before, width_mm=65.0)
-    moved = shape_of(move(now), width_mm=66.0), shape_of(move(before), width_mm=65.0)
+    plain = fit_load_shape(now, width_mm=66.0), fit_load_shape(before, width_mm=65.0)
+    moved = fit_load_shape(move(now), width_mm=66.0), fit_load_shape(move(before), width_mm=65.0)
     assert contrast(*moved) == pytest.approx(contrast(*plain), abs=1e-3)
 
 
 @given(change=CHANGES)
 def test_bruise_contrast_of_a_shape_with_itself_is_zero(change: np.ndarray) -> None:
-    shape = shape_of(change, width_mm=66.0)
+    shape = fit_load_shape(change, width_mm=66.0)
     assert not contrast(shape, shape).any()
     assert not pixel_contrast(shape, shape, rows=4, cols=2).any()
 
@@ -43,5 +43,5 @@ def test_bruise_contrast_of_a_shape_with_itself_is_zero(change: np.ndarray) -> N
 def test_bruise_pixel_contrast_of_facing_pixels_is_opposite(
     now: np.ndarray, before: np.ndarray
 ) -> None:
-    found = pixel_contrast(shape_of(now), shape_of(before), rows=4, cols=2)
+    found = pixel_contrast(fit_load_shape(now), fit_load_shape(before), rows=4, cols=2)
     assert found[:2] == pytest.approx(-found[2:])

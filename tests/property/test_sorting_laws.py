@@ -125,7 +125,7 @@ def test_decide_returns_known_bin_within_grasp_limit(
     found = decide(RuleBook(rules=tuple(book), default_bin="rest", most_grasps=most), seen)
     assert found.bin in {"a", "b", "c", "rest"}
     assert found.why.startswith(found.bin)
-    if found.again:
+    if found.needs_regrasp:
         assert seen.grasps < most
     if found.rule is None:
         assert found.bin == "rest"

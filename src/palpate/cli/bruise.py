@@ -15,7 +15,7 @@ from palpate.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.produce.bruise.examination import ItemBruise, examine_item, learn_from
+from palpate.produce.bruise.examination import ItemBruise, examine_item, learn_bruise_model
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table
@@ -32,7 +32,7 @@ def bruise(
             "of the built-in simulated sides.",
         ),
     ] = False,
-    bruised_share: Annotated[
+    bruised_fraction: Annotated[
         float,
         opt(
             "--bruised-share FRACTION",
@@ -56,7 +56,7 @@ def bruise(
             known,
             item,
             model=_learn(known, item) if learn else default_model(),
-            bruised_share=bruised_share,
+            bruised_fraction=bruised_fraction,
             given_at=datetime.now(UTC),
         )
     if as_json:
@@ -86,7 +86,7 @@ def _learn(store: Store, item: str) -> BruiseModel:
         raise InputError(
             f"item {item!r} has no kind; set it: palpate items {item} --set kind=apple"
         )
-    return learn_from(store, kind=kind)
+    return learn_bruise_model(store, kind=kind)
 
 
 def _print(item: str, found: ItemBruise) -> None:

@@ -23,12 +23,12 @@ from palpate.produce.qualify.agreement import (
     Agreement,
     Demand,
     Effort,
-    agreement_of,
-    confusion_of,
-    effort_of,
+    count_grades,
+    estimate_effort,
+    measure_agreement,
 )
 from palpate.produce.qualify.readings import read_pairs
-from palpate.produce.qualify.scatter import scatter_of
+from palpate.produce.qualify.scatter import estimate_scatter
 from palpate.terminal_table import print_table
 
 #: Default tolerance without repeated reference readings, as a fraction of the scatter between
@@ -91,7 +91,7 @@ def qualify(
         check_new(report, option="--report")
     pairs = read_pairs(readings)
     if tolerance is None:
-        scatter = scatter_of(pairs.reference, pairs.item)
+        scatter = estimate_scatter(pairs.reference, pairs.item)
         tolerance = scatter.within
         if not tolerance > 0:
             tolerance = _TOLERANCE_FRACTION * scatter.between
@@ -100,8 +100,8 @@ def qualify(
     demand = Demand(
         tolerance=tolerance, limits=limits, level=level, cost_high=cost[0], cost_low=cost[1]
     )
-    found = agreement_of(pairs, demand)
-    effort = effort_of(found, demand, grasp_s=grasp_s, handling_s=handling_s)
+    found = measure_agreement(pairs, demand)
+    effort = estimate_effort(found, demand, grasp_s=grasp_s, handling_s=handling_s)
     document = qualification_document(
         found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.has_both.sum())
     )
@@ -150,7 +150,7 @@ def qualification_document(
             name: {"between": write_number(scatter.between), "within": write_number(scatter.within)}
             for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
         },
-        "confusion": confusion_of(found, demand.limits).tolist(),
+        "confusion": count_grades(found, demand.limits).tolist(),
         "reference_readings_needed": effort.reference_readings,
         "grasps_needed": effort.grasps,
         "mismatch": effort.mismatch,

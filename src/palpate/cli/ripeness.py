@@ -22,15 +22,15 @@ from palpate.plots.style import check_plot, save_figure
 from palpate.produce.records import Drive, Item
 from palpate.produce.ripeness.history import (
     FirmnessHistory,
-    drive_of,
     explanation,
-    history_of,
+    firmness_history,
     is_assumed,
     judge_ripeness,
+    last_drive,
     learn_rule,
-    verdict_of,
+    make_ripeness_verdict,
 )
-from palpate.produce.ripeness.rule import SURE, Days, Ripeness, RipenessRule
+from palpate.produce.ripeness.rule import CONFIDENT_PROBABILITY, Days, Ripeness, RipenessRule
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table
 
@@ -73,7 +73,7 @@ def ripeness(
         judged = [judge.judge(item) for item in asked]
         for one in judged:
             if not one.is_assumed:
-                known.add_verdict(verdict_of(one.ripeness, one.history))
+                known.add_verdict(make_ripeness_verdict(one.ripeness, one.history))
     if plot is not None:
         from palpate.plots.ripeness import item_figure
 
@@ -132,7 +132,7 @@ class _Judged:
             "drive": history.drive,
             "stage": found.stage,
             "probabilities": found.probabilities,
-            "unsure": found.unsure,
+            "unsure": found.is_uncertain,
             "days_to_ripe": _days_document(found.days_to_ripe),
             "basis": found.basis,
             "explanation": explanation(found, history),
@@ -150,8 +150,8 @@ class _Judge:
     def judge(self, item: Item) -> _Judged:
         """Judge one item with the rule of its kind and gripper drive."""
         grasps = self._store.grasps_of(item.item_id)
-        drive = drive_of(grasps, item_id=item.item_id)
-        history = history_of(grasps, item_id=item.item_id, drive=drive)
+        drive = last_drive(grasps, item_id=item.item_id)
+        history = firmness_history(grasps, item_id=item.item_id, drive=drive)
         try:
             if item.kind is None:
                 raise InputError(
@@ -209,10 +209,12 @@ def _print(judged: Sequence[_Judged]) -> None:
         ]
         quantity = ">stiffness, N/mm" if width else ">pixels sharing"
         print_table((">day", quantity, ">settled, %", ">grasps"), days, console=console)
-    unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.is_assumed]
-    if unsure:
+    uncertain = [
+        one.item.item_id for one in judged if one.ripeness.is_uncertain and not one.is_assumed
+    ]
+    if uncertain:
         console.print(
-            f"below {format_percent(SURE)} probability: {', '.join(unsure)}; "
+            f"below {format_percent(CONFIDENT_PROBABILITY)} probability: {', '.join(uncertain)}; "
             "more grasps on the same day reduce the uncertainty",
             markup=False,
         )

@@ -29,7 +29,7 @@ from palpate.cli.sort_run import SimulatedCrate, open_supply, sort_from_store, s
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
+from palpate.produce.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
 from palpate.terminal_table import print_table
@@ -121,7 +121,7 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
         grasps = opened.grasps_of(item)
         if not grasps:
             raise InputError(f"item {item!r} was never grasped; grasp it first")
-        touches = touches_of(grasps)
+        touches = item_features(grasps)
         if not touches:
             raise InputError(
                 f"item {item!r}: no grasp measured size and stiffness; grasp the item again with "

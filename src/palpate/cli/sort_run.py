@@ -19,13 +19,13 @@ from palpate.estimate.damage import DamageModel
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.produce.identify.identifier import Identifier
-from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
+from palpate.produce.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.produce.sorting.rules import RuleBook, decide
 from palpate.produce.sorting.rules_file import check_kinds
-from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting.score import true_bin
+from palpate.produce.sorting.run import Sorted, bin_verdict, combine_evidence, sort_item
+from palpate.produce.sorting.score import find_true_bin
 from palpate.produce.store import Store
 from palpate.produce.store.writing import calibration_id_of
 from palpate.rig import Rig, open_rig
@@ -56,7 +56,9 @@ def sort_from_store(
         identifier = _learn_kinds(stored, report.book, rules=rules, labelled=labelled, guess=guess)
         for item, grasps in found:
             verdicts = stored.verdicts_of(item.item_id)
-            evidence = evidence_of(grasps, identifier=identifier, kind=item.kind, verdicts=verdicts)
+            evidence = combine_evidence(
+                grasps, identifier=identifier, kind=item.kind, verdicts=verdicts
+            )
             done = Sorted(
                 item_id=item.item_id,
                 decision=decide(report.book, evidence),
@@ -83,7 +85,7 @@ def sort_with_rig(
         if report.book.has_condition("class"):
             if isinstance(supply, SimulatedCrate) and (stored is None or not stored.items(limit=1)):
                 identifier = _grasp_training_items(supply, stored)
-                check_kinds(report.book, taught=identifier.kinds, path=rules)
+                check_kinds(report.book, known_kinds=identifier.kinds, path=rules)
             elif stored is not None:
                 identifier = _learn_kinds(stored, report.book, rules=rules)
         for name in supply.names():
@@ -123,7 +125,7 @@ def _learn_kinds(
         return None
     identifier = learn_kinds(stored) if guess else None
     taught = () if identifier is None else identifier.kinds
-    check_kinds(book, taught={*taught, *labelled}, path=rules)
+    check_kinds(book, known_kinds={*taught, *labelled}, path=rules)
     return identifier
 
 
@@ -150,7 +152,7 @@ def _grasp_training_items(supply: SimulatedCrate, stored: Store | None) -> Ident
         for turn in range(_TRAINING_GRASPS):
             size = grasps[-1].measurements.get("size_mm") if grasps else None
             grasps.append(_grasp(item.item_id, supply, stored, turn, size).grasp)
-        found.append((str(item.kind), touches_of(grasps)))
+        found.append((str(item.kind), item_features(grasps)))
     return Identifier(found)
 
 
@@ -204,7 +206,9 @@ class SimulatedCrate:
     def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return the bin for the item's true properties according to the rules."""
         item = self.crate[name]
-        return true_bin(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
+        return find_true_bin(
+            book, kind=item.kind, is_trained=item.is_trained, size_mm=item.mean.size_mm
+        )
 
     def close(self) -> None:
         """Release the devices."""
@@ -278,7 +282,7 @@ def open_supply(
         origin="twin",
     )
     crate = draw_mixed_crate(
-        items, seed=seed, strangers_share=_UNKNOWN_FRACTION, prefix=f"crate-{seed}"
+        items, seed=seed, unknown_fraction=_UNKNOWN_FRACTION, prefix=f"crate-{seed}"
     )
     training = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
     return SimulatedCrate(

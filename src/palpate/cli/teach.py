@@ -74,7 +74,7 @@ def teach(
         with open_store(store, create=bool(say)) as opened:
             _label_items(opened, say or [], about=about)
             known = read_labels_about(opened, about, kind=kind)
-    learner = known.learn(strangers=question is Question.KIND)
+    learner = known.learn(allow_unknown=question is Question.KIND)
     score, named = learner.score(), _name_unlabelled(known, learner)
     if as_json:
         print_json(

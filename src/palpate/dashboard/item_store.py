@@ -112,7 +112,7 @@ class ItemStore:
     def _choose_bin(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
         """Apply the rules to the item; store the decision if the grasp is stored."""
         from palpate.produce.sorting.rules import decide
-        from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
+        from palpate.produce.sorting.run import Sorted, bin_verdict, combine_evidence
         from palpate.produce.store import Store
 
         rules = self._rules
@@ -125,7 +125,7 @@ class ItemStore:
             if rules is None:
                 return placement
             grasps = stored.grasps if is_stored else (*stored.grasps, grasp)
-            evidence = evidence_of(
+            evidence = combine_evidence(
                 grasps, identifier=stored.identifier, kind=stored.kind, verdicts=stored.verdicts
             )
             decision = decide(rules, evidence)
@@ -149,7 +149,7 @@ class ItemStore:
                 "name": decision.bin,
                 "rule": None if decision.rule is None else decision.rule.line,
                 "probability": decision.probability,
-                "again": decision.again,
+                "again": decision.needs_regrasp,
                 "why": f"{decision.why} ({stored.away})" if stored.away else decision.why,
             }
         }
@@ -271,9 +271,9 @@ def _read_observations(recording: Path) -> list[Observation]:
 def _ripening(store: Store, page: ItemHistory) -> str:
     """Draw an item's ripening with the curves of labelled items of the same kind."""
     from palpate.produce.ripeness.history import (
-        drive_of,
-        history_of,
+        firmness_history,
         judge_ripeness,
+        last_drive,
         learn_rule,
     )
     from palpate.produce.ripeness.stages import RIPE, STAGES
@@ -282,9 +282,9 @@ def _ripening(store: Store, page: ItemHistory) -> str:
     if kind is None:
         return ""
     try:
-        drive = drive_of(grasps, item_id=item_id)
+        drive = last_drive(grasps, item_id=item_id)
         rule = learn_rule(store, kind=kind, drive=drive, stages=STAGES)
-        history = history_of(grasps, item_id=item_id, drive=drive)
+        history = firmness_history(grasps, item_id=item_id, drive=drive)
         ripeness = judge_ripeness(history, rule=rule, ripe=RIPE)
     except InputError:  # no labelled item of this kind, or no firmness measurement of this item
         return ""

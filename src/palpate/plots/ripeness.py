@@ -60,7 +60,7 @@ def _draw_courses(
     axis: Any, history: FirmnessHistory, *, rule: RipenessRule, end: float, width: bool
 ) -> None:
     day = np.linspace(-0.2, end, 80)
-    courses = rule.course.courses_of(history.days)
+    courses = rule.course.weigh_courses(history.days)
     firmness = courses.firmness(day)
     low, middle, high = np.array(
         [courses.quantile(firmness[:, k], [0.05, 0.5, 0.95]) for k in range(day.size)]

@@ -20,7 +20,7 @@ PURPLE, SKY, AMBER = "#CC79A7", "#56B4E9", "#E69F00"
 INK, GREY = "#222222", "#8A8A8A"
 
 #: The same method has the same colour and marker in every figure.
-METHOD_LOOKS: dict[str, tuple[str, str]] = {
+METHOD_STYLES: dict[str, tuple[str, str]] = {
     "relaxation": (BLUE, "o"),
     "calibrated": (GREEN, "D"),
     "exponential": (ORANGE, "s"),
@@ -79,7 +79,7 @@ def look_of(method: str) -> tuple[str, str]:
     ('#0072B2', 'o')
     """
     spare = SPARE_LOOKS[sum(method.encode()) % len(SPARE_LOOKS)]
-    return METHOD_LOOKS.get(method, spare)
+    return METHOD_STYLES.get(method, spare)
 
 
 @contextmanager

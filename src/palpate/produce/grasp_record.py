@@ -12,7 +12,7 @@ import numpy as np
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
-from palpate.produce.felt_pixels import MEAN_S, answer_time_s, pixels_of_grasp
+from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent, answer_time_s
 from palpate.produce.records import MEASURED, Drive, Grasp
 from palpate.produce.ripeness.shared_load import fraction_of_pixels
 from palpate.produce.store.writing import calibration_id_of
@@ -49,7 +49,7 @@ def make_grasp_record(
     `closing`: measurements of the whole closing (`ClosingWatch.list_measurements`).
     """
     # The store keeps numbers; a bound is not a number.
-    measured = {name: one for name, one in answers_of(result).items() if one.has_value}
+    measured = {name: one for name, one in list_answers(result).items() if one.has_value}
     measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,
@@ -60,7 +60,7 @@ def make_grasp_record(
         outcome=result.outcome,
         measurements=measured
         | fraction_of_pixels(seen, result=result, layout=layout, measured=measured),
-        pixel_settled_percent=pixels_of_grasp(seen, result=result, layout=layout),
+        pixel_settled_percent=answer_pixel_percent(seen, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
         angle_deg=angle_deg,
@@ -69,7 +69,7 @@ def make_grasp_record(
     )
 
 
-def answers_of(result: GraspResult) -> dict[str, Measurement]:
+def list_answers(result: GraspResult) -> dict[str, Measurement]:
     """Return the answers of a grasp, bounds included, by their names in the store."""
     found = ((name, getattr(result, name)) for name in _ANSWERED)
     return {name: value for name, value in found if value is not None}

@@ -61,7 +61,7 @@ class LearnedScore:
 class LabelLearner:
     """Labels learned from a table with one row a grasp, or one row an item.
 
-    `strangers`: whether an item may be none of the labels.
+    `allow_unknown`: whether an item may be none of the labels.
     `methods`: names of the candidates in `METHODS`; by default all of them.
 
     After `fit`: `labels`, sorted; `fractions` of the rows that have them; `method`, the name of the
@@ -78,10 +78,10 @@ class LabelLearner:
     def __init__(
         self,
         *,
-        strangers: bool = True,
+        allow_unknown: bool = True,
         methods: Sequence[str] = (),
     ) -> None:
-        self.strangers = strangers
+        self.allow_unknown = allow_unknown
         self._methods = tuple(methods) or METHODS
         self.labels: tuple[str, ...] = ()
         self.method = ""
@@ -101,13 +101,13 @@ class LabelLearner:
         """
         of = [str(row) for row in range(len(labels))] if items is None else list(items)
         counts = Counter(label for _, label in set(zip(of, labels, strict=True)))
-        least = FEWEST_ITEMS if self.strangers else 1
+        least = FEWEST_ITEMS if self.allow_unknown else 1
         few = {name: count for name, count in counts.items() if count < least}
-        if few or len(counts) < 2 - self.strangers or len(labels) <= len(counts) > 1:
+        if few or len(counts) < 2 - self.allow_unknown or len(labels) <= len(counts) > 1:
             held = ", ".join(f"{name} {count}" for name, count in sorted((few or counts).items()))
             raise InputError(
                 f"each label needs at least {least} labelled item{'s' * (least > 1)} with a grasp"
-                f"{', one of them two, of two labels' * (not self.strangers)}; found "
+                f"{', one of them two, of two labels' * (not self.allow_unknown)}; found "
                 f"{held or 'none at all'}; label more: palpate items NAME --set kind=KIND, or "
                 "--say ABOUT=LABEL"
             )
@@ -124,7 +124,7 @@ class LabelLearner:
         )
         self._held_out = _temper(found[self.method], self._power)
         self._model = self._fit_model(self.method, np.arange(len(self._truth)))
-        if self.strangers:
+        if self.allow_unknown:
             self._normal = _Normal(self._table, self._truth)
             self._unlike = np.empty(len(self._truth))
             for seen, rest in self._splits:
@@ -145,7 +145,7 @@ class LabelLearner:
         """
         rows = np.asarray(table, dtype=float)
         of_labels = _temper(self._predict(self._model, rows), self._power)
-        if not self.strangers:
+        if not self.allow_unknown:
             return of_labels
         unlike = self._normal.background_probability(rows)[:, None]
         return np.concatenate([of_labels * (1.0 - unlike), unlike], axis=1)
@@ -159,7 +159,7 @@ class LabelLearner:
     def predict(self, table: ArrayLike) -> list[str]:
         """Return the most probable label of each row, or `UNKNOWN` if it is rejected."""
         best = np.argmax(self.probabilities(table)[:, : len(self.labels)], axis=1)
-        rejected = self.typicality(table) <= FALSE_REJECT if self.strangers else 0 * best
+        rejected = self.typicality(table) <= FALSE_REJECT if self.allow_unknown else 0 * best
         return [
             UNKNOWN if stranger else self.labels[index]
             for index, stranger in zip(best, rejected, strict=True)
@@ -241,14 +241,14 @@ class LabelledTable:
             items=tuple(item for _, _, item in rows),
         )
 
-    def learn(self, *, strangers: bool = False, methods: Sequence[str] = ()) -> LabelLearner:
+    def learn(self, *, allow_unknown: bool = False, methods: Sequence[str] = ()) -> LabelLearner:
         """Learn from the labelled rows.
 
         Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not
         installed.
         """
         known = [index for index, label in enumerate(self.labels) if label]
-        return LabelLearner(strangers=strangers, methods=methods).fit(
+        return LabelLearner(allow_unknown=allow_unknown, methods=methods).fit(
             self.rows[known],
             [self.labels[index] for index in known],
             items=[self.items[index] for index in known],

@@ -25,7 +25,7 @@ from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 #: No decision before this: contact bounces of real presses last about as long.
 EARLIEST_S = 0.5
 #: Evaluations are spaced geometrically, because a prediction changes with the logarithm of time.
-LOOK_RATIO = 1.1
+EVALUATION_RATIO = 1.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,11 +103,11 @@ def _count_samples(times: FloatArray) -> list[int]:
     if times.size == 0:
         raise ValueError("no sample at or before the horizon")
     stops: list[int] = []
-    next_look_s = times[0] + EARLIEST_S
+    next_evaluation_s = times[0] + EARLIEST_S
     for index, time in enumerate(times):
-        if time >= next_look_s:
+        if time >= next_evaluation_s:
             stops.append(index + 1)
-            next_look_s = times[0] + LOOK_RATIO * (time - times[0])
+            next_evaluation_s = times[0] + EVALUATION_RATIO * (time - times[0])
     if not stops or stops[-1] != times.size:
         stops.append(times.size)
     return stops

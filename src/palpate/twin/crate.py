@@ -84,7 +84,7 @@ class CrateItem:
     #: True kind.
     kind: str
     #: Whether its kind is a trained kind.
-    taught: bool
+    is_trained: bool
     #: The item with equal sides.
     mean: TwinObject
     #: Largest deviation of a side's diameter from the mean, as a fraction.
@@ -123,7 +123,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
             CrateItem(
                 item_id=f"{prefix}-{number + 1:03d}",
                 kind=kind,
-                taught=kind in CRATE_TAUGHT,
+                is_trained=kind in CRATE_TAUGHT,
                 mean=_draw_item(rng, kind, known[kind]),
                 out_of_round=known[kind].out_of_round,
                 seed=int(rng.integers(2**31)),
@@ -133,13 +133,13 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
 
 
 def draw_mixed_crate(
-    items: int, *, seed: int, strangers_share: float = 0.0, prefix: str = "item"
+    items: int, *, seed: int, unknown_fraction: float = 0.0, prefix: str = "item"
 ) -> list[CrateItem]:
     """Draw a shuffled crate of trained kinds and a fraction of untrained kinds."""
     rng = np.random.default_rng([seed, 31])
-    strangers = round(items * strangers_share)
-    taught, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)
-    kinds = [taught[k % len(taught)] for k in range(items - strangers)]
+    strangers = round(items * unknown_fraction)
+    trained, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)
+    kinds = [trained[k % len(trained)] for k in range(items - strangers)]
     kinds += [unknown[k % len(unknown)] for k in range(strangers)]
     return draw_crate(rng.permutation(kinds).tolist(), seed=seed, prefix=prefix)
 

@@ -30,7 +30,7 @@ from palpate.produce.bruise.model import (
     load_simulated_sides,
     table_sides,
 )
-from palpate.produce.bruise.shape import LoadShape, median_shape, shape_of
+from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape
 from palpate.produce.learning import LabelledTable, make_pipeline
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
@@ -103,7 +103,7 @@ class ApplePress:
         change = self.settled_percent
         if cutoff_s < HOLD_S:
             change = self.change_percent[self.time_s <= cutoff_s][-3:].mean(axis=0)
-        return shape_of(change, width_mm=self.width_mm)
+        return fit_load_shape(change, width_mm=self.width_mm)
 
     @property
     def mean_percent(self) -> float:

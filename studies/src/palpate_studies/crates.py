@@ -112,7 +112,7 @@ def measure_crates(
                 item_id=item.item_id,
                 kind=item.kind,
                 teaches=teaches,
-                known=item.taught,
+                known=item.is_trained,
                 size_mm=item.mean.size_mm,
                 damaged=damaged,
                 grasps=tuple(grasps),

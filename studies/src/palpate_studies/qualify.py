@@ -15,7 +15,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
-from palpate.produce.qualify.agreement import FIGURES, Demand, Estimate, agreement_of, measure
+from palpate.produce.qualify.agreement import FIGURES, Demand, Estimate, measure, measure_agreement
 from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import Scatter
 from palpate.rig.simulated import calibrate_twin
@@ -63,7 +63,7 @@ def report(
     tables: list[Table] = []
     payload: dict[str, Any] = {"summary": []}
     if apples is not None:
-        found = agreement_of(read_side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
+        found = measure_agreement(read_side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
         payload["apples"] = {
             name: {
                 end: value if math.isfinite(value := getattr(figure, end)) else None
@@ -158,7 +158,7 @@ def check_coverage(
     rows: dict[str, list[Estimate]] = {name: [] for name in CHECKED}
     for _ in range(campaigns):
         chosen = random.integers(pool.truth.size, size=CAMPAIGN_ITEMS)
-        found = agreement_of(_draw_campaign(pool, chosen, side_sd, random), demand)
+        found = measure_agreement(_draw_campaign(pool, chosen, side_sd, random), demand)
         for name in CHECKED:
             rows[name].append(found.figures[name])
     return [
@@ -203,5 +203,5 @@ def _true_figures(
     figures = measure(large, demand).figures
     return {name: figure.value for name, figure in figures.items()} | {
         "r_squared_ceiling": exact.repeatability,
-        "share_within_ceiling": exact.share_within(demand.tolerance),
+        "share_within_ceiling": exact.fraction_within(demand.tolerance),
     }

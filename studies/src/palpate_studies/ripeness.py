@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 
 from palpate.errors import InputError
-from palpate.produce.ripeness.rule import SURE
+from palpate.produce.ripeness.rule import CONFIDENT_PROBABILITY
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies import ripeness_virtual
@@ -145,9 +145,9 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
             f"if a stage is missing) are grasped {LABELLED_GRASPS} times a day for {DAYS} days. "
             f"The fruits to judge follow {LATER_DAYS} days after the first labelled day, with "
             f"{GRASPS_AT_ONCE} grasps a day, repeated up to {MOST_GRASPS} grasps while the stage "
-            f"has a probability below {100 * SURE:.0f} %. A nest centres the fruit. Each morning "
-            "new rest values are taken with the hand empty. A judgement uses the days up to its "
-            "own.",
+            f"has a probability below {100 * CONFIDENT_PROBABILITY:.0f} %. A nest centres the "
+            "fruit. Each morning new rest values are taken with the hand empty. A judgement uses "
+            "the days up to its own.",
             "Aging: break-in and wear from 100 to 400 other grasps a day, mornings at 14.8 to "
             "26.8 C.",
             "Labels are true stages. People make errors, and their labels then limit the accuracy.",

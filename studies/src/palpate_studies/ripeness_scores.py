@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.produce.learning import LabelLearner
-from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.firmness import DayFirmness
 from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
@@ -174,7 +174,7 @@ def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequenc
     return {learner: learn_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
 
 
-def _list_inputs(felt: StationRecords, item_id: str, days: Sequence[DayFelt]) -> list[float]:
+def _list_inputs(felt: StationRecords, item_id: str, days: Sequence[DayFirmness]) -> list[float]:
     """Return a learner's inputs for one day.
 
     The inputs are the firmness, the day's means, and the settled change at one width or pressure.

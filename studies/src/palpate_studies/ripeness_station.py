@@ -22,8 +22,8 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.produce.felt_pixels import pixels_of_grasp
-from palpate.produce.grasp_record import answers_of, hold_measurements
+from palpate.produce.answer_pixels import answer_pixel_percent
+from palpate.produce.grasp_record import hold_measurements, list_answers
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
@@ -170,7 +170,7 @@ class _Bench:
         if rule is None:
             return False
         days = days_of(self.read_all(()), item_id)
-        return not days or rule.judge(days).unsure
+        return not days or rule.judge(days).is_uncertain
 
     def _approach_and_settle(self, size_mm: float) -> None:
         """Move the fingers near the object in the nest, and wait until the sheet settles."""
@@ -231,7 +231,7 @@ class _Bench:
         self.damaged += world.truth(horizon_s=0.0).damaged
         drive: Drive = "width" if self._gripper == "rigid" else "pressure"
         measured = (
-            answers_of(result)
+            list_answers(result)
             | hold_measurements(observations, result=result, drive=drive)
             | closing.list_measurements()
         )
@@ -249,7 +249,7 @@ class _Bench:
                 origin="twin",
                 outcome=result.outcome,
                 measurements=measured,
-                pixel_settled_percent=pixels_of_grasp(
+                pixel_settled_percent=answer_pixel_percent(
                     observations, result=result, layout=self._plan.layout
                 ),
                 decision_time_s=result.decision_time_s,

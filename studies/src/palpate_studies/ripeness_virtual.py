@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.firmness import DayFirmness
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
@@ -189,14 +189,14 @@ def _draw_labelled(
 
 def _simulate_days(
     fruit: Avocado, rng: np.random.Generator, mornings: np.ndarray, *, grasps: int
-) -> list[DayFelt]:
+) -> list[DayFirmness]:
     own = _FRUIT_SD * rng.standard_normal()
     found = []
     for day in range(DAYS):
         each = np.log(fruit.force_at_1mm_n(day)) + own + mornings[day]
         felt = _POWER * (each + _GRASP_SD * rng.standard_normal(grasps))
         found.append(
-            DayFelt(
+            DayFirmness(
                 day=float(day),
                 firmness=float(felt.mean()),
                 grasps=grasps,
@@ -208,7 +208,7 @@ def _simulate_days(
 
 def _judge(
     fruit: Avocado,
-    days: Sequence[DayFelt],
+    days: Sequence[DayFirmness],
     rule: RipenessRule,
     learners: Mapping[str, Callable[[Sequence[float]], int]],
     *,

@@ -18,12 +18,12 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import FEATURES, Identifier, label_identity
-from palpate.produce.identify.kinds import touches_of
+from palpate.produce.identify.kinds import item_features
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 from palpate.produce.sorting.run import sort_item
-from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, score_sorting, true_bin
+from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, find_true_bin, score_sorting
 from palpate_studies.crates import (
     SORTED_GRASPS,
     CrateItemGrasps,
@@ -193,7 +193,7 @@ def _split_training(
 
 def _learn_identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Identifier:
     taught = [
-        (item.kind, touches_of([one.grasp for one in item.grasps]))
+        (item.kind, item_features([one.grasp for one in item.grasps]))
         for item in teaching
         if item.teaches
     ]
@@ -237,7 +237,7 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
             )
         for method, known, count in asked:
             for item in sorting:
-                touches = touches_of([one.grasp for one in item.grasps[:count]])
+                touches = item_features([one.grasp for one in item.grasps[:count]])
                 identity = known.identify(touches) if touches else None
                 answer = UNKNOWN if identity is None else identity.kind
                 best = UNKNOWN if identity is None else identity.best_guess
@@ -339,7 +339,7 @@ def _guess_item(item: CrateItemGrasps, guess: Guess) -> Placed:
 
 
 def _true_bin_of(item: CrateItemGrasps) -> str:
-    return true_bin(BOOK, kind=item.kind, taught=item.known, size_mm=item.size_mm)
+    return find_true_bin(BOOK, kind=item.kind, is_trained=item.known, size_mm=item.size_mm)
 
 
 def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate.produce.records import Grasp
-from palpate.produce.ripeness.firmness import DayFelt
-from palpate.produce.ripeness.history import history_of
+from palpate.produce.ripeness.firmness import DayFirmness
+from palpate.produce.ripeness.history import firmness_history
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
@@ -41,14 +41,14 @@ class StationRecords:
     as_published: dict[tuple[str, int], float]
 
 
-def days_of(felt: StationRecords, item_id: str) -> tuple[DayFelt, ...]:
+def days_of(felt: StationRecords, item_id: str) -> tuple[DayFirmness, ...]:
     """Return the days of an item."""
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
     drive = felt.grasps[0].drive
-    return history_of(grasps, item_id=item_id, drive=drive).days
+    return firmness_history(grasps, item_id=item_id, drive=drive).days
 
 
-def select_labelled(felt: StationRecords) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+def select_labelled(felt: StationRecords) -> list[tuple[Avocado, tuple[DayFirmness, ...]]]:
     """Return every labelled fruit with its days."""
     return [
         (fruit, days_of(felt, f"labelled-{number}")) for number, fruit in enumerate(felt.labelled)

@@ -16,7 +16,7 @@ from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
     group_visits,
-    learn_from,
+    learn_bruise_model,
     usable_grasps,
 )
 from palpate.produce.bruise.model import (
@@ -26,7 +26,7 @@ from palpate.produce.bruise.model import (
     BruiseModel,
     default_model,
 )
-from palpate.produce.bruise.shape import shape_of
+from palpate.produce.bruise.shape import fit_load_shape
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 
@@ -87,7 +87,7 @@ def store() -> Store:
 @pytest.fixture(scope="module")
 def model() -> BruiseModel:
     """Return what the labels of such a store teach."""
-    return learn_from(labelled(), kind="apple")
+    return learn_bruise_model(labelled(), kind="apple")
 
 
 def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float) -> ItemBruise:
@@ -127,7 +127,7 @@ def test_repeated_grasps_of_a_side_leave_the_probability(store: Store, model: Br
 def test_rare_bruises_lower_the_probability(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
-    half, seldom = judge(store, model), judge(store, model, bruised_share=0.01)
+    half, seldom = judge(store, model), judge(store, model, bruised_fraction=0.01)
     odds = [one.probability / (1 - one.probability) for one in (half, seldom)]
     assert odds[0] / odds[1] == pytest.approx(99.0)
 
@@ -200,7 +200,7 @@ def test_slipped_grasps_and_those_without_pixels_are_not_used() -> None:
 
 def test_too_few_labels_are_refused(store: Store) -> None:
     with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
-        learn_from(store, kind="pear")
+        learn_bruise_model(store, kind="pear")
 
 
 def test_shipped_sides_are_labelled_simulated() -> None:
@@ -211,8 +211,8 @@ def test_shipped_sides_are_labelled_simulated() -> None:
 
 def test_fingers_with_too_few_pixels_are_refused() -> None:
     with pytest.raises(InputError, match="at least 2 x 2 pixels"):
-        shape_of(np.zeros((2, 2)))
+        fit_load_shape(np.zeros((2, 2)))
     dead = pixels()
     dead[0, 0] = np.nan
     with pytest.raises(InputError, match="finger 1: only 3 of 4 pixels read"):
-        shape_of(dead)
+        fit_load_shape(dead)

@@ -10,7 +10,7 @@ import pytest
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, combine, label_identity, touch_of
+from palpate.produce.identify.identifier import Identifier, combine, grasp_features, label_identity
 from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
@@ -95,8 +95,8 @@ def test_label_identity_is_certain() -> None:
 def test_touch_of_needs_every_feature() -> None:
     size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     nothing = Measurement(value=0.0, low=0.0, high=1.0, unit="n_per_mm")
-    assert touch_of({"size_mm": size}) is None
-    assert touch_of({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
+    assert grasp_features({"size_mm": size}) is None
+    assert grasp_features({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
 
 
 def test_combine_keeps_the_common_error() -> None:
@@ -107,7 +107,7 @@ def test_combine_keeps_the_common_error() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_learner_each_method_names_items_not_seen(rng: np.random.Generator, method: str) -> None:
     rows, labels, items = table(rng)
-    known = LabelLearner(strangers=False, methods=(method,)).fit(rows, labels, items=items)
+    known = LabelLearner(allow_unknown=False, methods=(method,)).fit(rows, labels, items=items)
     assert known.method == method
     assert known.labels == ("hard", "small")
     unseen, truth, _ = table(rng)
@@ -122,20 +122,20 @@ def test_learner_rows_of_an_item_stay_on_one_side(rng: np.random.Generator) -> N
     rows = [point + 1e-6 * k for point in rng.standard_normal((40, 2)) for k in range(2)]
     labels = [("a", "b")[number % 2] for number in range(40) for _ in range(2)]
     items = [name for name in names for _ in range(2)]
-    by_item = LabelLearner(strangers=False, methods=("trees",)).fit(rows, labels, items=items)
-    by_row = LabelLearner(strangers=False, methods=("trees",)).fit(rows, labels)
+    by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
+    by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
 
 
 def test_learner_label_of_one_item_is_learned() -> None:
     rows = [[2.0], [2.1], [1.0], [1.1], [0.0]]
-    known = LabelLearner(strangers=False, methods=("discriminant",)).fit(rows, list("aabbc"))
+    known = LabelLearner(allow_unknown=False, methods=("discriminant",)).fit(rows, list("aabbc"))
     assert known.predict([[2.05], [1.05], [0.0]]) == ["a", "b", "c"]
 
 
 def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> None:
     rows, labels = rng.standard_normal((80, 3)), 40 * ["a", "b"]
-    score = LabelLearner(strangers=False).fit(rows, labels).score()
+    score = LabelLearner(allow_unknown=False).fit(rows, labels).score()
     assert score.right == pytest.approx(0.5, abs=0.15)
     assert score.log_loss < 0.8
     assert score.overconfidence < 0.2
@@ -145,7 +145,7 @@ def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> No
 def test_learner_one_label_without_strangers_raises(rng: np.random.Generator) -> None:
     rows, labels, items = table(rng, kinds=("small",))
     with pytest.raises(InputError, match="of two labels; found small 20"):
-        LabelLearner(strangers=False).fit(rows, labels, items=items)
+        LabelLearner(allow_unknown=False).fit(rows, labels, items=items)
     with pytest.raises(InputError, match="found a 1, b 1"):
-        LabelLearner(strangers=False).fit(rows[:2], ["a", "b"])
+        LabelLearner(allow_unknown=False).fit(rows[:2], ["a", "b"])
     assert LabelLearner().fit(rows, labels, items=items).predict([rows[0]]) == ["small"]

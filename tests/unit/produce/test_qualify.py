@@ -9,9 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.produce.qualify.agreement import Demand, agreement_of, confusion_of, effort_of, measure
+from palpate.produce.qualify.agreement import (
+    Demand,
+    count_grades,
+    estimate_effort,
+    measure,
+    measure_agreement,
+)
 from palpate.produce.qualify.readings import PairedReadings
-from palpate.produce.qualify.scatter import deming_lines, scatter_of
+from palpate.produce.qualify.scatter import deming_lines, estimate_scatter
 
 BETWEEN, REFERENCE_SD, GRASP_SD, SLOPE = 2.0, 1.0, 0.4, 0.5
 
@@ -48,7 +54,7 @@ def test_measure_many_items_recovers_the_simulated_agreement() -> None:
 def test_agreement_intervals_cover_the_ceiling_at_their_level() -> None:
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
-        agreement_of(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
+        measure_agreement(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
         for seed in range(20)
     ]
     covered = [
@@ -58,7 +64,7 @@ def test_agreement_intervals_cover_the_ceiling_at_their_level() -> None:
 
 
 def test_agreement_without_a_second_reading_does_not_know_the_ceiling() -> None:
-    found = agreement_of(made_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
+    found = measure_agreement(made_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
     assert math.isnan(found.figures["r_squared_ceiling"].value)
     assert found.figures["r_squared"].value > 0.5
 
@@ -66,8 +72,8 @@ def test_agreement_without_a_second_reading_does_not_know_the_ceiling() -> None:
 @pytest.mark.slow
 def test_effort_counts_readings_time_and_items() -> None:
     demand = Demand(tolerance=1.0)
-    found = agreement_of(made_readings(4000, seed=3), demand)
-    effort = effort_of(found, demand, grasp_s=10.0, handling_s=5.0)
+    found = measure_agreement(made_readings(4000, seed=3), demand)
+    effort = estimate_effort(found, demand, grasp_s=10.0, handling_s=5.0)
     # (1.645 x 1.0 / 1.0)^2 = 2.7, and (1.645 x 0.4 / 1.0)^2 = 0.4.
     assert effort.reference_readings == 3
     assert effort.grasps == 1
@@ -84,7 +90,9 @@ def test_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
         grasp=random.normal(10.0, 3.0, 100)[item] + random.normal(0.0, 0.1, 200),
     )
     demand = Demand(tolerance=0.5)
-    effort = effort_of(agreement_of(readings, demand), demand, grasp_s=10.0, handling_s=0.0)
+    effort = estimate_effort(
+        measure_agreement(readings, demand), demand, grasp_s=10.0, handling_s=0.0
+    )
     assert effort.grasps is None
     assert effort.items_per_hour is None
 
@@ -92,8 +100,8 @@ def test_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
 @pytest.mark.slow
 def test_confusion_counts_every_pair_once() -> None:
     readings = made_readings(50, seed=5)
-    found = agreement_of(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
-    confusion = confusion_of(found, (9.0, 11.0))
+    found = measure_agreement(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
+    confusion = count_grades(found, (9.0, 11.0))
     assert confusion.shape == (3, 3)
     assert confusion.sum() == 100
     assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
@@ -103,7 +111,7 @@ def test_cost_weights_each_wrong_grade_by_its_price() -> None:
     readings = made_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = measure(readings, demand)
-    table = confusion_of(found, demand.limits)
+    table = count_grades(found, demand.limits)
     priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
     cost = found.figures["cost"].value
     assert cost == pytest.approx((table * priced).sum() / table.sum())
@@ -127,7 +135,7 @@ def test_deming_line_error_free_points_give_the_exact_line(
 def test_scatter_does_not_depend_on_the_order_of_rows(seed: int) -> None:
     readings = made_readings(12, seed=seed)
     order = np.random.default_rng(seed).permutation(readings.item.size)
-    one = scatter_of(readings.reference, readings.item)
-    other = scatter_of(readings.reference[order], readings.item[order])
+    one = estimate_scatter(readings.reference, readings.item)
+    other = estimate_scatter(readings.reference[order], readings.item[order])
     assert one.between == pytest.approx(other.between)
     assert one.within == pytest.approx(other.within)

@@ -17,12 +17,12 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course
-from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
+from palpate.produce.ripeness.firmness import DayFirmness, firmness_of, group_by_day
 from palpate.produce.ripeness.history import (
-    history_of,
+    firmness_history,
     judge_ripeness,
     learn_rule,
-    verdict_of,
+    make_ripeness_verdict,
 )
 from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import STAGES
@@ -78,12 +78,12 @@ def stage(value: float) -> str:
 
 def made_up(
     count: int, *, seed: int, noise: float = 0.05, days: int = 6
-) -> tuple[list[float], list[list[DayFelt]]]:
+) -> tuple[list[float], list[list[DayFirmness]]]:
     rng = np.random.default_rng(seed)
     halfway = rng.uniform(0.5, 4.5, count).tolist()
     items = [
         [
-            DayFelt(
+            DayFirmness(
                 day=float(day),
                 firmness=firmness(half, day) + noise * rng.standard_normal(),
                 grasps=2,
@@ -130,7 +130,7 @@ def test_a_grasp_that_measured_nothing_has_no_firmness() -> None:
 
 def test_mornings_that_begin_earlier_are_days_of_their_own() -> None:
     times = [0.0, 0.01, 0.9, 0.95, 2.1]
-    days = by_day((FIRST + timedelta(days=at), 1.0) for at in times)
+    days = group_by_day((FIRST + timedelta(days=at), 1.0) for at in times)
     assert [day.grasps for day in days] == [2, 2, 1]
 
 
@@ -165,7 +165,8 @@ def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessR
 
 def test_more_days_narrow_the_days_to_ripe(rule: RipenessRule) -> None:
     days = [
-        DayFelt(day=float(d), firmness=firmness(4.0, d), grasps=2, spread=0.05) for d in range(4)
+        DayFirmness(day=float(d), firmness=firmness(4.0, d), grasps=2, spread=0.05)
+        for d in range(4)
     ]
     widths = [
         said.high - said.low
@@ -177,9 +178,14 @@ def test_more_days_narrow_the_days_to_ripe(rule: RipenessRule) -> None:
 
 def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
     days = [
-        DayFelt(day=float(d), firmness=firmness(2.0, d), grasps=2, spread=0.05) for d in range(5)
+        DayFirmness(day=float(d), firmness=firmness(2.0, d), grasps=2, spread=0.05)
+        for d in range(5)
     ]
-    wild = [*days[:2], DayFelt(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan), *days[3:]]
+    wild = [
+        *days[:2],
+        DayFirmness(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan),
+        *days[3:],
+    ]
     assert rule.judge(wild).stage == rule.judge(days).stage
 
 
@@ -187,11 +193,11 @@ def test_day_with_many_grasps_has_more_weight(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
     felt = math.log(BOUNDS[1]) + 0.12
     few, many = (
-        scattered.judge([DayFelt(day=3.0, firmness=felt, grasps=grasps, spread=0.25)])
+        scattered.judge([DayFirmness(day=3.0, firmness=felt, grasps=grasps, spread=0.25)])
         for grasps in (2, 30)
     )
     assert (few.stage, many.stage) == ("conditioned", "conditioned")
-    assert few.unsure
+    assert few.is_uncertain
     assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
 
 
@@ -199,7 +205,7 @@ def test_scatter_of_a_day_is_combined_with_the_usual_one(rule: RipenessRule) -> 
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.1))
     felt = math.log(BOUNDS[1]) + 0.12
     calm, wild = (
-        scattered.judge([DayFelt(day=3.0, firmness=felt, grasps=6, spread=spread)])
+        scattered.judge([DayFirmness(day=3.0, firmness=felt, grasps=6, spread=spread)])
         for spread in (0.05, 0.9)
     )
     assert wild.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
@@ -207,7 +213,10 @@ def test_scatter_of_a_day_is_combined_with_the_usual_one(rule: RipenessRule) -> 
 
 def test_learning_refuses_items_without_softening() -> None:
     still = [
-        [DayFelt(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1) for d in (0, 1)]
+        [
+            DayFirmness(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1)
+            for d in (0, 1)
+        ]
         for _ in range(5)
     ]
     with pytest.raises(InputError, match="0 items were grasped on 3 days or more, 4 are needed"):
@@ -233,15 +242,15 @@ def test_stages_have_the_names_of_the_user(rule: RipenessRule) -> None:
 
 
 def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
-    days = [DayFelt(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
+    days = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     assert judge_by_first_day(days).stage == "hard"
-    later = [*days, DayFelt(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
+    later = [*days, DayFirmness(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
     said = judge_by_first_day(later)
     assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
 
 
 def test_day_is_the_mean_firmness_of_its_grasps() -> None:
-    found = by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
+    found = group_by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
     assert math.exp(found[0].firmness) == pytest.approx(3.0, rel=1e-4)
 
 
@@ -272,12 +281,12 @@ def store() -> Store:
 @pytest.mark.slow
 def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
-    history = history_of(store.grasps_of("A17"), item_id="A17", drive="width")
+    history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
     said = judge_ripeness(history, rule=learned, ripe="ripe")
     assert said.stage == stage(firmness(1.0, 2.0))
-    verdict = verdict_of(said, history)
+    verdict = make_ripeness_verdict(said, history)
     assert store.add_verdict(verdict)
-    assert not store.add_verdict(verdict_of(said, history))
+    assert not store.add_verdict(make_ripeness_verdict(said, history))
     kept = store.verdicts_of("A17", about=About.RIPENESS)[0]
     assert (kept.text, kept.source) == (said.stage, Source.PALPATE)
     assert kept.explanation.startswith("grasped 3 times on 3 days")
@@ -287,6 +296,6 @@ def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
 def test_missing_records_are_reported(store: Store) -> None:
     with pytest.raises(InputError, match="no mango grasped by a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
-    nothing = history_of((), item_id="A18", drive="width")
+    nothing = firmness_history((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):
         judge_ripeness(nothing, rule=None, ripe="ripe")

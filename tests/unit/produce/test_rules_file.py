@@ -171,5 +171,5 @@ def test_exceptions_before_the_general_rule_are_accepted(
 def test_class_without_labels_is_refused(write: Callable[[str], Path]) -> None:
     book = read_rules(write(GOOD))
     with pytest.raises(InputError, match=r"line 8: class 'avocado' has fewer than 3 .*kiwi, lime"):
-        check_kinds(book, taught={"kiwi", "lime"}, path="rules.toml")
-    check_kinds(book, taught={"kiwi", "lime", "avocado"}, path="rules.toml")
+        check_kinds(book, known_kinds={"kiwi", "lime"}, path="rules.toml")
+    check_kinds(book, known_kinds={"kiwi", "lime", "avocado"}, path="rules.toml")

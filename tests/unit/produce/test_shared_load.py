@@ -17,7 +17,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.produce.felt_pixels import MEAN_S, pixels_of_grasp
+from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent
 from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.produce.ripeness.shared_load import fraction_of_pixels
@@ -51,7 +51,7 @@ class Felt:
 
     @property
     def read(self) -> float:
-        pixels = pixels_of_grasp(self.seen, result=self.result, layout=self.plan.layout)
+        pixels = answer_pixel_percent(self.seen, result=self.result, layout=self.plan.layout)
         found = minus_log_sharing(np.array(pixels, dtype=float))
         assert found is not None
         return found

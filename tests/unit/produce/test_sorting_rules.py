@@ -17,8 +17,8 @@ from palpate.produce.records import About, Verdict
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
-from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting.score import Placed, score_sorting, true_bin
+from palpate.produce.sorting.run import bin_verdict, combine_evidence, sort_item
+from palpate.produce.sorting.score import Placed, find_true_bin, score_sorting
 
 KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
@@ -52,24 +52,24 @@ def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) 
 
 def test_the_first_sure_rule_wins_and_says_why() -> None:
     found = decide(BOOK, Evidence(identity=looks(0.95, 0.04), grasps=1))
-    assert (found.bin, found.again, found.rule) == ("kiwi", False, KIWI)
+    assert (found.bin, found.needs_regrasp, found.rule) == ("kiwi", False, KIWI)
     assert found.why == "kiwi: kiwi 95 %; rule in line 3 met with 95 %; 1 grasp"
 
 
 def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
     torn = looks(0.55, 0.40)
-    assert decide(BOOK, Evidence(identity=torn, grasps=1)).again
+    assert decide(BOOK, Evidence(identity=torn, grasps=1)).needs_regrasp
     last = decide(BOOK, Evidence(identity=torn, grasps=3))
-    assert (last.bin, last.again, last.probability) == ("by hand", False, None)
+    assert (last.bin, last.needs_regrasp, last.probability) == ("by hand", False, None)
     assert "kiwi 55 % or lime 40 %" in last.why
     assert "line 3 (kiwi) comes nearest: 55 %, 80 % needed" in last.why
 
 
 def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
     strange = looks(0.2, 0.1, rejected=True)
-    assert decide(BOOK, Evidence(identity=strange, grasps=1)).again
+    assert decide(BOOK, Evidence(identity=strange, grasps=1)).needs_regrasp
     found = decide(BOOK, Evidence(identity=strange, grasps=2))
-    assert (found.bin, found.again) == ("strangers", False)
+    assert (found.bin, found.needs_regrasp) == ("strangers", False)
 
 
 def test_background_class_alone_is_uncertain() -> None:
@@ -81,7 +81,7 @@ def test_undecided_exception_asks_for_another_grasp_first() -> None:
     small = Rule(bin="small", conditions=(KIWIS, Within("size_mm", 0, 50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
     on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
-    assert decide(book, on_the_edge).again
+    assert decide(book, on_the_edge).needs_regrasp
     at_last = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=3)
     assert decide(book, at_last).bin == "kiwi"
 
@@ -90,7 +90,7 @@ def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
     ripe = Rule(bin="ripe", conditions=(KIWIS, RIPE), line=2)
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
-    assert not found.again
+    assert not found.needs_regrasp
     assert "the rule in line 2 asks how ripe it is, which is not known" in found.why
     known = Evidence(identity=looks(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
     assert decide(book, known).bin == "ripe"
@@ -103,9 +103,9 @@ def test_a_rule_may_ask_for_a_firmness() -> None:
     found = decide(book, Evidence(firmness=index, grasps=1))
     assert found.why.startswith("firm: firmness 60 (54 to 66) within 50 to 100; rule in line 2")
     wide = Measurement(value=55.0, low=40.0, high=70.0, unit="index")
-    assert decide(book, Evidence(firmness=wide, grasps=1)).again
+    assert decide(book, Evidence(firmness=wide, grasps=1)).needs_regrasp
     one = grasp(50.0, 1.4).grasp
-    seen = evidence_of(
+    seen = combine_evidence(
         [replace(one, measurements={**one.measurements, "firmness": index})], identifier=None
     )
     assert seen.firmness.value == 60.0
@@ -114,7 +114,7 @@ def test_a_rule_may_ask_for_a_firmness() -> None:
 def test_item_without_a_rule_says_so() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
-    assert (found.bin, found.again) == ("by hand", False)
+    assert (found.bin, found.needs_regrasp) == ("by hand", False)
     assert "which no rule takes" in found.why
 
 
@@ -127,7 +127,7 @@ def test_item_without_a_rule_lists_all_evidence() -> None:
 
 
 def test_nothing_is_decided_before_the_first_grasp() -> None:
-    assert decide(BOOK, Evidence()).again
+    assert decide(BOOK, Evidence()).needs_regrasp
 
 
 def _identifier() -> Identifier:
@@ -183,7 +183,7 @@ def said(
 
 
 def test_evidence_of_several_verdicts_uses_the_last_of_each() -> None:
-    known = evidence_of(
+    known = combine_evidence(
         [],
         identifier=None,
         verdicts=[
@@ -199,7 +199,7 @@ def test_evidence_of_several_verdicts_uses_the_last_of_each() -> None:
 
 def test_all_stages_count_where_the_verdict_names_them() -> None:
     stages = {"ripe": 0.6, "overripe": 0.4}
-    known = evidence_of(
+    known = combine_evidence(
         [], identifier=None, verdicts=[said(About.RIPENESS, "ripe", 0.6, probabilities=stages)]
     )
     assert known.ripeness == stages
@@ -229,6 +229,6 @@ def test_score_has_purity_of_placed_items_and_time_of_grasps() -> None:
 
 
 def test_true_bin_follows_the_rules() -> None:
-    assert true_bin(BOOK, kind="kiwi", taught=True, size_mm=50) == "kiwi"
-    assert true_bin(BOOK, kind="walnut", taught=False, size_mm=33) == "strangers"
-    assert true_bin(BOOK, kind="egg", taught=True, size_mm=44) == "by hand"
+    assert find_true_bin(BOOK, kind="kiwi", is_trained=True, size_mm=50) == "kiwi"
+    assert find_true_bin(BOOK, kind="walnut", is_trained=False, size_mm=33) == "strangers"
+    assert find_true_bin(BOOK, kind="egg", is_trained=True, size_mm=44) == "by hand"

@@ -27,17 +27,17 @@ def test_crate_item_sides_are_within_ranges_and_gripper(kind: str) -> None:
         sides = [item.side(turn).size_mm / item.mean.size_mm for turn in range(5)]
         assert max(abs(np.array(sides) - 1)) <= ranges.out_of_round
         assert max(sides) * item.mean.size_mm < OPEN_MM - 3
-        assert item.taught == (kind in CRATE_TAUGHT)
+        assert item.is_trained == (kind in CRATE_TAUGHT)
         assert item.mean.yield_n <= item.mean.rupture_n
 
 
 def test_draw_mixed_crate_is_reproducible_and_mixed() -> None:
-    crate = draw_mixed_crate(24, seed=3, strangers_share=0.25)
-    assert crate == draw_mixed_crate(24, seed=3, strangers_share=0.25)
-    assert sum(not item.taught for item in crate) == 6
+    crate = draw_mixed_crate(24, seed=3, unknown_fraction=0.25)
+    assert crate == draw_mixed_crate(24, seed=3, unknown_fraction=0.25)
+    assert sum(not item.is_trained for item in crate) == 6
     assert len({item.item_id for item in crate}) == 24
     assert [item.kind for item in crate] != [
-        item.kind for item in draw_mixed_crate(24, seed=4, strangers_share=0.25)
+        item.kind for item in draw_mixed_crate(24, seed=4, unknown_fraction=0.25)
     ]
 
 

@@ -22,7 +22,7 @@ from palpate.produce.bruise.model import (
     Side,
     table_sides,
 )
-from palpate.produce.bruise.shape import LoadShape, median_shape, pixel_contrast, shape_of
+from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape, pixel_contrast
 from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source, Verdict
 
@@ -124,12 +124,12 @@ def examine_item(
     item_id: str,
     *,
     model: BruiseModel,
-    bruised_share: float = 0.5,
+    bruised_fraction: float = 0.5,
     given_at: datetime,
 ) -> ItemBruise:
     """Judge an item by its last visit, store the verdict, and return it.
 
-    `bruised_share`: fraction of sides expected to be bruised before any grasp.
+    `bruised_fraction`: fraction of sides expected to be bruised before any grasp.
     Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
     nothing to compare it with.
     """
@@ -159,13 +159,15 @@ def examine_item(
         else:
             sides.append([one])
     verdicts = sorted(
-        (_judge_side(side, model=model, bruised_share=bruised_share) for side in sides),
+        (_judge_side(side, model=model, bruised_fraction=bruised_fraction) for side in sides),
         key=lambda verdict: -verdict.probability,
     )
     before = _record_of(verdicts[0].angle_deg, visits=visits)
     found = ItemBruise(
         sides=tuple(verdicts),
-        before_percent=float(np.nanmean([pixels_of(one) for one in before])) if before else None,
+        before_percent=float(np.nanmean([pixel_changes(one) for one in before]))
+        if before
+        else None,
         simulated=any(grasp.is_simulated for grasp in grasps),
         model=model,
     )
@@ -174,19 +176,19 @@ def examine_item(
 
 
 def _judge_side(
-    felt: Sequence[tuple[Grasp, Side]], *, model: BruiseModel, bruised_share: float
+    felt: Sequence[tuple[Grasp, Side]], *, model: BruiseModel, bruised_fraction: float
 ) -> SideVerdict:
     """Judge the grasps of one side together."""
     log_odds = float(np.mean([model.log_odds(side) for _, side in felt]))
-    change = np.nanmean([pixels_of(grasp) for grasp, _ in felt], axis=0)
+    change = np.nanmean([pixel_changes(grasp) for grasp, _ in felt], axis=0)
     grasp, last = felt[-1]
-    name = model.reference_of(last)
+    name = model.choose_reference(last)
     rows, cols = change.shape
     load = pixel_contrast(last.shape, last.against[name], rows=rows, cols=cols)
     marked = (load <= -_LESS) & np.isfinite(change)
     return SideVerdict(
         angle_deg=grasp.angle_deg or 0.0,
-        probability=float(expit(log_odds + logit(bruised_share))),
+        probability=float(expit(log_odds + logit(bruised_fraction))),
         grasps=len(felt),
         against=name,
         mean_percent=float(np.nanmean(change)),
@@ -195,7 +197,7 @@ def _judge_side(
     )
 
 
-def learn_from(store: Store, *, kind: str) -> BruiseModel:
+def learn_bruise_model(store: Store, *, kind: str) -> BruiseModel:
     """Learn from items of a kind labelled bruised or sound.
 
     Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
@@ -266,7 +268,7 @@ def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]
     return found
 
 
-def pixels_of(grasp: Grasp) -> FloatArray:
+def pixel_changes(grasp: Grasp) -> FloatArray:
     """Return the change of each pixel, NaN for faulty ones, shape (rows, cols)."""
     return np.array(grasp.pixel_settled_percent, dtype=np.float64)
 
@@ -282,7 +284,7 @@ def _labels(store: Store, *, kind: str) -> dict[str, Verdict]:
 
 def _shape(grasp: Grasp) -> LoadShape:
     size = grasp.measurements.get("size_mm")
-    return shape_of(pixels_of(grasp), width_mm=None if size is None else size.value)
+    return fit_load_shape(pixel_changes(grasp), width_mm=None if size is None else size.value)
 
 
 def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> Side:

@@ -75,7 +75,7 @@ class BruiseModel:
             )
         return cls(learned_on=learned_on, learners=learners)
 
-    def reference_of(self, side: Side) -> str:
+    def choose_reference(self, side: Side) -> str:
         """Return the reference that a side is compared with.
 
         Raises `InputError` if it has none of this model's.
@@ -93,7 +93,7 @@ class BruiseModel:
 
         Raises `InputError` if it has no reference of this model.
         """
-        name = self.reference_of(side)
+        name = self.choose_reference(side)
         learner = self.learners[name]
         bruised, sound = np.log(
             learner.probabilities([contrast(side.shape, side.against[name])])[0] / learner.fractions

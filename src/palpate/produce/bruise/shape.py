@@ -68,7 +68,7 @@ class LoadShape:
         return np.concatenate([first - second, (first + second) / 2.0])
 
 
-def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> LoadShape:
+def fit_load_shape(change_percent: ArrayLike, *, width_mm: float | None = None) -> LoadShape:
     """Describe one grasp.
 
     `change_percent`, shape (rows, cols): relative change of each pixel; the first half of the rows
@@ -78,7 +78,7 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Loa
     Raises `InputError` if there are fewer than 2 x 2 pixels on a finger, or too many are out of
     use.
 
-    >>> even = shape_of([[-50.0, -50.0]] * 4)
+    >>> even = fit_load_shape([[-50.0, -50.0]] * 4)
     >>> np.abs(even.modes[0]).round(3).tolist()
     [0.105, 0.0, 0.0, 0.0]
     """
@@ -126,7 +126,7 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
     Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
     how much wider the item was at contact (0 where that is not known).
 
-    >>> even = shape_of([[-50.0, -50.0]] * 4, width_mm=66.0)
+    >>> even = fit_load_shape([[-50.0, -50.0]] * 4, width_mm=66.0)
     >>> contrast(even, even).tolist() == [0.0] * 17
     True
     """

@@ -25,12 +25,12 @@ METHODS = ("discriminant",)
 _OWN_SHARE = 0.5
 
 
-def touch_of(measured: Mapping[str, Measurement]) -> FloatArray | None:
+def grasp_features(measured: Mapping[str, Measurement]) -> FloatArray | None:
     """Return the logarithms of a grasp's `FEATURES`; None if one was not measured.
 
     >>> size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     >>> stiffness = Measurement(value=2.0, low=1.5, high=2.5, unit="n_per_mm")
-    >>> touch_of({"size_mm": size, "stiffness_n_per_mm": stiffness}).round(2).tolist()
+    >>> grasp_features({"size_mm": size, "stiffness_n_per_mm": stiffness}).round(2).tolist()
     [3.69, 0.69]
     """
     found = [measured.get(name) for name in FEATURES]
@@ -58,27 +58,28 @@ def combine(measured: Sequence[Measurement]) -> Measurement:
 class Identifier:
     """Kinds learned from labelled items.
 
-    `taught`: kind and grasps (`touch_of`) of each training item; those without a grasp are skipped.
+    `training`: kind and grasps (`grasp_features`) of each training item; items without a grasp are
+        skipped.
     `methods`: candidates, see `LabelLearner`.
 
     Raises `InputError` if a kind has fewer than three items, or there is no kind;
     `MissingExtraError` if scikit-learn is not installed.
 
     >>> rng = np.random.default_rng(1)
-    >>> taught = [("egg", [rng.normal((3.8, 2.5), 0.05)]) for _ in range(15)]
-    >>> taught += [("grape", [rng.normal((2.9, 0.0), 0.05)]) for _ in range(15)]
-    >>> known = Identifier(taught)
+    >>> training = [("egg", [rng.normal((3.8, 2.5), 0.05)]) for _ in range(15)]
+    >>> training += [("grape", [rng.normal((2.9, 0.0), 0.05)]) for _ in range(15)]
+    >>> known = Identifier(training)
     >>> known.identify([np.array([3.8, 2.5])]).kind, known.identify([np.array([4.6, 0.0])]).kind
     ('egg', 'unknown')
     """
 
     def __init__(
         self,
-        taught: Sequence[tuple[str, Sequence[FloatArray]]],
+        training: Sequence[tuple[str, Sequence[FloatArray]]],
         *,
         methods: Sequence[str] = METHODS,
     ) -> None:
-        known = [(kind, np.mean(touches, axis=0)) for kind, touches in taught if len(touches)]
+        known = [(kind, np.mean(touches, axis=0)) for kind, touches in training if len(touches)]
         self.learner = LabelLearner(methods=methods).fit(
             [point for _, point in known], [kind for kind, _ in known]
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from palpate.arrays import FloatArray
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.identifier import Identifier, Identity, touch_of
+from palpate.produce.identify.identifier import Identifier, Identity, grasp_features
 from palpate.produce.learning import FEWEST_ITEMS, UNKNOWN
 from palpate.produce.records import About, Grasp, Source, Verdict
 
@@ -30,24 +30,24 @@ def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
     Raises `InputError` if no kind has enough labelled items; `MissingExtraError` if scikit-learn is
     not installed.
     """
-    taught: dict[str, list[tuple[str, Sequence[FloatArray]]]] = defaultdict(list)
+    training: dict[str, list[tuple[str, Sequence[FloatArray]]]] = defaultdict(list)
     stated = {
         verdict.item_id: verdict.text
         for verdict in store.verdicts(About.IDENTITY, source=Source.PERSON)
     }
     for item in store.items(limit=_MOST_ITEMS):
         kind = stated.get(item.item_id, item.kind)
-        if kind is None or item.item_id == without or len(taught[kind]) >= _MOST_OF_A_KIND:
+        if kind is None or item.item_id == without or len(training[kind]) >= _MOST_OF_A_KIND:
             continue
-        if touches := touches_of(store.grasps_of(item.item_id)):
-            taught[kind].append((kind, touches))
-    enough = [kind for kind in taught.values() if len(kind) >= FEWEST_ITEMS]
+        if touches := item_features(store.grasps_of(item.item_id)):
+            training[kind].append((kind, touches))
+    enough = [kind for kind in training.values() if len(kind) >= FEWEST_ITEMS]
     return Identifier([one for kind in enough for one in kind])
 
 
-def touches_of(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
+def item_features(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
     """Return the points of grasps that held the item and measured size and stiffness."""
-    found = (touch_of(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
+    found = (grasp_features(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
     return tuple(touch for touch in found if touch is not None)
 
 

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from palpate.arrays import FloatArray
 from palpate.produce.qualify.readings import FEWEST_ITEMS, PairedReadings
-from palpate.produce.qualify.scatter import Scatter, deming_lines, scatter_of
+from palpate.produce.qualify.scatter import Scatter, deming_lines, estimate_scatter
 
 #: Draws of the bootstrap over items, and its seed.
 _DRAWS, _SEED = 1000, 0
@@ -98,7 +98,7 @@ FIGURES = {
 }
 
 
-def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
+def measure_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
     """Return the agreement of grasps with the reference, and the ceiling of any instrument.
 
     Parameters
@@ -122,7 +122,7 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
     ...     reference=firmness + random.normal(0, 3, 120),
     ...     grasp=0.5 * firmness + random.normal(0, 1, 120),
     ... )
-    >>> found = agreement_of(readings, Demand(tolerance=5.0))
+    >>> found = measure_agreement(readings, Demand(tolerance=5.0))
     >>> round(found.figures["r_squared_ceiling"].value, 1), round(found.slope)
     (0.8, 2)
     """
@@ -146,9 +146,9 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
 
 
 def measure(readings: PairedReadings, demand: Demand) -> Agreement:
-    """Return the figures of the agreement without intervals; arguments as `agreement_of`."""
-    reference = scatter_of(readings.reference, readings.item)
-    raw = scatter_of(readings.grasp, readings.item)
+    """Return the figures of the agreement without intervals; arguments as `measure_agreement`."""
+    reference = estimate_scatter(readings.reference, readings.item)
+    raw = estimate_scatter(readings.grasp, readings.item)
     paired = readings.has_both
     grasp, read = readings.grasp[paired], readings.reference[paired]
     # Number of each pair's item among those with both readings.
@@ -165,7 +165,7 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
         "r_squared": _r_squared(grasp, read),
         "r_squared_ceiling": reference.repeatability,
         "share_within": _fraction(np.abs(difference) <= demand.tolerance),
-        "share_within_ceiling": reference.share_within(demand.tolerance),
+        "share_within_ceiling": reference.fraction_within(demand.tolerance),
         "share_within_reference": _fraction(np.abs(first - second) <= demand.tolerance),
     }
     if demand.limits:
@@ -187,7 +187,7 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
     )
 
 
-def confusion_of(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int64]:
+def count_grades(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int64]:
     """Return pairs by the grade of the reference (rows) and of the grasp (columns)."""
     table = np.zeros((len(limits) + 1, len(limits) + 1), dtype=np.int64)
     np.add.at(table, (np.digitize(found.read, limits), np.digitize(found.converted, limits)), 1)
@@ -247,7 +247,9 @@ class Effort:
     items_to_test: int
 
 
-def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float) -> Effort:
+def estimate_effort(
+    found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float
+) -> Effort:
     """Return the number of readings, grasps and items that a demand needs.
 
     Parameters
@@ -275,7 +277,8 @@ def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: f
     ...     grasp=firmness + random.normal(0, 1, 120),
     ... )
     >>> demand = Demand(tolerance=3.0)
-    >>> effort = effort_of(agreement_of(readings, demand), demand, grasp_s=15, handling_s=5)
+    >>> agreement = measure_agreement(readings, demand)
+    >>> effort = estimate_effort(agreement, demand, grasp_s=15, handling_s=5)
     >>> effort.reference_readings, effort.grasps, effort.items_per_hour
     (3, 1, 180.0)
     """

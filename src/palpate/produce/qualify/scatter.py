@@ -35,14 +35,14 @@ class Scatter:
         total = self.between**2 + self.within**2
         return self.between**2 / total if total > 0 else math.nan
 
-    def share_within(self, tolerance: float) -> float:
+    def fraction_within(self, tolerance: float) -> float:
         """Return the fraction of single readings within `tolerance` of the item's mean."""
         if not self.within > 0:
             return math.nan
         return float(2.0 * norm.cdf(tolerance / self.within) - 1.0)
 
 
-def scatter_of(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
+def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
     """Return the scatter of readings; NaN ones are left out.
 
     Parameters
@@ -61,7 +61,7 @@ def scatter_of(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
     >>> random = np.random.default_rng(1)
     >>> item = np.repeat(np.arange(400), 2)
     >>> values = random.normal(0, 2.0, 400)[item] + random.normal(0, 1.0, 800)
-    >>> scatter = scatter_of(values, item)
+    >>> scatter = estimate_scatter(values, item)
     >>> round(scatter.between, 1), round(scatter.within, 1)
     (1.8, 1.0)
     """

@@ -20,7 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.produce.ripeness.firmness import DayFelt, pool_variance
+from palpate.produce.ripeness.firmness import DayFirmness, pool_variance
 
 #: Minimum number of items, and of days per item, for learning a course.
 FEWEST_COURSES, FEWEST_DAYS = 4, 3
@@ -59,7 +59,7 @@ class Course:
     grasp_sd: float
 
     @classmethod
-    def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
+    def learn(cls, items: Sequence[Sequence[DayFirmness]]) -> Course:
         """Learn from items grasped on several days (maximum of the marginal likelihood).
 
         Raises `InputError` if there are too few items, or no item softened.
@@ -91,7 +91,7 @@ class Course:
 
         def loss(offset: FloatArray) -> float:
             course = course_at(offset)
-            evidence = sum(course.courses_of(item).log_evidence for item in useful)
+            evidence = sum(course.weigh_courses(item).log_evidence for item in useful)
             return float(0.5 * offset @ offset - evidence)
 
         best = minimize(loss, np.zeros(7), method="L-BFGS-B", options={"maxiter": 60, "eps": 1e-4})
@@ -103,7 +103,7 @@ class Course:
             )
         return found
 
-    def courses_of(self, days: Sequence[DayFelt]) -> Courses:
+    def weigh_courses(self, days: Sequence[DayFirmness]) -> Courses:
         """Return an item's possible courses, weighted by agreement with its daily measurements."""
         steps = np.meshgrid(_HALFWAY, _PACE, _START, indexing="ij")
         by_halfway, by_pace, by_start = (one.ravel() for one in steps)
@@ -127,7 +127,7 @@ class Course:
             log_evidence=log_evidence,
         )
 
-    def mean_sd(self, day: DayFelt) -> float:
+    def mean_sd(self, day: DayFirmness) -> float:
         """Return the standard deviation of a day's mean from the scatter of its grasps."""
         freedom = day.grasps - 1
         own = freedom * day.spread**2 if freedom else 0.0

@@ -30,7 +30,7 @@ DAY_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DayFelt:
+class DayFirmness:
     """Firmness of one item on one day."""
 
     #: Days since the item's first grasp, with a fractional part.
@@ -102,14 +102,14 @@ def minus_log_sharing(percent: ArrayLike) -> float | None:
     return -math.log(float(excess.sum() ** 2 / (excess**2).sum()))
 
 
-def by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
+def group_by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFirmness, ...]:
     """Group firmness readings by day (24 h from the first grasp), oldest first.
 
     The mean is taken over softness, because the firmness of hard items has large outliers.
 
     >>> from datetime import UTC, datetime
     >>> first, later = datetime(2026, 5, 1, 8, tzinfo=UTC), datetime(2026, 5, 2, 10, tzinfo=UTC)
-    >>> days = by_day([(later, 1.0), (first, 2.0), (first, 3.0)])
+    >>> days = group_by_day([(later, 1.0), (first, 2.0), (first, 3.0)])
     >>> [(round(day.day, 3), round(day.firmness, 3)) for day in days]
     [(0.0, 2.38), (1.083, 1.0)]
     """
@@ -125,7 +125,7 @@ def by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
         chosen = np.flatnonzero(number == one)
         values = [ordered[index][1] for index in chosen]
         days.append(
-            DayFelt(
+            DayFirmness(
                 day=float(np.mean([since[index] for index in chosen])),
                 firmness=-float(np.log(np.mean(np.exp(-np.array(values))))),
                 grasps=len(values),
@@ -135,10 +135,10 @@ def by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
     return tuple(days)
 
 
-def pool_variance(days: Sequence[DayFelt]) -> float:
+def pool_variance(days: Sequence[DayFirmness]) -> float:
     """Return the pooled variance between grasps of one day; 0 if no day had two grasps.
 
-    >>> pool_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
+    >>> pool_variance([DayFirmness(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
     0.25
     """
     repeated = [day for day in days if day.grasps > 1]

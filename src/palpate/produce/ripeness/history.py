@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
-from palpate.produce.ripeness.firmness import DAY_S, DayFelt, by_day, firmness_of
+from palpate.produce.ripeness.firmness import DAY_S, DayFirmness, firmness_of, group_by_day
 from palpate.produce.ripeness.rule import Ripeness, RipenessRule, judge_by_first_day
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class FirmnessHistory:
     #: Firmness from each grasp.
     firmness: tuple[float, ...]
     #: Firmness on each day.
-    days: tuple[DayFelt, ...]
+    days: tuple[DayFirmness, ...]
 
     def day_of(self, when: datetime) -> float:
         """Return the days from the first grasp to a time."""
@@ -48,7 +48,7 @@ class FirmnessHistory:
         return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - wanted))
 
 
-def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
+def last_drive(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
     """Return the kind of gripper that grasped an item last.
 
     Raises `InputError` if the item was never grasped.
@@ -58,7 +58,7 @@ def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
     return grasps[-1].drive
 
 
-def history_of(grasps: Sequence[Grasp], *, item_id: str, drive: Drive) -> FirmnessHistory:
+def firmness_history(grasps: Sequence[Grasp], *, item_id: str, drive: Drive) -> FirmnessHistory:
     """Return the firmness history of an item with one kind of gripper."""
     measured = [
         (grasp, firmness)
@@ -70,7 +70,7 @@ def history_of(grasps: Sequence[Grasp], *, item_id: str, drive: Drive) -> Firmne
         drive=drive,
         grasps=tuple(grasp for grasp, _ in measured),
         firmness=tuple(firmness for _, firmness in measured),
-        days=by_day((grasp.taken_at, firmness) for grasp, firmness in measured),
+        days=group_by_day((grasp.taken_at, firmness) for grasp, firmness in measured),
     )
 
 
@@ -111,7 +111,7 @@ def read_labelled_histories(
     for verdict in verdicts:
         by_item.setdefault(verdict.item_id, []).append(verdict)
     for item_id, given in by_item.items():
-        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive)
+        history = firmness_history(store.grasps_of(item_id), item_id=item_id, drive=drive)
         if not history.days:
             continue
         labels: list[str | None] = [None] * len(history.days)
@@ -143,7 +143,7 @@ def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe:
     return judge_by_first_day(history.days)
 
 
-def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
+def make_ripeness_verdict(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
     """Return the stored verdict of a judgement; equal judgements have the same verdict ID."""
     last, days = history.grasps[-1], ripeness.days_to_ripe
     details: dict[str, object] = {

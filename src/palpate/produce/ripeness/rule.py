@@ -13,11 +13,11 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.learning import LabelLearner
 from palpate.produce.ripeness.course import Course
-from palpate.produce.ripeness.firmness import DayFelt
-from palpate.produce.ripeness.stages import RIPE, STAGES, own_probabilities
+from palpate.produce.ripeness.firmness import DayFirmness
+from palpate.produce.ripeness.stages import RIPE, STAGES, first_day_probabilities
 
 #: A stage with a lower probability is reported as uncertain.
-SURE = 0.9
+CONFIDENT_PROBABILITY = 0.9
 #: Nominal coverage of the interval of the days to ripe.
 LEVEL = 0.9
 #: Factor that widens the interval of the weighted courses. It accounts for the uncertainty of the
@@ -72,9 +72,9 @@ class Ripeness:
     basis: str
 
     @property
-    def unsure(self) -> bool:
+    def is_uncertain(self) -> bool:
         """Whether the stage is uncertain, so that another grasp on the same day helps."""
-        return max(self.probabilities.values()) < SURE
+        return max(self.probabilities.values()) < CONFIDENT_PROBABILITY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ class RipenessRule:
     @classmethod
     def learn(
         cls,
-        items: Sequence[Sequence[DayFelt]],
+        items: Sequence[Sequence[DayFirmness]],
         *,
         labels: Sequence[Sequence[str | None]],
         stages: Sequence[str],
@@ -147,9 +147,9 @@ class RipenessRule:
         is_softer = self.probabilities(firmness)[:, self.stages.index(stage) :].sum(axis=1)
         return float(firmness[int(np.argmax(is_softer >= 0.5))])
 
-    def judge(self, days: Sequence[DayFelt], *, ripe: str = RIPE) -> Ripeness:
+    def judge(self, days: Sequence[DayFirmness], *, ripe: str = RIPE) -> Ripeness:
         """Judge an item on its last day, using all its days."""
-        courses, last = self.course.courses_of(days), days[-1]
+        courses, last = self.course.weigh_courses(days), days[-1]
         chance = _NODE_WEIGHTS @ self.probabilities(
             last.firmness + self.course.mean_sd(last) * _NODES
         )
@@ -187,20 +187,21 @@ def learn_stages(
             f"no item was ever labelled {missing[0]!r}; label at least one item of each stage "
             f"({', '.join(stages)})"
         )
-    learner = LabelLearner(strangers=False, methods=["discriminant"])
+    learner = LabelLearner(allow_unknown=False, methods=["discriminant"])
     return learner.fit(np.reshape(firmness, (-1, 1)), labels, items=items)
 
 
-def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
-    """Judge an item by its softening since its first day, when it is assumed to be hard.
+def judge_by_first_day(days: Sequence[DayFirmness]) -> Ripeness:
+    """Judge an item by its softening since its first day.
 
-    Only for fingers driven by width. Days to ripe are not available without a course.
+    The item is assumed to be hard on that day. Only for fingers driven by width. Days to ripe are
+    not available without a course.
 
-    >>> felt = [DayFelt(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
+    >>> felt = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     >>> judge_by_first_day(felt).stage
     'hard'
     """
-    chance = own_probabilities(days[-1].firmness, first_firmness=days[0].firmness)
+    chance = first_day_probabilities(days[-1].firmness, first_firmness=days[0].firmness)
     return Ripeness(
         stage=STAGES[int(np.argmax(chance))],
         probabilities=dict(zip(STAGES, chance.tolist(), strict=True)),

@@ -25,7 +25,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
-from palpate.produce.felt_pixels import MEAN_S, answer_time_s, percent_until
+from palpate.produce.answer_pixels import MEAN_S, answer_time_s, mean_percent_before
 from palpate.produce.records import MEASURED
 from palpate.produce.ripeness.closing import CONTACT_WIDTH
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
@@ -64,7 +64,7 @@ def fraction_of_pixels(
     width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")
     if until_s is None or width is None or force is None or min(width.middle, force.middle) <= 0:
         return {}
-    held = percent_until(until_s, observations=observations, layout=layout)
+    held = mean_percent_before(until_s, observations=observations, layout=layout)
     sharing = minus_log_sharing(held)
     if sharing is None:
         return {}
@@ -102,7 +102,7 @@ def _sharing_exponent(
     if not light.size:
         return 0.0
     at_s = closing[int(light[-1])].frame.time_s
-    earlier = percent_until(at_s, observations=closing, layout=layout)
+    earlier = mean_percent_before(at_s, observations=closing, layout=layout)
     before, after = minus_log_sharing(earlier), minus_log_sharing(held)
     light_load, load = float(_total_load(earlier)), float(_total_load(held))
     if before is None or after is None or not 0.0 < light_load < load:

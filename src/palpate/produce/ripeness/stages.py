@@ -15,19 +15,19 @@ STAGES, RIPE = ("hard", "conditioned", "ripe", "overripe"), "ripe"
 #: 5 N on overripe ones. The force between fingers is proportional to about the 0.7th power of the
 #: penetrometer force, and the stiffness at a fixed force to the 2/3rd power of the force between
 #: fingers (Hertz).
-OWN_SHARES = (0.65, 0.33, 0.18)
+FIRST_DAY_FRACTIONS = (0.65, 0.33, 0.18)
 #: Scale of the transition between two stages, ln stiffness: a guess.
 _SOFTNESS = 0.1
 
 
-def own_probabilities(firmness: float, *, first_firmness: float) -> FloatArray:
+def first_day_probabilities(firmness: float, *, first_firmness: float) -> FloatArray:
     """Return the probability of each of `STAGES` relative to the first day, shape (4,).
 
     `firmness`, `first_firmness`: ln of the stiffness in N/mm now and on the first day.
 
-    >>> own_probabilities(0.0, first_firmness=0.0).round(2).tolist()
+    >>> first_day_probabilities(0.0, first_firmness=0.0).round(2).tolist()
     [0.99, 0.01, 0.0, 0.0]
     """
-    limits = first_firmness + np.log(OWN_SHARES)
+    limits = first_firmness + np.log(FIRST_DAY_FRACTIONS)
     at_least = np.concatenate([[1.0], expit((limits - firmness) / _SOFTNESS), [0.0]])
     return np.asarray(-np.diff(at_least))

@@ -170,7 +170,7 @@ CONDITIONS: Mapping[str, Callable[[str, Any], Condition]] = {
     "bruised": _read_truth,
 }
 #: Conditions that only an earlier verdict answers, and what they ask in words.
-ASKS = {"ripeness": "how ripe it is", "bruised": "whether it is bruised"}
+VERDICT_CONDITIONS = {"ripeness": "how ripe it is", "bruised": "whether it is bruised"}
 
 
 def percent(share: float) -> str:

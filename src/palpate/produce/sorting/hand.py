@@ -22,7 +22,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper
-from palpate.produce.grasp_record import answers_of
+from palpate.produce.grasp_record import list_answers
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
@@ -81,7 +81,7 @@ class SortingHand:
             drive=self.plan.gripper.drive,
             origin=self.origin,
             outcome=result.outcome,
-            measurements=answers_of(result),
+            measurements=list_answers(result),
             decision_time_s=result.decision_time_s,
             peak_force_n=result.peak_force_n,
             calibration_id=self.calibration_id,

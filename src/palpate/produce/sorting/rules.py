@@ -9,7 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.produce.sorting.conditions import ASKS, CONDITIONS, Condition, Evidence, percent
+from palpate.produce.sorting.conditions import (
+    CONDITIONS,
+    VERDICT_CONDITIONS,
+    Condition,
+    Evidence,
+    percent,
+)
 
 #: Defaults of a rules file: minimum probability of a rule, and maximum number of grasps.
 CONFIDENCE, MOST_GRASPS = 0.8, 3
@@ -52,8 +58,10 @@ class Rule:
 
     def describe_missing(self, evidence: Evidence) -> str:
         """Return a description of the conditions that need a missing verdict."""
-        asked = (one for one in self.conditions if one.key in ASKS)
-        return next((ASKS[one.key] for one in asked if one.probability(evidence) is None), "")
+        asked = (one for one in self.conditions if one.key in VERDICT_CONDITIONS)
+        return next(
+            (VERDICT_CONDITIONS[one.key] for one in asked if one.probability(evidence) is None), ""
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +96,7 @@ class BinDecision:
     #: Probability that all conditions of the rule hold; None for the default bin.
     probability: float | None
     #: Whether another grasp may change the decision; the bin is then provisional.
-    again: bool
+    needs_regrasp: bool
     #: The reason, for people.
     why: str
 
@@ -110,7 +118,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     >>> decide(book, Evidence(size_mm=size, grasps=1)).why
     'small: 44.0 mm (43.5 to 44.5) within 0 to 45; rule in line 2 met with 100 %; 1 grasp'
     >>> size = Measurement(value=45.0, low=44.0, high=46.0, unit="mm")
-    >>> decide(book, Evidence(size_mm=size, grasps=1)).again
+    >>> decide(book, Evidence(size_mm=size, grasps=1)).needs_regrasp
     True
     """
     is_open, sure, probability = False, None, None
@@ -120,7 +128,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
             sure, probability = rule, low
             break
         # A grasp measures some of what is asked. A verdict that was never given stays unknown.
-        by_touch = any(condition.key not in ASKS for condition in rule.conditions)
+        by_touch = any(condition.key not in VERDICT_CONDITIONS for condition in rule.conditions)
         is_open |= high > 1.0 - rule.confidence and by_touch and not rule.describe_missing(evidence)
     rejected = evidence.identity is not None and evidence.identity.rejected
     is_open |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
@@ -137,7 +145,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
         bin=found,
         rule=sure,
         probability=probability,
-        again=evidence.grasps < book.most_grasps and is_open,
+        needs_regrasp=evidence.grasps < book.most_grasps and is_open,
         why=f"{why}; {evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}",
     )
 

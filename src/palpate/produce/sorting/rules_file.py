@@ -66,17 +66,17 @@ def read_rules(path: str | Path) -> RuleBook:
     return RuleBook(rules=rules, default_bin=default, most_grasps=most)
 
 
-def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) -> None:
+def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Path) -> None:
     """Refuse a rule for a kind without labels: it would never apply.
 
     Raises `InputError`: with the rule's line, and the kinds that are known.
     """
     for rule in book.rules:
         kinds = (one for one in rule.conditions if isinstance(one, OneOf) and one.key == "class")
-        for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *taught}):
+        for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *known_kinds}):
             raise InputError(
                 f"rules file {path} line {rule.line}: class {kind!r} has fewer than "
-                f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(taught))} and "
+                f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(known_kinds))} and "
                 f"{UNKNOWN}"
             )
 

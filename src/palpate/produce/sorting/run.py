@@ -9,7 +9,7 @@ from datetime import datetime
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, combine, label_identity
-from palpate.produce.identify.kinds import touches_of
+from palpate.produce.identify.kinds import item_features
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.hand import TimedGrasp
@@ -54,9 +54,9 @@ def sort_item(
     done: list[TimedGrasp] = []
     while True:
         grasps = [one.grasp for one in done]
-        evidence = evidence_of(grasps, identifier=identifier, kind=kind, verdicts=verdicts)
+        evidence = combine_evidence(grasps, identifier=identifier, kind=kind, verdicts=verdicts)
         decision = decide(book, evidence)
-        if not decision.again:
+        if not decision.needs_regrasp:
             return Sorted(
                 item_id=item_id,
                 decision=decision,
@@ -68,7 +68,7 @@ def sort_item(
         done.append(grasp(len(done), evidence.size_mm))
 
 
-def evidence_of(
+def combine_evidence(
     grasps: Sequence[Grasp],
     *,
     identifier: Identifier | None,
@@ -77,7 +77,7 @@ def evidence_of(
 ) -> Evidence:
     """Combine the evidence of grasps and verdicts on an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
-    touches = touches_of(held)
+    touches = item_features(held)
     identity = None if kind is None else label_identity(kind)
     if identity is None and identifier is not None and touches:
         identity = identifier.identify(touches)

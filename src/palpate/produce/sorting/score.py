@@ -81,17 +81,17 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     )
 
 
-def true_bin(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
+def find_true_bin(book: RuleBook, *, kind: str, is_trained: bool, size_mm: float) -> str:
     """Return the bin of a fully known item, without ripeness and bruises.
 
     >>> from palpate.produce.sorting.conditions import OneOf
     >>> from palpate.produce.sorting.rules import Rule
     >>> eggs = Rule(bin="a", conditions=(OneOf("class", frozenset({"egg"})),))
     >>> book = RuleBook(rules=(eggs,), default_bin="rest")
-    >>> true_bin(book, kind="egg", taught=True, size_mm=44.0)
+    >>> find_true_bin(book, kind="egg", is_trained=True, size_mm=44.0)
     'a'
     """
-    identity = label_identity(kind if taught else UNKNOWN)
+    identity = label_identity(kind if is_trained else UNKNOWN)
     size = Measurement(value=size_mm, low=size_mm, high=size_mm, unit="mm")
     known = Evidence(identity=identity, size_mm=size, grasps=book.most_grasps)
     return decide(book, known).bin

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import require_extra
-from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.firmness import DayFirmness
 
 #: Learner -> description.
 STAGE_LEARNERS = {
@@ -21,7 +21,7 @@ STAGE_LEARNERS = {
 }
 
 
-def list_day_inputs(days: Sequence[DayFelt]) -> list[float]:
+def list_day_inputs(days: Sequence[DayFirmness]) -> list[float]:
     """Return the inputs of a learner from the days so far.
 
     The inputs are firmness and scatter of the last day, firmness of the first and of the previous
@@ -31,7 +31,7 @@ def list_day_inputs(days: Sequence[DayFelt]) -> list[float]:
 
     Examples
     --------
-    >>> felt = [DayFelt(day=float(d), firmness=2.0 - d, grasps=3, spread=0.1) for d in range(3)]
+    >>> felt = [DayFirmness(day=float(d), firmness=2.0 - d, grasps=3, spread=0.1) for d in range(3)]
     >>> list_day_inputs(felt)
     [0.0, 0.1, 2.0, 1.0, 2.0, -1.0, -1.0, 1.0, 3.0]
     """

@@ -24,20 +24,20 @@ def answer_time_s(result: GraspResult) -> float | None:
     return times_s[-1] if times_s else None
 
 
-def pixels_of_grasp(
+def answer_pixel_percent(
     observations: Sequence[Observation], *, result: GraspResult, layout: ArrayLayout
 ) -> PixelPercent | None:
     """Return each pixel's relative change at the answer; None without an answer."""
     until_s = answer_time_s(result)
     if until_s is None or not observations:
         return None
-    percent = percent_until(until_s, observations=observations, layout=layout)
+    percent = mean_percent_before(until_s, observations=observations, layout=layout)
     return tuple(
         tuple(float(one) if np.isfinite(one) else None for one in row) for row in percent.tolist()
     )
 
 
-def percent_until(
+def mean_percent_before(
     until_s: float, *, observations: Sequence[Observation], layout: ArrayLayout
 ) -> FloatArray:
     """Return each pixel's relative change over the last moments before a time, (rows, cols)."""
