@@ -83,7 +83,7 @@ def test_other_sheet_has_fixed_hysteresis_and_constant_creep_rate() -> None:
     state = SheetState.at_rest(8, creep=creep)
     ohm = [sheet.rest_ohm.mean()]
     for _ in range(400):
-        state = state.after(
+        state = state.advance(
             0.1, np.full(8, 2.0), travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep
         )
         ohm.append(state.resistance_ohm(sheet, creep=creep).mean())

@@ -167,7 +167,7 @@ def test_api_client_must_take_over_from_a_driver_on_the_page(
         (b'{"target_force_n": NaN}', "body.target_force_n: Input should be "),
         ({"force": 2}, "body.force: Extra inputs are not permitted"),
         ({"item_id": "\n"}, "item"),
-        ({"kind": "kiwi"}, "kind kiwi: unknown without a damage model"),
+        ({"kind": "kiwi"}, "kind kiwi requires a damage model"),
         (b"{", "body.1: JSON decode error"),
     ],
 )

@@ -85,5 +85,5 @@ def test_the_fixed_jaw_stays_and_the_other_pushes_the_object_to_it() -> None:
 
 
 def test_an_unknown_hand_is_refused() -> None:
-    with pytest.raises(InputError, match=r"no hand 'claw' in MuJoCo; there are: widowx, so101"):
+    with pytest.raises(InputError, match=r"no hand 'claw' in MuJoCo; available: widowx, so101"):
         find_hand("claw")

@@ -63,7 +63,7 @@ def test_what_presses_elsewhere_is_not_felt() -> None:
 
 
 def test_a_pad_that_is_not_there_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match=r"no geom 'palm'; there are: table, pad"):
+    with pytest.raises(InputError, match=r"no geom 'palm'; available: table, pad"):
         lying(replace(UP, geom="palm"))
 
 

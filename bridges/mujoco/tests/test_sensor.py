@@ -38,7 +38,7 @@ def test_a_steady_load_reads_what_the_twins_sheet_does_under_it() -> None:
     sensor.step_to(sensor.data.time + 19.0)
     state = SheetState.at_rest(PALM.pixels, creep=chance.creep)
     for step_s in (1e-3, 20.0):
-        state = state.after(
+        state = state.advance(
             step_s,
             load_n,
             travel_mm=0.0,

@@ -52,12 +52,12 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
     number = count(1)
     with open_board_bench(Path(rig)) as (bench, cell):
 
-        def ask_and_tare(what: str) -> None:
-            ask_user(f"{what}, then Enter")
+        def ask_and_tare(instruction: str) -> None:
+            ask_user(f"{instruction}, then Enter")
             cell.tare()
 
-        def ask_to_place(what: str) -> None:
-            ask_and_tare(f"{what} between the open fingers, touching neither")
+        def ask_to_place(item: str) -> None:
+            ask_and_tare(f"{item} between the open fingers, touching neither")
 
         yield GuidedBench(
             bench=bench,
@@ -99,6 +99,7 @@ def load_earlier_calibration(
         )
     if earlier.origin != origin:
         raise CalibrationError(
-            f"{path} has origin {earlier.origin}, but this sensor is {origin}; give another --out"
+            f"{path} has origin {earlier.origin}, but this sensor has origin {origin}; "
+            "give another --out"
         )
     return earlier

@@ -192,7 +192,7 @@ async def _start(
     port: int,
     text: str,
 ) -> Line:
-    """Start a station and print its address, with `text` as the format of host and port."""
+    """Start a station and print its host and port in the format `text`."""
     station = station_of(machine)
     at = await station.start(host, port)
     print_message(f"palpate serve: {text.format(host, at)}")

@@ -102,7 +102,7 @@ def settle(
         opt("--unit UNIT", "ohm, percent, counts or volt. [default: from column names]"),
     ] = None,
     adc_bits: Annotated[
-        int | None, opt("--adc-bits N", "Resolution of the converter, to convert counts to ohm.")
+        int | None, opt("--adc-bits N", "Resolution of the converter, to convert counts to ohms.")
     ] = None,
     reference_ohm: Annotated[
         float | None, opt("--reference-ohm OHM", "The divider's fixed resistor.")

@@ -241,7 +241,7 @@ def make_divider(
         return None
     if adc_bits is None or reference_ohm is None or leg is None:
         raise InputError(
-            "--adc-bits, --reference-ohm and --sensor-leg convert counts to ohm; give all three"
+            "--adc-bits, --reference-ohm and --sensor-leg convert counts to ohms; give all three"
         )
     if not 1 <= adc_bits <= 32 or not 0 < reference_ohm < float("inf"):
         raise InputError(
@@ -275,7 +275,7 @@ def parse_rest(text: str | None, *, mean: bool, unit: str | None) -> tuple[float
             raise InputError("--mean requires --rest START:END, an interval without load")
         return None
     if unit in ("percent", "volt"):
-        raise InputError(f"--rest converts ohm to relative changes, but --unit is {unit}")
+        raise InputError(f"--rest converts ohms to relative changes, but --unit is {unit}")
     try:
         begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
     except ValueError:

@@ -30,14 +30,14 @@ class SortReport:
     _rows: list[dict[str, Any]] = field(default_factory=list)
     _placed: list[Placed] = field(default_factory=list)
 
-    def add(self, done: Sorted, *, belongs: str | None) -> None:
+    def add(self, done: Sorted, *, true_bin: str | None) -> None:
         """Add one decision.
 
-        `belongs`: the item's true bin in a simulation; None if unknown.
+        `true_bin`: the item's true bin in a simulation; None if unknown.
         """
         placed = Placed(
             bin=done.decision.bin,
-            belongs=belongs,
+            true_bin=true_bin,
             grasps=len(done.grasps),
             grasping_s=done.grasping_s,
         )
@@ -125,7 +125,7 @@ def _row(one: Sorted, placed: Placed) -> dict[str, Any]:
     return {
         "item_id": one.item_id,
         "bin": one.decision.bin,
-        "belongs": placed.belongs,
+        "belongs": placed.true_bin,
         "rule_line": None if one.decision.rule is None else one.decision.rule.line,
         "probability": one.decision.probability,
         "why": one.decision.why,

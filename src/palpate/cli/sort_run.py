@@ -50,7 +50,7 @@ def sort_from_store(
         found = [(item, grasps) for item, grasps in found if grasps]
         if not found:
             which = "the store" if batch is None else f"batch {batch!r}"
-            raise InputError(f"{which} contains no grasped items; grasp some, or give a --rig")
+            raise InputError(f"{which} contains no grasped items; grasp some, or give --rig")
         labelled = {item.kind for item, _ in found if item.kind is not None}
         guess = any(item.kind is None for item, _ in found)
         identifier = _learn_kinds(stored, report.book, rules=rules, labelled=labelled, guess=guess)
@@ -67,7 +67,7 @@ def sort_from_store(
                 grasps=tuple(grasps),
                 grasping_s=0.0,
             )
-            report.add(done, belongs=None)
+            report.add(done, true_bin=None)
 
 
 def sort_with_rig(
@@ -107,7 +107,7 @@ def sort_with_rig(
                 if done.identity is not None and done.identity.grasps:
                     stored.add_verdict(identity_verdict(name, done.identity, given_at=now))
                 stored.add_verdict(bin_verdict(done, given_at=now))
-            report.add(done, belongs=supply.choose_true_bin(name, book=report.book))
+            report.add(done, true_bin=supply.choose_true_bin(name, book=report.book))
         if stored is not None and (waiting := stored.send_or_explain()):
             print_message(f"palpate: {waiting}")
 

@@ -158,7 +158,7 @@ class AccessControl:
                 401, "token missing: send the header Authorization: Bearer TOKEN"
             )
         client = _client_address(scope)
-        if scope["path"] in STOP_PATHS and self._wrong_tokens.has_too_many(client):
+        if scope["path"] in STOP_PATHS and self._wrong_tokens.is_throttled(client):
             # A stop must not wait, so it is accepted without a check. Checking the token here
             # would confirm or refute guesses.
             return None
@@ -168,7 +168,7 @@ class AccessControl:
         return None if found else _error_response(403, "wrong token")
 
     async def _check_token(self, sent: str, token: str, client: str) -> bool | None:
-        """Check a token, delayed for a throttled client; None if the delay is too long."""
+        """Return whether a token is correct; None if a throttled client would wait too long."""
         wait_s = self._wrong_tokens.reserve_slot(client)
         if wait_s > _MAX_WAIT_S:
             return None
@@ -215,13 +215,13 @@ class WrongTokens:
         #: Time of the next token check of each throttled client address.
         self._next_checks_s: dict[str, float] = {}
 
-    def has_too_many(self, client: str) -> bool:
-        """Return whether a client address sent too many wrong tokens."""
+    def is_throttled(self, client: str) -> bool:
+        """Return whether a client address is throttled after too many wrong tokens."""
         return len(self._times_s.get(self._count_key(client), ())) >= MAX_WRONG_TOKENS
 
     def reserve_slot(self, client: str) -> float:
         """Reserve the next slot for a token check; return the delay until then, seconds."""
-        if not self.has_too_many(client):
+        if not self.is_throttled(client):
             return 0.0
         now_s, name = self._now_s(), self._count_key(client)
         turn_s = max(self._next_checks_s.get(name, now_s), now_s)

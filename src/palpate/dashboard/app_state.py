@@ -219,7 +219,8 @@ class AppState:
             with self.session.stop_lock:
                 if stops is not None and stops < self.session.stops:
                     raise CommandRefusedError(
-                        "refused because of a newer stop: read the state, then order again"
+                        "refused because of a newer stop: read the state, then send the command "
+                        "again"
                     )
                 self._run_for_driver(driver, partial(self.session.order, driver, order))
             return order.recording.name
@@ -298,7 +299,7 @@ class AppState:
             item_id = Item(item_id=read_label(item_id)).item_id
         damage = self.settings.damage
         if kind and damage is None:
-            raise InputError(f"kind {kind}: unknown without a damage model; omit the kind")
+            raise InputError(f"kind {kind} requires a damage model; omit the kind")
         if kind and damage is not None:
             damage.check_kind(kind, where="the damage file")
         return GraspOrder(

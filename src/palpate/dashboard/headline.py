@@ -73,7 +73,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         return _headline(text, "busy")
     words = _verdict(progress.answer, session)
     words |= {"text": text, "kind": "warn" if words["on_target"] is False else "good"}
-    return _with_bin(words, progress.answer, devices) if progress.phase == "hold" else words
+    return _add_bin(words, progress.answer, devices) if progress.phase == "hold" else words
 
 
 def phase_text(phase: str) -> str:
@@ -149,12 +149,10 @@ def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
     elif _has_passed_limit(grasped.result, low_n):
         words["why"] = "the force exceeded the damage limit before the limit was known"
     words["kind"] = outcome_kind(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-    return _with_bin(words, grasped.result, session.devices)
+    return _add_bin(words, grasped.result, session.devices)
 
 
-def _with_bin(
-    headline: dict[str, Any], result: GraspResult, devices: DeviceState
-) -> dict[str, Any]:
+def _add_bin(headline: dict[str, Any], result: GraspResult, devices: DeviceState) -> dict[str, Any]:
     """Return the headline with the bin as its text; amber for the default bin."""
     placement = devices.placement
     if headline["kind"] == "bad" or "bin" not in placement:

@@ -224,9 +224,9 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     with record_grasp(order.recording, rig=rig, plan=plan, damage=order.damage) as recorder:
 
-        def confirm_when_opening(grasp_state: GraspState) -> None:
-            # A hand that vents or is already opening is stopped only when it is open.
+        def confirm_stop_on_opening(grasp_state: GraspState) -> None:
             """Confirm a stop as soon as the hand opens."""
+            # A hand that vents or is already opening is stopped only when it is open.
             if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
                 context.confirm_stop()
 
@@ -238,7 +238,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder, telemetry.observe],
-            watchers=[telemetry.set_grasp_state, confirm_when_opening, closing.add_state],
+            watchers=[telemetry.set_grasp_state, confirm_stop_on_opening, closing.add_state],
             requests=context.requests,
         )
         # Stopped before the recording is closed: a slow disk must not delay the confirmation.

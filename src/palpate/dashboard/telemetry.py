@@ -126,7 +126,7 @@ class Telemetry:
     def show_recorded(
         self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
     ) -> None:
-        """Send a recorded frame with its progress, without updating the frame counts."""
+        """Send a recorded frame and the grasp's progress, without updating the frame counts."""
         with self._lock:
             self._frames.append((frame, gripper))
             self._progress = progress

@@ -86,7 +86,7 @@ class BoundedConnection(HttpToolsProtocol):
 
 
 def connection_limit() -> int:
-    """Return the maximum number of connections: at most half of the file limit."""
+    """Return the maximum number of connections: at most half of the limit on open files."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MAX_CONNECTIONS if soft < 0 else min(MAX_CONNECTIONS, soft // 2)
 

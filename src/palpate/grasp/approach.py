@@ -62,7 +62,7 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.force_high_n >= plan.safety.force_ceiling_n:
         return abort_insensitive(state, plan)
     # The touch is too weak for a contact and no larger force is safe: measure at this force.
-    state.enter(Phase.SETTLE, note="contact")
+    state.enter(Phase.SETTLE, event="contact")
     return None
 
 
@@ -105,7 +105,7 @@ def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     # The end of the sweep may have recorded this contact already.
     since_s, moments = state.attempt.sweep_contact_s, state.result.moments
     known = since_s is not None and any(m.name == "contact" and m.time_s > since_s for m in moments)
-    state.enter(Phase.SQUEEZE, note=None if known else "contact")
+    state.enter(Phase.SQUEEZE, event=None if known else "contact")
     return None
 
 
@@ -253,7 +253,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     estimate.set_force(float(force.value), float(force.high))
     attempt.sweep_contact_s = estimate.moved_s
     if now.weaker_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
-        state.note("contact")
+        state.record_event("contact")
     state.enter(Activity.TOUCH)
     if plan.damage is None and estimate.force_n < plan.no_push_n:
         # A touch this light is the first step of the squeeze.
@@ -291,8 +291,8 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         left_n = float(plan.early_law.force_n(now.reading).value)
         if left_n > GUARDS.residual_fraction * estimate.force_n:
             state.add_fault(
-                "the sheet reads the same after the fingers withdrew as in contact; run `palpate "
-                "doctor`"
+                "the sheet still reads most of the contact force after the fingers retracted; run "
+                "`palpate doctor`"
             )
             return state.release(plan, Outcome.SENSOR_LOST)
     # Only falls in resistance are residual; rises are due to the movement, and fade.

@@ -78,7 +78,7 @@ class GraspController:
         if reaction(alarm.danger, phase=state.phase, drive=drive) is Reaction.OPEN:
             return state.release(self.plan, outcome)
         state.result = replace(state.result, outcome=outcome)
-        state.enter(Phase.DONE, note=outcome.value)
+        state.enter(Phase.DONE, event=outcome.value)
         return None
 
     def release(self) -> GripperCommand:
@@ -120,7 +120,7 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
         command = close_by(estimate, squeeze_step(estimate, plan, goal_n=goal), plan)
         if command is not None:
             return command
-    state.enter(Phase.SETTLE, note=reason)
+    state.enter(Phase.SETTLE, event=reason)
     return None
 
 

@@ -153,7 +153,7 @@ class CurrentMonitor:
             if self._unaveraged == 0:
                 self._empty_ma.append(mean_ma)
             return None
-        if mean_ma <= self._most_empty_ma:
+        if mean_ma <= self._empty_hand_limit_ma:
             self._rise_s = math.nan
             return None
         if math.isnan(self._rise_s):
@@ -164,7 +164,7 @@ class CurrentMonitor:
         return self._report_unexplained_rise(mean_ma)
 
     @property
-    def _most_empty_ma(self) -> float:
+    def _empty_hand_limit_ma(self) -> float:
         return CURRENT.sheet_ratio * max(*self._empty_ma, 0.0) + CURRENT.margin_ma
 
     def _report_unexplained_rise(self, mean_ma: float) -> Alarm:
@@ -208,4 +208,6 @@ class CurrentMonitor:
         if len(self._empty_ma) < CURRENT.readings:
             self._empty_ma.append(mean_ma)
             return None
-        return None if mean_ma <= self._most_empty_ma else self._report_unexplained_rise(mean_ma)
+        return (
+            None if mean_ma <= self._empty_hand_limit_ma else self._report_unexplained_rise(mean_ma)
+        )

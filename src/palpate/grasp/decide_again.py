@@ -114,6 +114,6 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
         stops.append(closure)
     answered = state.result.settled_percent is not None
     if state.phase is Phase.SETTLE and not answered:
-        state.add_fault(f"the hand never stood still for {paper.cutoff_s:g} s after contact")
+        state.add_fault(f"the hand was never stationary for {paper.cutoff_s:g} s after contact")
     outcome = Outcome.HELD if answered else Outcome.NOTHING_THERE
     return replace(state.final_result, outcome=outcome)

@@ -84,7 +84,7 @@ def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.now.relative_percent <= plan.epsilon_percent:
         estimate.contact_s = estimate.moved_s
         record_size(state, plan, before=before)
-        state.enter(Phase.SQUEEZE, note="contact")
+        state.enter(Phase.SQUEEZE, event="contact")
         return None
     if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return end_attempt(state, plan)
@@ -144,7 +144,7 @@ def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | Non
         settled_percent=settled,
         force_n=_force_from_line(settled, plan),
     )
-    state.enter(Phase.HOLD, note="answer")
+    state.enter(Phase.HOLD, event="answer")
     return None
 
 

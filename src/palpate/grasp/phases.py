@@ -1,4 +1,4 @@
-"""Phases of a grasp, in their order, and the activities within them."""
+"""Phases of a grasp, in order, and the activities within them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Rest values of a grasp, measured before each approach unless an object already presses.
+"""Rest values of a grasp, measured before each approach unless the sheet is already loaded.
 
 The sheet drifts with climate and wear, and heat or humidity can resemble a load. A load at the
-start must not be taken as rest. Closing distinguishes the two: a load rises within the next
+start must not be mistaken for rest. Closing distinguishes the two: a load rises within the next
 millimetres, and drift does not.
 """
 
@@ -22,7 +22,7 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
 
     If the frames are not at rest, newer frames are awaited. After the timeout, unsteady frames are
     replaced by the calibration's values. Steady frames far below the calibration's values are used,
-    and `verify_rest` checks during closing that nothing presses.
+    and `verify_rest` checks during closing that the sheet was unloaded.
     """
     estimate, now = state.estimate, state.estimate.now_s
     if estimate.still_s < plan.rest_s or len(estimate.rest_frames) < plan.rest_frames:
@@ -82,15 +82,15 @@ def verify_rest(state: GraspState, rest_check_from: float, *, plan: Plan) -> boo
     """
     estimate = state.estimate
     if estimate.now.strongest_percent <= plan.hint_percent:
-        reason = "the reading rose as soon as the fingers closed: something pressed before"
+        reason = "the reading rose as soon as the fingers closed: the sheet was already loaded"
         _use_old_values(state, reason, plan=plan)
         estimate.steps, estimate.touches, estimate.contact_s = (), (), None
         state.attempt.rest_check_from = None
         return False
     if estimate.closure - rest_check_from >= plan.step:
         state.add_fault(
-            "rest values are far below the calibration's, but nothing presses: climate or wear "
-            "changed the sheet; `palpate calibrate rest --empty` stores the new values"
+            "rest values are far below the calibration's, but the sheet is not loaded: climate or "
+            "wear changed the sheet; `palpate calibrate rest --empty` stores the new values"
         )
         state.attempt.rest_check_from = None
     return True

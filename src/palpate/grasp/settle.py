@@ -35,7 +35,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     correction.next_forecast_s = estimate.still_s + SETTLE.forecast_interval_s
     settled = forecast(estimate, plan=plan)
     force = state.set_settled_force(settled, plan=plan)
-    _note_on_target(state, force, plan)
+    _record_on_target(state, force, plan)
     correctable = plan.target_force_n is not None and correction.count < plan.most_adjustments
     off_target = _is_force_missing(force, plan) or is_above_target(force, plan)
     if (
@@ -59,17 +59,17 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
         if below and not (limited and correction.count):
             command = increase_force(state, force, plan, missing_n=missing_n(force, plan))
             if command is not None:
-                state.enter(Activity.FORECAST, note="adjusted")
+                state.enter(Activity.FORECAST, event="adjusted")
                 return command
         elif is_above_target(force, plan):
             command = reduce_force(state, force, plan, goal_n=goal_n(plan))
-            state.enter(Activity.EASE, note="eased")
+            state.enter(Activity.EASE, event="eased")
             return command
     if limited and below:
-        state.note("damage_limit")
+        state.record_event("damage_limit")
     if not is_lift_certain(force, plan):
         return state.release(plan, Outcome.TOO_WEAK)
-    state.enter(Phase.HOLD, note="answer")
+    state.enter(Phase.HOLD, event="answer")
     return None
 
 
@@ -80,7 +80,7 @@ def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
     request = return_from_below(state, plan)
     command = filter_command(request, state.estimate, plan)
     if request is None or command is None or command.target == request.target:
-        state.enter(Activity.FORECAST, note="adjusted")
+        state.enter(Activity.FORECAST, event="adjusted")
     return request
 
 
@@ -155,7 +155,7 @@ def is_lift_certain(force: Measurement, plan: Plan) -> bool:
 
 
 def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bool:
-    """Whether the damage limit forbids part of the missing force."""
+    """Whether the damage limit prevents part of the required force increase."""
     if plan.damage is None:
         return False
     if math.isinf(estimate.damage_low_n):
@@ -165,13 +165,13 @@ def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bo
     return lowest and missing_n(force, plan) > estimate.damage_low_n - force.high
 
 
-def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
+def _record_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
     """Record the first time after a movement at which the settled force is on target."""
     moved_s = state.estimate.moved_s
     known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
     off = _is_force_missing(force, plan) or is_above_target(force, plan)
     if plan.target_force_n is not None and not known and not off:
-        state.note("on_target")
+        state.record_event("on_target")
 
 
 # -- corrections -----------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
 def increase_force(
     state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
 ) -> GripperCommand | None:
-    """Return the closing step that adds the missing force; None if no step is safe."""
+    """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
     slope, longest = slope_n(trial, plan), math.inf
     # Use the settled force, which is more accurate than that of the early law.

@@ -137,10 +137,10 @@ class GraspState:
             correction=replace(self.correction),
         )
 
-    def enter(self, phase: Phase | Activity, *, note: str | None = None) -> None:
-        """Start a phase or activity; `note`: name of an event to record."""
-        if note is not None:
-            self.note(note)
+    def enter(self, phase: Phase | Activity, *, event: str | None = None) -> None:
+        """Start a phase or activity; `event`: name of an event to record."""
+        if event is not None:
+            self.record_event(event)
         self.since_s = self.estimate.now_s
         if isinstance(phase, Phase):
             self.phase = phase
@@ -149,7 +149,7 @@ class GraspState:
         else:
             self.phase, self.attempt.activity = Phase.APPROACH, phase
 
-    def note(self, name: str, *, finger: int | None = None) -> None:
+    def record_event(self, name: str, *, finger: int | None = None) -> None:
         """Record an event in the result."""
         moment = Moment(time_s=self.estimate.now_s, name=name, finger=finger)
         self.result = replace(self.result, moments=(*self.result.moments, moment))
@@ -162,7 +162,7 @@ class GraspState:
         """End the grasp with an outcome; return the command that opens the hand."""
         self.result = replace(self.result, outcome=outcome)
         self.estimate.sent, self.estimate.still_since_s, self.estimate.touches = 0.0, None, ()
-        self.enter(Phase.RELEASE, note=outcome.value)
+        self.enter(Phase.RELEASE, event=outcome.value)
         return GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
 
     def record_finger_events(self) -> None:
@@ -177,7 +177,7 @@ class GraspState:
             if kind is not None:
                 # A contact while the hand waits open is a touch by a person.
                 touch = kind is EventKind.CONTACT and self.activity == Activity.WAIT
-                self.note("touch" if touch else f"finger_{kind}", finger=finger)
+                self.record_event("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)
 
     def set_settled_force(self, settled: Settled, *, plan: Plan) -> Measurement:

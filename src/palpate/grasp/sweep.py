@@ -154,10 +154,10 @@ class Sweep:
         return more_ma > noise_ma + TOUCH.friction_error_fraction * abs(current.gears.mean_ma)
 
 
-def _means(pixels: FloatArray, many: int) -> FloatArray:
-    """Return means over groups of `many` frames; the oldest incomplete group is dropped."""
-    blocks = pixels[pixels.shape[0] % many :]
-    return np.asarray(blocks.reshape(-1, many, *pixels.shape[1:]).mean(axis=1))
+def _means(pixels: FloatArray, size: int) -> FloatArray:
+    """Return means over groups of `size` frames; the oldest incomplete group is dropped."""
+    blocks = pixels[pixels.shape[0] % size :]
+    return np.asarray(blocks.reshape(-1, size, *pixels.shape[1:]).mean(axis=1))
 
 
 def _noise(pixels: FloatArray) -> float:

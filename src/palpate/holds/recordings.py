@@ -53,7 +53,7 @@ class Readings:
         ``ohm``, ``percent``, ``counts``, ``volt``, ``newton``, ``pascal``, or None if unknown. SI
         prefixes are converted: readings in ``kOhm`` are stored in ohm.
     divider : Divider or None
-        Circuit for the conversion of counts to ohm.
+        Circuit for the conversion of counts to ohms.
     is_hold : bool
         Whether the recording is already one hold (the table has a column ``hold_id``).
     remarks : list of str
@@ -346,7 +346,7 @@ def _column_ohm(readings: Readings, name: str) -> NDArray[np.float64]:
     if unit not in (None, "ohm"):
         remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""
         raise InputError(
-            f"{readings.name}: {name}: --rest converts ohm to relative changes, but the unit is "
+            f"{readings.name}: {name}: --rest converts ohms to relative changes, but the unit is "
             f"{unit}" + remedy
         )
     return values

@@ -242,5 +242,5 @@ def open_rig(name: str = DEFAULT_RIG, *, object_name: str | None = None, seed: i
             rig: Rig = point.load()(object_name=object_name, seed=seed)
             return rig
     raise InputError(
-        f"no rig {name!r}; there are: {', '.join(rig_names())}, or a rig file (*.toml)"
+        f"no rig {name!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
     )

@@ -48,7 +48,7 @@ class Workplace(Stage, Protocol):
     """A simulated world for calibration, in which the object can be replaced."""
 
     def place(self, obj: TwinObject | None) -> None:
-        """Replace the object between the open fingers by another object or none."""
+        """Replace the object between the open fingers with another object, or remove it."""
         ...
 
 
@@ -73,7 +73,7 @@ def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
     simulator has not been built.
     """
     if object_name is not None and object_name not in OBJECTS:
-        raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
+        raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     kind: GripperKind = "soft" if name == "sim-soft" else "rigid"
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind)

@@ -149,7 +149,7 @@ class Frame:
 
 
 def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
-    """Describe a reading outside the range of layout and converter; None if all are valid.
+    """Describe a reading outside the range of the layout's converter; None if all are valid.
 
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
     >>> find_impossible_count(frame, layout=RIGID_LAYOUT)

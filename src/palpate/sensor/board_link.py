@@ -108,7 +108,7 @@ class BoardLink:
             self._clock.sleep_s(POLL_S)
 
     def send(self, command: Command) -> None:
-        """Send a command without waiting for its answer (heartbeats, pressure steps)."""
+        """Send a command, e.g. a heartbeat or pressure step, without waiting for its answer."""
         self.stream.write(encode_command(command, tag=0))
 
     def _prepare_command(self) -> None:

@@ -299,12 +299,14 @@ class CurrentPairs:
     def __post_init__(self) -> None:
         if len(self.force_n) != len(self.current_ma):
             raise CalibrationError(
-                f"current: {len(self.force_n)} forces and {len(self.current_ma)} currents"
+                f"current: force_n has {len(self.force_n)} values, but current_ma has "
+                f"{len(self.current_ma)}"
             )
         for name in ("width_mm", "movement"):
             if len(getattr(self, name)) not in (0, len(self.force_n)):
                 raise CalibrationError(
-                    f"current: {len(self.force_n)} forces and {len(getattr(self, name))} {name}"
+                    f"current: force_n has {len(self.force_n)} values, but {name} has "
+                    f"{len(getattr(self, name))}"
                 )
         if bool(self.width_mm) != bool(self.movement):
             raise CalibrationError("current: give both width_mm and movement, or neither")

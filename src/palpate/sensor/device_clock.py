@@ -81,7 +81,7 @@ class DeviceClock:
         """Fit the line to the hull's edge at the middle; needs two points."""
         hull: list[tuple[float, float]] = []
         for point in self._points:
-            while len(hull) > 1 and not _turns_left(hull[-2], hull[-1], point):
+            while len(hull) > 1 and not _is_left_turn(hull[-2], hull[-1], point):
                 hull.pop()
             hull.append(point)
         if len(hull) < 2:
@@ -95,5 +95,5 @@ class DeviceClock:
             self._slope, self._origin = 0.0, min(hull, key=itemgetter(1))
 
 
-def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+def _is_left_turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
     return (b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0])

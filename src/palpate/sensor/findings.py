@@ -74,7 +74,7 @@ class Finding:
 
     @property
     def check(self) -> str:
-        """The remedy."""
+        """Remedy for the fault, or reason for the recommendation."""
         return CHECKS[self.code]
 
     def affects_pixel(self, row: int, col: int) -> bool:

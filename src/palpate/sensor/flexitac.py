@@ -20,7 +20,7 @@ _COLS, _MAX_ROWS = 32, 16
 
 
 class FlexitacDecoder:
-    """Finds frames from the markers before and after each frame.
+    """Locates frames by the markers before and after each of them.
 
     A lost byte shifts the second marker, and the frame is rejected. A changed byte is not
     detected.

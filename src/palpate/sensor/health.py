@@ -91,7 +91,7 @@ class FrameColumns:
         )
 
     @property
-    def measure_mean_counts(self) -> FloatArray:
+    def mean_counts(self) -> FloatArray:
         """Counts per conversion, shape (frames, rows, cols)."""
         return np.asarray(self.counts / float(self.oversampling))
 
@@ -101,7 +101,7 @@ class FrameColumns:
 
     def rest_ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return the median resistance of each pixel: inf if open, 0 if short."""
-        return measure_pixels(self.measure_mean_counts, layout=layout).rest_ohm
+        return measure_pixels(self.mean_counts, layout=layout).rest_ohm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,15 +176,15 @@ def check_health(
     """
     all_frames = rest if all_frames is None else all_frames
     _check_frames(rest, layout=layout)
-    measure_mean_counts = rest.measure_mean_counts
+    mean_counts = rest.mean_counts
     known = None if known_ohm is None else np.asarray(known_ohm, dtype=float)
-    pixels = measure_pixels(measure_mean_counts, layout=layout)
+    pixels = measure_pixels(mean_counts, layout=layout)
     findings: list[Finding] = []
     # Only the most severe fault of a pixel is reported. Only pixels without faults enter the
     # checks of the whole sensor.
     sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
     for code, mask, text, values in judge_pixels(
-        measure_mean_counts,
+        mean_counts,
         steps_per_count=rest.oversampling,
         readings=pixels,
         layout=layout,

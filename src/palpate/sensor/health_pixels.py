@@ -53,13 +53,13 @@ class PixelReadings:
     count_percent: FloatArray
 
 
-def measure_pixels(measure_mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelReadings:
+def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelReadings:
     """Measure rest value, noise, drift and resolution of each pixel.
 
-    `measure_mean_counts`: shape (frames, rows, cols).
+    `mean_counts`: shape (frames, rows, cols).
     """
-    ohm = pixel_resistance_ohm(measure_mean_counts, layout=layout)
-    is_open, is_short = find_end_readings(np.median(measure_mean_counts, axis=0), layout=layout)
+    ohm = pixel_resistance_ohm(mean_counts, layout=layout)
+    is_open, is_short = find_end_readings(np.median(mean_counts, axis=0), layout=layout)
     rest_ohm = np.where(is_open, np.inf, np.where(is_short, 0.0, np.median(ohm, axis=0)))
     alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
     safe_rest = np.where(alive, rest_ohm, 1.0)
@@ -79,7 +79,7 @@ def measure_pixels(measure_mean_counts: FloatArray, *, layout: ArrayLayout) -> P
 
 
 def judge_pixels(
-    measure_mean_counts: FloatArray,
+    mean_counts: FloatArray,
     *,
     steps_per_count: int,
     readings: PixelReadings,
@@ -88,7 +88,7 @@ def judge_pixels(
 ) -> Iterator[PixelVerdict]:
     """Yield the code, pixels, text and values of each fault, the most severe first.
 
-    `measure_mean_counts`: shape (frames, rows, cols).
+    `mean_counts`: shape (frames, rows, cols).
     `steps_per_count`: conversions summed per reading, each of which adds steps within a count.
     `known_ohm`, shape (rows, cols): rest values of the calibration.
     """
@@ -102,12 +102,12 @@ def judge_pixels(
     loud = (noise > _NOISY_PERCENT) | (
         (noise > _NOISY_RATIO * _typical_value(noise)) & (noise > _QUIET_PERCENT)
     )
-    drops, jumps = _count_interruptions(measure_mean_counts, layout=layout)
+    drops, jumps = _count_interruptions(mean_counts, layout=layout)
     loose = (drops >= _MIN_DROPOUTS) | ((jumps >= _MIN_JUMPS) & ~loud)
     yield "loose", loose, "drops out or jumps {} times", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
-    stuck = _find_stuck(measure_mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
+    stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
     yield "stuck", stuck, "is constant, despite the noise of the other pixels", nothing
     common = _typical_value(readings.drift_percent)
     own = readings.drift_percent - common
@@ -159,25 +159,25 @@ def _typical_value(values: FloatArray) -> float:
 
 
 def find_end_readings(
-    measure_mean_counts: FloatArray, *, layout: ArrayLayout
+    mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[BoolArray, BoolArray]:
     """Return masks of the counts at the open and short ends of the range."""
-    at_ground = np.asarray(measure_mean_counts <= _END_COUNTS)
-    at_supply = np.asarray(measure_mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
+    at_ground = np.asarray(mean_counts <= _END_COUNTS)
+    at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
     upper = layout.divider.taxel_leg == "upper"
     return (at_ground, at_supply) if upper else (at_supply, at_ground)
 
 
 def _count_interruptions(
-    measure_mean_counts: FloatArray, *, layout: ArrayLayout
+    mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count each pixel's drops to an end of the range and jumps within it."""
-    dead = np.logical_or(*find_end_readings(measure_mean_counts, layout=layout))
+    dead = np.logical_or(*find_end_readings(mean_counts, layout=layout))
     # A pixel near an end of the range reaches this end from noise alone, and is excluded.
-    middle = np.median(measure_mean_counts, axis=0)
+    middle = np.median(mean_counts, axis=0)
     is_clear = (middle > 4) & (middle < layout.divider.full_scale - 5)
     drops = np.where(is_clear, dead.sum(axis=0), 0.0)
-    ohm = resistance_ohm(measure_mean_counts, divider=layout.divider)
+    ohm = resistance_ohm(mean_counts, divider=layout.divider)
     usable = ~dead & (ohm > 0)
     log_ohm = np.log(np.where(usable, ohm, 1.0))
     both = usable[1:] & usable[:-1]
@@ -187,21 +187,21 @@ def _count_interruptions(
 
 
 def _find_stuck(
-    measure_mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
+    mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
     """Find constant pixels whose noise should be visible.
 
     A reading in the middle of a step stays constant while its noise is within half a step. The
     expected noise is the lowest noise of the other pixels, reduced for a less sensitive pixel.
     """
-    sums = measure_mean_counts * steps_per_count
+    sums = mean_counts * steps_per_count
     noise = np.std(np.diff(sums, axis=0), axis=0) / math.sqrt(2.0)
     constant = sound & np.asarray(np.ptp(sums, axis=0) == 0)
     noisy = sound & np.asarray(noise > 0)
     stuck: BoolArray = np.zeros(sound.shape, dtype=np.bool_)
     if noisy.sum() < _MIN_OTHERS:
         return stuck
-    fraction = np.median(measure_mean_counts, axis=0) / layout.divider.full_scale
+    fraction = np.median(mean_counts, axis=0) / layout.divider.full_scale
     sensitivity = fraction * (1.0 - fraction)
     quietest = np.flatnonzero(noisy.ravel())[np.argmin(noise[noisy])]
     for row, col in np.argwhere(constant):

@@ -52,7 +52,9 @@ def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> Resis
     (680.0, 11.7, 1.9)
     """
     if not 0 < low_ohm <= high_ohm < math.inf:
-        raise ValueError(f"no range of resistances: {low_ohm:g} to {high_ohm:g} ohm")
+        raise ValueError(
+            f"the resistance range is empty or not positive: {low_ohm:g} to {high_ohm:g} ohm"
+        )
     best = nearest_e12(math.sqrt(low_ohm * high_ohm))
 
     def largest_step_percent(candidate: Divider) -> float:

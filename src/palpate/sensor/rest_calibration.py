@@ -31,7 +31,9 @@ def compute_rest(
         try:
             check_unloaded(rest.rest_ohm, known_ohm=known_ohm)
         except CalibrationError as loaded:
-            raise CalibrationError(f"{loaded} (--new); if nothing does, give --empty") from loaded
+            raise CalibrationError(
+                f"{loaded} (--new); if there is no load, give --empty"
+            ) from loaded
     is_dead = np.isnan(rest.rest_ohm) | np.isinf(median_ohm) | (median_ohm == 0)
     dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(is_dead)]
     if dead:

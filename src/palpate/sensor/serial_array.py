@@ -151,7 +151,7 @@ class SerialArray(PortArray):
         return self._newest
 
     def send(self, command: Command) -> None:
-        """Send a command without waiting for its answer (heartbeat, pressure, ceiling).
+        """Send a command, e.g. a heartbeat or pressure, without waiting for its answer.
 
         A ping to a starting or silent board is skipped, because it would keep the board in its
         boot loader.

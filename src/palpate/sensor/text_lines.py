@@ -139,7 +139,9 @@ class LineDecoder:
             return None
         if len(self._rows) == self._layout.rows:
             self._rows = None
-            raise ValueError("is one row more than the layout has")
+            raise ValueError(
+                f"is row {self._layout.rows + 1}, but the layout has {self._layout.rows} rows"
+            )
         self._rows.append(values)
         if len(self._rows) < self._layout.rows:
             return None

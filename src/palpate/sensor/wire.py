@@ -45,7 +45,7 @@ SERVO = struct.Struct("<H")
 ACK = struct.Struct("<BBBBIII")
 IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
 FULL_SCALE = struct.Struct("<H")
-#: Formats of the additional data of a frame, in their order.
+#: Formats of the additional data of a frame, in order of transmission.
 _EXTRA = {Contents.LOAD_CELLS: LOADS, Contents.PRESSURE: PRESSURE, Contents.SERVO: SERVO}
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
 

@@ -40,7 +40,7 @@ def find_method(name: str) -> SettlingMethod:
     Raises `InputError` for an unknown name; the message lists all methods.
     """
     if name not in METHODS:
-        raise InputError(f"no method {name!r}; there are: {', '.join(METHODS)}")
+        raise InputError(f"no method {name!r}; available: {', '.join(METHODS)}")
     return METHODS[name]()
 
 

@@ -117,7 +117,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
     items = []
     for number, kind in enumerate(kinds):
         if kind not in known:
-            raise ValueError(f"no crate kind {kind!r}; there are: {', '.join(known)}")
+            raise ValueError(f"no crate kind {kind!r}; available: {', '.join(known)}")
         rng = np.random.default_rng([seed, 30, number])
         items.append(
             CrateItem(

@@ -26,7 +26,7 @@ class Slide:
         """Whether the object has left the pads."""
         return self.slid_mm >= PAD_MM
 
-    def after(
+    def advance(
         self, step_s: float, *, pull_n: float, grip_n: float, friction: float, mass_g: float
     ) -> Slide:
         """Return the slide one step later.
@@ -37,8 +37,8 @@ class Slide:
         `friction`: coefficient between pads and object; both fingers contribute.
         `mass_g`: mass of the object.
 
-        >>> held = Slide().after(0.1, pull_n=1.0, grip_n=1.0, friction=0.6, mass_g=100.0)
-        >>> slipping = Slide().after(0.1, pull_n=1.0, grip_n=0.5, friction=0.6, mass_g=100.0)
+        >>> held = Slide().advance(0.1, pull_n=1.0, grip_n=1.0, friction=0.6, mass_g=100.0)
+        >>> slipping = Slide().advance(0.1, pull_n=1.0, grip_n=0.5, friction=0.6, mass_g=100.0)
         >>> held.speed_mm_per_s, round(slipping.speed_mm_per_s)
         (0.0, 520)
         """

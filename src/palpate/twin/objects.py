@@ -169,7 +169,7 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
     if name is None:
         name = str(rng.choice([known for known in OBJECTS if known != "rigid-block"]))
     if name not in OBJECTS:
-        raise ValueError(f"no twin object {name!r}; there are: {', '.join(OBJECTS)}")
+        raise ValueError(f"no twin object {name!r}; available: {', '.join(OBJECTS)}")
     kind = OBJECTS[name]
     share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, kind.relaxing)
     rupture_n = uniform(rng, kind.rupture_n) if kind.rupture_n else float("inf")

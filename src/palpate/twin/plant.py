@@ -115,8 +115,8 @@ class Plant:
         """Return the placement of the n-th object and contact."""
         return self.placements.of(placed, contacts, self.environment)
 
-    def next_node(self, state: PlantState) -> PlantState:
-        """Advance to the next node."""
+    def advance_to_next_node(self, state: PlantState) -> PlantState:
+        """Return the state at the next node in time."""
         contact_s = self._contact_s(state)
         time_s = self._next_time_s(state, contact_s)
         begins = contact_s <= time_s
@@ -141,14 +141,14 @@ class Plant:
             )
         force_n = squeeze.force_n
         if state.obj is not None and state.pull_n > 0:
-            slide = slide.after(
+            slide = slide.advance(
                 step_s,
                 pull_n=state.pull_n,
                 grip_n=force_n,
                 friction=state.obj.friction,
                 mass_g=state.obj.mass_g,
             )
-        pixels = state.pixels.after(
+        pixels = state.pixels.advance(
             step_s,
             self._load_n(state, closure_mm, force_n, placement),
             travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
@@ -180,7 +180,7 @@ class Plant:
             return replace(following, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
         return following
 
-    def between(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
+    def interpolate(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
         """Return the state at a time between a node and the following node."""
         if time_s >= following.time_s:
             return following
@@ -196,8 +196,8 @@ class Plant:
                 step_s=share * (following.time_s - state.time_s),
                 touching=closure_mm > 0,
             )
-        towards = partial(
-            state.pixels.towards,
+        sheet_at = partial(
+            state.pixels.interpolate,
             following.pixels,
             share,
             step_s=time_s - state.time_s,
@@ -208,7 +208,7 @@ class Plant:
         return replace(
             state,
             time_s=time_s,
-            sheet=cache(towards),
+            sheet=cache(sheet_at),
             closure_mm=closure_mm,
             squeeze=squeeze,
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
@@ -217,9 +217,11 @@ class Plant:
     def run(self, state: PlantState, until_s: float) -> PlantState:
         """Return the state at a later time."""
         while True:
-            following = self.next_node(state)
+            following = self.advance_to_next_node(state)
             if following.time_s >= until_s:
-                return self.between(state, following, until_s) if until_s > state.time_s else state
+                return (
+                    self.interpolate(state, following, until_s) if until_s > state.time_s else state
+                )
             state = following
 
     def resistance_ohm(self, state: PlantState) -> FloatArray:

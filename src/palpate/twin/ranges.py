@@ -145,7 +145,7 @@ def ranges_of(level: str) -> Ranges:
     Raises `ValueError` for an unknown level.
     """
     if level not in LEVELS:
-        raise ValueError(f"no twin level {level!r}; there are: {', '.join(LEVELS)}")
+        raise ValueError(f"no twin level {level!r}; available: {', '.join(LEVELS)}")
     return LEVELS[level]
 
 

@@ -34,7 +34,7 @@ class Readout:
         self._slow = self._rng.standard_normal((2, layout.pixels))
         self._last_s = start_s
 
-    def volts(self, pixel_ohm: FloatArray, *, time_s: float) -> FloatArray:
+    def sample_volts(self, pixel_ohm: FloatArray, *, time_s: float) -> FloatArray:
         """Return the voltages at the converter's input at a time, shape (rows, cols)."""
         step_s = max(time_s - self._last_s, 0.0)
         self._last_s = time_s
@@ -49,9 +49,9 @@ class Readout:
         seen = floating_readings_ohm(noisy) if leaks else noisy
         return ohm_to_volts(seen, divider=self._layout.divider)
 
-    def counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:
+    def sample_counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:
         """Return the counts of one scan, summed over the conversions, shape (rows, cols)."""
-        volts = self.volts(pixel_ohm, time_s=time_s)
+        volts = self.sample_volts(pixel_ohm, time_s=time_s)
         noise = self._adc_noise_counts * self._rng.standard_normal(
             (self._oversampling, *volts.shape)
         )

@@ -26,8 +26,9 @@ class SheetState:
     >>> creep = two_mode_creep(rng, 1.0)
     >>> rest = SheetState.at_rest(8, creep=creep)
     >>> load_n = np.full(8, 2.0)
-    >>> pressed = rest.after(0.1, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
-    >>> later = pressed.after(5.0, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
+    >>> contact = {"travel_mm": 0.0, "sheet": sheet, "gain": sheet.gain, "creep": creep}
+    >>> pressed = rest.advance(0.1, load_n, **contact)
+    >>> later = pressed.advance(5.0, load_n, **contact)
     >>> ohm = [state.resistance_ohm(sheet, creep=creep).mean() for state in (rest, pressed, later)]
     >>> bool(ohm[0] > ohm[1] > ohm[2])
     True
@@ -48,7 +49,7 @@ class SheetState:
         nothing = np.zeros(pixels)
         return cls(nothing, nothing, np.zeros((creep.tau_s.size, pixels)), nothing)
 
-    def after(
+    def advance(
         self,
         step_s: float,
         load_n: FloatArray,
@@ -71,7 +72,7 @@ class SheetState:
         target = sheet.family.coordinate(sheet.static_excess(sensed_n, gain=gain))
         return self._step(step_s, sensed_n, target, travel_mm, sheet, creep)
 
-    def towards(
+    def interpolate(
         self,
         following: SheetState,
         share: float,

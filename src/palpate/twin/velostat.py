@@ -159,8 +159,8 @@ class Environment:
     suction_kpa: float = 0.0
 
     @property
-    def warming_k(self) -> float:
-        """Kelvin above the paper's room."""
+    def temperature_rise_k(self) -> float:
+        """Temperature above that of the paper's room, kelvin."""
         return self.temperature_c - ROOM_C
 
     @property
@@ -214,7 +214,7 @@ class Sheet:
         Suction separates the layers and removes up to a fraction of the conductance.
         """
         climate = (
-            self.rest_per_kelvin * environment.warming_k
+            self.rest_per_kelvin * environment.temperature_rise_k
             + self.rest_per_humidity_percent * environment.humidity_rise_percent
         )
         broken_in = -np.expm1(-environment.cycles / self.break_in_cycles)
@@ -226,7 +226,7 @@ class Sheet:
     def gain_factor(self, environment: Environment) -> float:
         """Return the gain relative to that of a broken-in sheet in the paper's room."""
         climate = (
-            self.gain_per_kelvin * environment.warming_k
+            self.gain_per_kelvin * environment.temperature_rise_k
             + self.gain_per_humidity_percent * environment.humidity_rise_percent
         )
         wear = self.gain_per_1000_cycles * environment.cycles / 1000.0
@@ -246,7 +246,7 @@ def draw_sheet(
     drawn = str(rng.choice(ranges.families))
     name = family or drawn
     if name not in FAMILIES:
-        raise ValueError(f"no relaxation family {name!r}; there are: {', '.join(FAMILIES)}")
+        raise ValueError(f"no relaxation family {name!r}; available: {', '.join(FAMILIES)}")
     pixels = layout.pixels
     # A separate stream preserves the other draws of a seed.
     aging = rng.spawn(1)[0]

@@ -167,7 +167,7 @@ class World:
         time_s: float | None = None,
         fixture: bool = False,
     ) -> None:
-        """Replace the object between the fingers by another object or none.
+        """Replace the object between the fingers with another object, or remove it.
 
         Removal is always possible; a new object requires a wider opening of the fingers. A fixture
         centres the object on the pixels and between the fingers; otherwise its position is random.
@@ -240,11 +240,13 @@ class World:
 
         Includes the noise of the sheet and any crosstalk, but not the noise of the converter.
         """
-        return self._readout.volts(self._ohm(self._advance_and_notify(time_s)), time_s=time_s)
+        return self._readout.sample_volts(
+            self._ohm(self._advance_and_notify(time_s)), time_s=time_s
+        )
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
-        return self._readout.counts(self._ohm(self._advance(time_s)), time_s=time_s)
+        return self._readout.sample_counts(self._ohm(self._advance(time_s)), time_s=time_s)
 
     def truth(self, horizon_s: float = 20.0) -> Truth:
         """Return the true values `horizon_s` after the start of the final hold's last movement.
@@ -295,10 +297,10 @@ class World:
         if time_s == self._latest.time_s:
             return self._latest
         while self._next.time_s <= time_s:
-            self._node, self._next = self._next, self._plant.next_node(self._next)
+            self._node, self._next = self._next, self._plant.advance_to_next_node(self._next)
         self._latest = self._node
         if time_s > self._node.time_s:
-            self._latest = self._plant.between(self._node, self._next, time_s)
+            self._latest = self._plant.interpolate(self._node, self._next, time_s)
         obj = self._latest.obj
         if self._damaged_s is None and obj is not None:
             ruptured = self._latest.ruptured or self._latest.peak_force_n >= obj.yield_n
@@ -306,7 +308,7 @@ class World:
         return self._latest
 
     def _restart(self, state: PlantState) -> None:
-        self._node, self._next = state, self._plant.next_node(state)
+        self._node, self._next = state, self._plant.advance_to_next_node(state)
         self._latest = state
 
     def _start_motion(self, now: PlantState, to_mm: float, rate_mm_per_s: float) -> None:

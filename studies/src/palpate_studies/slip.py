@@ -174,7 +174,7 @@ def _watch_quiet_hold(level: str, *, sensor: int) -> tuple[int, bool]:
     between = ohm[index] + (place - index)[:, None, None] * (ohm[index + 1] - ohm[index])
     counts = np.stack(
         [
-            readout.counts(now_ohm, time_s=at_s)
+            readout.sample_counts(now_ohm, time_s=at_s)
             for now_ohm, at_s in zip(between, frames_s.tolist(), strict=True)
         ]
     )

@@ -319,7 +319,7 @@ def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed
     )
     return Placed(
         bin=done.decision.bin,
-        belongs=_true_bin_of(item),
+        true_bin=_true_bin_of(item),
         grasps=len(done.grasps),
         grasping_s=done.grasping_s,
     )
@@ -335,7 +335,7 @@ def _guess_item(item: CrateItemGrasps, guess: Guess) -> Placed:
         sharp = replace(size, low=size.middle, high=size.middle)
         seen = Evidence(identity=label_identity(kind), size_mm=sharp, grasps=SORTED_GRASPS)
         bin_name = decide(BOOK, seen).bin
-    return Placed(bin=bin_name, belongs=_true_bin_of(item), grasps=1, grasping_s=first.lasted_s)
+    return Placed(bin=bin_name, true_bin=_true_bin_of(item), grasps=1, grasping_s=first.lasted_s)
 
 
 def _true_bin_of(item: CrateItemGrasps) -> str:

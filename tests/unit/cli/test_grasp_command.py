@@ -103,8 +103,8 @@ def test_grasp_with_soft_fingers_reports_no_size_and_a_stiffness_bound(palpate: 
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["--object", "brick"], 2, "no simulated object 'brick'; there are: ecoflex-10"),
-        (["--rig", "nowhere"], 2, "no rig 'nowhere'; there are: sim-rigid, sim-soft"),
+        (["--object", "brick"], 2, "no simulated object 'brick'; available: ecoflex-10"),
+        (["--rig", "nowhere"], 2, "no rig 'nowhere'; available: sim-rigid, sim-soft"),
         (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: no such file"),
         (["--rig", "sim-soft", "--object", "brick"], 2, "no simulated object 'brick'"),
         (["--target-force-n", "900"], 2, "force ceiling"),

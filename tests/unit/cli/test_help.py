@@ -37,7 +37,7 @@ def terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("words", PAGES, ids=" ".join)
-def test_help_fits_80_columns_with_every_bracket(
+def test_help_fits_80_columns_and_shows_all_bracketed_text(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     shown = page(words, capsys)

@@ -114,7 +114,7 @@ def test_ripeness_assumed_from_first_day_is_not_stored(
         (("fruit-1", "--ripe", "green"), "must be one of conditioned, ripe, overripe"),
         (("fruit-1", "--plot", "fruit.bmp"), "a plot ends in .png"),
         (("fruit-1", "fruit-2", "--plot", "fruit.png"), "draws one item"),
-        (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is no stage of ripeness"),
+        (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is not a stage of ripeness"),
     ],
 )
 def test_ripeness_invalid_input_is_refused_in_one_line(

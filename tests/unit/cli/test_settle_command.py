@@ -253,7 +253,7 @@ def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
     [
         (
             ["--method", "magic"],
-            "no method 'magic'; there are: recorded, exponential, log_law, log_law_early",
+            "no method 'magic'; available: recorded, exponential, log_law, log_law_early",
         ),
         (["--cutoff", "0"], "--cutoff 0"),
         (["--cutoff", "nan"], "--cutoff nan"),
@@ -374,7 +374,7 @@ def test_settle_mean_option_predicts_one_hold(tmp_path: Path, palpate: Command) 
     for wrong, words in (
         (["--mean"], "requires --rest START:END"),
         (["--rest", "3"], "give START:END in seconds"),
-        (["--rest", "0:2", "--unit", "percent"], "converts ohm to relative changes"),
+        (["--rest", "0:2", "--unit", "percent"], "converts ohms to relative changes"),
     ):
         assert words in palpate("settle", path, *wrong, status=2).err
 

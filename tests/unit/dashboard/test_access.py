@@ -218,12 +218,12 @@ def test_wrong_tokens_throttle_only_their_client_address_until_the_window_ends()
     clock = [0.0]
     wrong_tokens = WrongTokens(now_s=lambda: clock[0])
     for _ in range(MAX_WRONG_TOKENS):
-        assert not wrong_tokens.has_too_many("a")
+        assert not wrong_tokens.is_throttled("a")
         wrong_tokens.add("a")
-    assert wrong_tokens.has_too_many("a")
-    assert not wrong_tokens.has_too_many("b")
+    assert wrong_tokens.is_throttled("a")
+    assert not wrong_tokens.is_throttled("b")
     clock[0] = 60.1
-    assert not wrong_tokens.has_too_many("a")
+    assert not wrong_tokens.is_throttled("a")
     for number in range(5000):
         wrong_tokens.add(str(number))
     assert len(wrong_tokens._times_s) <= 1001
@@ -339,18 +339,18 @@ def test_client_addresses_beyond_the_maximum_share_one_count() -> None:
         wrong_tokens.add(str(number))
     for _ in range(MAX_WRONG_TOKENS):
         wrong_tokens.add("last address counted separately")
-    assert wrong_tokens.has_too_many("last address counted separately")
-    assert not wrong_tokens.has_too_many("one more")
+    assert wrong_tokens.is_throttled("last address counted separately")
+    assert not wrong_tokens.is_throttled("one more")
     for number in range(MAX_WRONG_TOKENS):
-        assert not wrong_tokens.has_too_many("one more")
+        assert not wrong_tokens.is_throttled("one more")
         wrong_tokens.add(f"one more {number}")
-    assert wrong_tokens.has_too_many("one more")
-    assert not wrong_tokens.has_too_many("0")
+    assert wrong_tokens.is_throttled("one more")
+    assert not wrong_tokens.is_throttled("0")
     for _ in range(MAX_WRONG_TOKENS):
         wrong_tokens.add("0")
-    assert wrong_tokens.has_too_many("0")
+    assert wrong_tokens.is_throttled("0")
     clock[0] = 60.0
-    assert wrong_tokens.has_too_many("0")
+    assert wrong_tokens.is_throttled("0")
     clock[0] = 60.1
-    assert not wrong_tokens.has_too_many("one more")
-    assert not wrong_tokens.has_too_many("0")
+    assert not wrong_tokens.is_throttled("one more")
+    assert not wrong_tokens.is_throttled("0")

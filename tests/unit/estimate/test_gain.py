@@ -44,14 +44,14 @@ def test_current_law_fit_refuses_invalid_pairs(given: CurrentPairs, words: str) 
 
 
 def test_current_pairs_of_unequal_length_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="2 forces and 1 currents"):
+    with pytest.raises(CalibrationError, match="force_n has 2 values, but current_ma has 1"):
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(50.0,))
     with pytest.raises(CalibrationError, match="finite"):
         CurrentPairs(force_n=(1.0,), current_ma=(float("nan"),))
 
 
 def test_current_pairs_with_missing_or_unequal_columns_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="2 forces and 1 width_mm"):
+    with pytest.raises(CalibrationError, match="force_n has 2 values, but width_mm has 1"):
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
     with pytest.raises(CalibrationError, match="give both"):
         CurrentPairs(force_n=(1.0,), current_ma=(5.0,), width_mm=(1.0,))

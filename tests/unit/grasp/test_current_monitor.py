@@ -112,7 +112,7 @@ def test_current_monitor_single_high_current_at_rest_raises_no_alarm(
 
 
 @pytest.mark.parametrize("reading", [0.0, 1.0])
-def test_current_monitor_force_unseen_by_sheet_raises_alarm(
+def test_current_monitor_force_not_shown_by_sheet_raises_alarm(
     calibrated: Plan, reading: float
 ) -> None:
     """An object next to the sheet is detected at once, or after two movements."""

@@ -79,7 +79,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
     assert found["settled_percent"]["value"] < -10.0
     short = palpate(*read, "--cutoff", "30", "--json").document
     assert short["settled_percent"] is None
-    assert "never stood still for 30 s" in short["faults"][0]
+    assert "never stationary for 30 s" in short["faults"][0]
 
 
 @pytest.mark.parametrize(

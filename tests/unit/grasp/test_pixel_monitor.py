@@ -104,7 +104,7 @@ def test_pixel_monitor_jump_of_one_loaded_pixel_is_short(plan: Plan) -> None:
     assert "R0 C0 reads short" in str(watched(plan, frames)[4])
 
 
-def test_pixel_monitor_unchanged_pixel_in_movements_is_stuck(plan: Plan) -> None:
+def test_pixel_monitor_pixel_unchanged_by_movements_is_stuck(plan: Plan) -> None:
     frames = at_rest(30)
     for frame in frames:
         frame[1, 0] = REST

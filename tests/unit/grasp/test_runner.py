@@ -110,7 +110,7 @@ def test_stale_frames_end_the_grasp(plan: Plan, bench: Any) -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.0, 0.1])
-def test_run_grasp_frame_times_not_rising_ends_the_grasp(
+def test_run_grasp_frame_time_that_does_not_increase_ends_the_grasp(
     plan: Plan, bench: Any, back_s: float
 ) -> None:
     last = list[float]()

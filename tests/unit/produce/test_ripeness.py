@@ -226,7 +226,7 @@ def test_learning_refuses_items_without_softening() -> None:
 def test_a_stage_without_label_is_named() -> None:
     with pytest.raises(InputError, match="no item was ever labelled 'overripe'"):
         learn_stages([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"], items="abc", stages=STAGES)
-    with pytest.raises(InputError, match="label 'mushy' is no stage of ripeness"):
+    with pytest.raises(InputError, match="label 'mushy' is not a stage of ripeness"):
         learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
 
 

@@ -214,9 +214,9 @@ def test_the_decision_becomes_a_verdict_with_its_reason() -> None:
 
 def test_score_has_purity_of_placed_items_and_time_of_grasps() -> None:
     placed = [
-        Placed(bin="kiwi", belongs="kiwi", grasps=1, grasping_s=10.0),
-        Placed(bin="kiwi", belongs="lime", grasps=3, grasping_s=30.0),
-        Placed(bin="by hand", belongs="lime", grasps=1, grasping_s=10.0),
+        Placed(bin="kiwi", true_bin="kiwi", grasps=1, grasping_s=10.0),
+        Placed(bin="kiwi", true_bin="lime", grasps=3, grasping_s=30.0),
+        Placed(bin="by hand", true_bin="lime", grasps=1, grasping_s=10.0),
     ]
     found = score_sorting(placed, book=BOOK)
     assert found.purity == 0.5
@@ -228,7 +228,7 @@ def test_score_has_purity_of_placed_items_and_time_of_grasps() -> None:
         score_sorting([], book=BOOK)
 
 
-def test_true_bin_follows_the_rules() -> None:
+def test_find_true_bin_follows_the_rules() -> None:
     assert find_true_bin(BOOK, kind="kiwi", is_trained=True, size_mm=50) == "kiwi"
     assert find_true_bin(BOOK, kind="walnut", is_trained=False, size_mm=33) == "strangers"
     assert find_true_bin(BOOK, kind="egg", is_trained=True, size_mm=44) == "by hand"

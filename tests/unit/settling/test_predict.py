@@ -72,7 +72,7 @@ def test_predict_settled_of_few_or_constant_samples_is_finite(method: str, sampl
         ({"level": 1.0}, "level 1"),
         (
             {"method": "magic"},
-            "no method 'magic'; there are: recorded, exponential, log_law, log_law_early",
+            "no method 'magic'; available: recorded, exponential, log_law, log_law_early",
         ),
         ({"time_s": [], "values": []}, "no sample"),
     ],

@@ -48,7 +48,7 @@ def test_hertz_force_grows_with_size_and_modulus() -> None:
 
 
 def test_draw_crate_unknown_kind_error_lists_kinds() -> None:
-    with pytest.raises(ValueError, match="no crate kind 'pear'; there are: cherry-tomato"):
+    with pytest.raises(ValueError, match="no crate kind 'pear'; available: cherry-tomato"):
         draw_crate(["pear"], seed=1)
 
 

@@ -71,13 +71,13 @@ def test_sliding_object_moves_load_between_pixels() -> None:
 
 
 @pytest.mark.parametrize("pull_n", [0.5, 0.99])
-def test_slide_below_friction_limit_does_not_move(pull_n: float) -> None:
-    assert Slide().after(1.0, pull_n=pull_n, grip_n=1.0, friction=0.5, mass_g=50.0) == Slide()
+def test_slide_with_pull_below_friction_limit_stays_at_rest(pull_n: float) -> None:
+    assert Slide().advance(1.0, pull_n=pull_n, grip_n=1.0, friction=0.5, mass_g=50.0) == Slide()
 
 
 def test_slide_once_moving_has_less_friction() -> None:
     sliding = Slide(slid_mm=1.0, speed_mm_per_s=10.0)
-    later = sliding.after(0.01, pull_n=0.9, grip_n=1.0, friction=0.5, mass_g=50.0)
+    later = sliding.advance(0.01, pull_n=0.9, grip_n=1.0, friction=0.5, mass_g=50.0)
     assert later.speed_mm_per_s > 10.0
 
 

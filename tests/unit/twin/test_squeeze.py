@@ -50,7 +50,7 @@ def test_relaxing_force_at_constant_closure_decays(at_s: float) -> None:
 
 
 @pytest.mark.parametrize("at_s", [0.5, 2.0, 8.0])
-def test_relaxing_force_at_constant_force_creeps(at_s: float) -> None:
+def test_relaxing_force_under_constant_load_creeps(at_s: float) -> None:
     # A standard linear solid under constant force: J(t) = 1 + s/(1-s) (1 - exp(-(1-s) t / tau)).
     closure_mm = 1e3 * 2.0
     squeeze = held(fruit(), closure_mm, compliance=SOFT, until_s=at_s)

@@ -93,7 +93,7 @@ def test_world_unloading_shows_hysteresis() -> None:
     assert change(down, 20.0) < change(up, 20.0) - 0.5
 
 
-def test_world_truth_matches_later_state() -> None:
+def test_world_truth_during_hold_equals_settled_force_and_change() -> None:
     world = held(2.5)
     world.force_n(1.0)
     before = world.truth()

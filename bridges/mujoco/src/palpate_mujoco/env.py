@@ -87,7 +87,7 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         if object_name is not None and object_name not in OBJECTS:
             raise InputError(
-                f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}"
+                f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}"
             )
         self._object_name, self._level, self._hand = object_name, level, find_hand(hand)
         self._target_force_n, self._rate_mm_per_s = target_force_n, rate_mm_per_s

@@ -93,7 +93,7 @@ def find_hand(name: str) -> Hand:
         If the name is unknown.
     """
     if name not in HANDS:
-        raise InputError(f"no hand {name!r} in MuJoCo; there are: {', '.join(HANDS)}")
+        raise InputError(f"no hand {name!r} in MuJoCo; available: {', '.join(HANDS)}")
     return HANDS[name]
 
 

@@ -201,7 +201,7 @@ def _find_geom(model: mujoco.MjModel, name: str) -> int:
     if geom < 0:
         known = [model.geom(index).name for index in range(model.ngeom)]
         raise InputError(
-            f"the model has no geom {name!r}; there are: {', '.join(filter(None, known))}"
+            f"the model has no geom {name!r}; available: {', '.join(filter(None, known))}"
         )
     return int(geom)
 

@@ -39,7 +39,7 @@ def open_so101(*, object_name: str | None, seed: int, level: str = "lab") -> Rig
 
 def _open_rig(name: str, hand: Hand, *, object_name: str | None, seed: int, level: str) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
-        raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
+        raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
     world = MujocoWorld(obj, seed=seed, level=level, hand=hand)
     bench = MujocoWorld(

@@ -201,7 +201,7 @@ class PadSensor:
         self._touches += loaded and self._free_s > _FREE_S
         self._free_s = 0.0 if loaded else self._free_s + step_s
         placement = self.placement
-        self._state = self._state.after(
+        self._state = self._state.advance(
             step_s,
             self._load_n,
             travel_mm=travel_mm,
@@ -224,12 +224,12 @@ class PadSensor:
 
     def voltage_v(self) -> FloatArray:
         """Return the voltages at the converter's input, shape (rows, cols)."""
-        return self._readout.volts(self.resistance_ohm(), time_s=self.data.time)
+        return self._readout.sample_volts(self.resistance_ohm(), time_s=self.data.time)
 
     def counts(self) -> NDArray[np.int32]:
         """Update the sheet and return one scan at the model's time, shape (rows, cols)."""
         self.take_in()
-        return self._readout.counts(self.resistance_ohm(), time_s=self.data.time)
+        return self._readout.sample_counts(self.resistance_ohm(), time_s=self.data.time)
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Step the model to a time and return one scan, shape (rows, cols)."""

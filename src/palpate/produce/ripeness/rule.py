@@ -179,7 +179,7 @@ def learn_stages(
     unknown = sorted(set(labels) - set(stages))
     if unknown:
         raise InputError(
-            f"label {unknown[0]!r} is no stage of ripeness; there are: {', '.join(stages)}"
+            f"label {unknown[0]!r} is not a stage of ripeness; available: {', '.join(stages)}"
         )
     missing = [stage for stage in stages if stage not in labels]
     if missing:

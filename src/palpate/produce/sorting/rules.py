@@ -66,7 +66,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleBook:
-    """All rules, in their order."""
+    """All sorting rules."""
 
     #: Rules in order of priority.
     rules: tuple[Rule, ...]

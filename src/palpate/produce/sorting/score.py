@@ -1,4 +1,4 @@
-"""How well a crate was sorted: purity of each bin, and items per hour."""
+"""Score of a sorted crate: purity of the bins, and items per hour."""
 
 from __future__ import annotations
 
@@ -11,50 +11,50 @@ from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.rules import RuleBook, decide
 
-#: Assumed in items per hour, as no grasp measures it: handling an item and carrying
-#: it to its bin, and turning it for another grasp.
+#: Times assumed for items per hour, because no grasp measures them: handling an item and
+#: carrying it to its bin, and turning it for another grasp.
 CARRY_S, TURN_S = 4.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """One item that went to a bin."""
+    """A sorted item."""
 
-    #: Where it went.
+    #: Bin that the item was put in.
     bin: str
-    #: Where it belongs; None where unknown.
-    belongs: str | None
-    #: How often it was grasped.
+    #: Correct bin; None if unknown.
+    true_bin: str | None
+    #: Number of grasps.
     grasps: int
-    #: Time in the hand.
+    #: Total duration of the grasps.
     grasping_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """A crate that was sorted."""
+    """Score of a sorted crate."""
 
-    #: In all.
+    #: Total number of items.
     items: int
-    #: Fraction that went to the default bin.
+    #: Fraction in the default bin.
     left_over: float
-    #: Of what went to a bin by a rule and whose place is known, the fraction that belongs there.
+    #: Fraction in the correct bin, of the items sorted by a rule whose correct bin is known.
     purity: float | None
-    #: Items in each bin, and how many of them belong there.
+    #: For each bin: number of items, and number of these for which it is correct.
     bins: dict[str, tuple[int, int]]
-    #: `CARRY_S` and `TURN_S` included; they are assumed, not measured.
     grasps_per_item: float
+    #: Includes the assumed times `CARRY_S` and `TURN_S`.
     items_per_hour: float
 
 
 def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
-    """Return how well a crate was sorted.
+    """Return the score of a sorted crate.
 
     Raises `ValueError` if there is no item.
 
     >>> from palpate.produce.sorting.rules import Rule
     >>> book = RuleBook(rules=(Rule(bin="kiwi"),), default_bin="by hand")
-    >>> done = [Placed(bin="kiwi", belongs=b, grasps=1, grasping_s=14.0) for b in ("kiwi", "egg")]
+    >>> done = [Placed(bin="kiwi", true_bin=b, grasps=1, grasping_s=14.0) for b in ("kiwi", "egg")]
     >>> found = score_sorting(done, book=book)
     >>> found.purity, found.items_per_hour
     (0.5, 200.0)
@@ -62,11 +62,11 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     if not placed:
         raise ValueError("there is no sorted item to score")
     by_rule = [one for one in placed if one.bin != book.default_bin]
-    known = [one for one in by_rule if one.belongs is not None]
+    known = [one for one in by_rule if one.true_bin is not None]
     bins = {
         name: (
             sum(one.bin == name for one in placed),
-            sum(one.bin == name == one.belongs for one in placed),
+            sum(one.bin == name == one.true_bin for one in placed),
         )
         for name in book.bins
     }
@@ -74,7 +74,7 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     return Score(
         items=len(placed),
         left_over=1.0 - len(by_rule) / len(placed),
-        purity=sum(o.bin == o.belongs for o in known) / len(known) if known else None,
+        purity=sum(o.bin == o.true_bin for o in known) / len(known) if known else None,
         bins={name: counts for name, counts in bins.items() if counts[0]},
         grasps_per_item=sum(one.grasps for one in placed) / len(placed),
         items_per_hour=3600.0 * len(placed) / busy_s,

@@ -101,7 +101,7 @@ def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
 
 
 def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
-    """Gather the pages of several items, in their order."""
+    """Gather the pages of several items, in the same order."""
     histories = store.histories([item.item_id for item in items])
     read = list(zip(items, histories, strict=True))
     away = "" if store.away is None else f"{store.away}; this is from {store.local_name} alone"
