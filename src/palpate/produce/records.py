@@ -272,7 +272,7 @@ def refuse_infinite(value: float, *, what: str) -> None:
 
 
 def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
-    """Refuse a measurement with an unknown name, a wrong unit or a value that is not finite."""
+    """Refuse a measurement with an unknown name, a wrong unit or a non-finite value."""
     if name not in units:
         raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")
     if measurement.unit != units[name]:

@@ -136,7 +136,7 @@ def group_by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFirmnes
 
 
 def pool_variance(days: Sequence[DayFirmness]) -> float:
-    """Return the pooled variance between grasps of one day; 0 if no day had two grasps.
+    """Return the pooled within-day variance between grasps; 0 if no day had two.
 
     >>> pool_variance([DayFirmness(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
     0.25
