@@ -21,13 +21,13 @@ from palpate.sensor.calibration import Calibration
 DEFAULT_FILE = Path("calibration.json")
 
 
-def ask_user(what: str) -> None:
+def prompt_user(instruction: str) -> None:
     """Show an instruction, and wait for Enter."""
-    typer.prompt(what, default="", err=True, show_default=False)
+    typer.prompt(instruction, default="", err=True, show_default=False)
 
 
 def has_load_cell(rig: str) -> bool:
-    """Return whether a rig, by name or file, has a readable load cell.
+    """Return whether a named rig or a rig file has a readable load cell.
 
     Raises `InputError` if a rig file can't be read or its `[load_cells]` table is wrong.
     """
@@ -52,20 +52,20 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
     number = count(1)
     with open_board_bench(Path(rig)) as (bench, cell):
 
-        def ask_and_tare(instruction: str) -> None:
-            ask_user(f"{instruction}, then Enter")
+        def prompt_and_tare(instruction: str) -> None:
+            prompt_user(f"{instruction}, then Enter")
             cell.tare()
 
-        def ask_to_place(item: str) -> None:
-            ask_and_tare(f"{item} between the open fingers, touching neither")
+        def prompt_to_place(item: str) -> None:
+            prompt_and_tare(f"{item} between the open fingers, touching neither")
 
         yield GuidedBench(
             bench=bench,
-            reseat=lambda _: ask_to_place(
+            reseat=lambda _: prompt_to_place(
                 f"placement {next(number)} of {placements}: the load cell, with another face"
             ),
-            place_block=lambda: ask_to_place("the rigid block with the load cell"),
-            remove_object=lambda: ask_and_tare("take the block out: nothing between the fingers"),
+            place_block=lambda: prompt_to_place("the rigid block with the load cell"),
+            remove_object=lambda: prompt_and_tare("remove the block: nothing between the fingers"),
             simulated=False,
         )
 

@@ -22,10 +22,10 @@ from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
-    ask_user,
     has_load_cell,
     load_earlier_calibration,
     open_bench,
+    prompt_user,
     resolve_calibration_file,
 )
 from palpate.cli.options import JsonOption, opt
@@ -232,7 +232,7 @@ def _weigh_loads(
 
         def place(load_n: float) -> None:
             if listed is not None:
-                ask_user(f"lay {load_n:g} N on the pad, then Enter")
+                prompt_user(f"lay {load_n:g} N on the pad, then Enter")
 
         weighing = measure_loads(
             source.array,
@@ -303,9 +303,11 @@ def cell(
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:
         board = require_board(source.array)
-        ask_user(f"remove everything from load cell {cell}, then press Enter")
+        prompt_user(f"remove everything from load cell {cell}, then press Enter")
         (empty,) = measure_mean_counts(board, cells=(cell,), clock=clock)
-        ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it is still, then press Enter")
+        prompt_user(
+            f"lay {known_n:g} N on load cell {cell}, wait until it is still, then press Enter"
+        )
         (loaded,) = measure_mean_counts(board, cells=(cell,), clock=clock)
     if abs(loaded - empty) < _MIN_COUNTS:
         raise CalibrationError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.cli.options import refuse_options
 from palpate.cli.output import print_message
 from palpate.errors import InputError, StoreError
-from palpate.grasp.document import limit_document
+from palpate.grasp.document import damage_limit_document
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult
@@ -44,7 +44,7 @@ class Limit:
 
     def to_dict(self, result: GraspResult) -> dict[str, object]:
         """Return the limit and its effect, as in the JSON of the grasp."""
-        return limit_document(
+        return damage_limit_document(
             self._file, path=self._path, kind=self.kind, low_n=self._low_n, result=result
         )
 

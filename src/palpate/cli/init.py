@@ -101,7 +101,7 @@ def init(
     )
     hand = _ask_gripper(gripper, gripper_port)
     array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
-    text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
+    text = format_rig_file(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
     print(f"Written: {file}\nNext: palpate doctor --rig {file}")
@@ -156,7 +156,7 @@ def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
     return {"open": chosen}
 
 
-def rig_text(
+def format_rig_file(
     array: dict[str, str | float | bool], *, gripper: dict[str, str | float], calibration: str
 ) -> str:
     """Return the text of a rig file.
@@ -165,7 +165,7 @@ def rig_text(
     `gripper`: the [gripper] table; empty without a gripper.
     `calibration`: name of the calibration file, relative to the rig file.
 
-    >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
+    >>> print(format_rig_file({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
     # A rig of palpate: what its parts are, and how to open them.
     calibration = "c.json"
     <BLANKLINE>

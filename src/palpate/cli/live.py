@@ -115,7 +115,7 @@ def _follow_force(source: SensorSource) -> ForceSource:
 
 
 class LiveStream:
-    """Publishes the reading after each frame to Foxglove.
+    """Publishes each frame's reading to Foxglove.
 
     `clock`: real-time clock, which also stamps a board's frames.
     `address`: HOST:PORT to listen on.

@@ -91,20 +91,20 @@ def pattern(
         "substrate_width_mm": width,
     }
     if pixel is not None:
-        changes["pixel_width_mm"], changes["pixel_height_mm"] = _size(pixel, option="--pixel")
+        changes["pixel_width_mm"], changes["pixel_height_mm"] = _parse_size(pixel, option="--pixel")
     if pad is not None:
-        changes["pad_width_mm"], changes["pad_length_mm"] = _size(pad, option="--pad")
+        changes["pad_width_mm"], changes["pad_length_mm"] = _parse_size(pad, option="--pad")
     if preset not in PRESETS:
         raise InputError(f"--preset {preset}: available: {', '.join(PRESETS)}")
     given = {key: value for key, value in changes.items() if value is not None}
-    width_mm, height_mm = _size(sheet, option="--sheet")
+    width_mm, height_mm = _parse_size(sheet, option="--sheet")
     design = replace(PRESETS[preset], **given)
     design = replace(design, corner_mm=_corner_mm(design, shape=shape, corner_mm=corner))
     cutter = Cutter(width_mm=width_mm, height_mm=height_mm, feature_mm=min_feature, gap_mm=min_gap)
     check_design(design, cutter=cutter)
-    drawn = lay_out(design)
-    check_pattern(drawn, cutter=cutter)
-    document = _document(drawn, _write_files(drawn, out, dxf=dxf))
+    pattern = lay_out(design)
+    check_pattern(pattern, cutter=cutter)
+    document = _document(pattern, _write_files(pattern, out, dxf=dxf))
     if as_json:
         print_json(document)
     else:
@@ -124,10 +124,10 @@ def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float
     return design.pixel_width_mm / 2
 
 
-def _size(text: str, *, option: str) -> tuple[float, float]:
+def _parse_size(text: str, *, option: str) -> tuple[float, float]:
     """Return width and height of ``"7"`` or ``"7x9"``.
 
-    >>> _size("7x9.5", option="--pixel"), _size("7", option="--pixel")
+    >>> _parse_size("7x9.5", option="--pixel"), _parse_size("7", option="--pixel")
     ((7.0, 9.5), (7.0, 7.0))
     """
     try:
@@ -141,36 +141,36 @@ def _size(text: str, *, option: str) -> tuple[float, float]:
     return numbers[0], numbers[1]
 
 
-def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
+def _write_files(pattern: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     """Write the SVG and optional DXF files, each atomically."""
     if dxf:
         require_dxf()
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    stem = drawn.design.name
-    for layer in drawn.layers():
+    stem = pattern.design.name
+    for layer in pattern.layers():
         files.append(folder / f"{stem}-{layer.name}.svg")
         with atomic_path(files[-1]) as partial:
-            partial.write_text(draw_layer_svg(drawn, layer), encoding="utf-8")
+            partial.write_text(draw_layer_svg(pattern, layer), encoding="utf-8")
         if dxf:
             files.append(folder / f"{stem}-{layer.name}.dxf")
             with atomic_path(files[-1]) as partial:
-                write_layer_dxf(drawn, layer, partial)
+                write_layer_dxf(pattern, layer, partial)
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
-        partial.write_text(draw_combined_svg(drawn), encoding="utf-8")
+        partial.write_text(draw_combined_svg(pattern), encoding="utf-8")
     return files
 
 
-def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
+def _document(pattern: Pattern, files: list[Path]) -> dict[str, Any]:
     """Return the JSON document; lengths in mm."""
     return {
-        "name": drawn.design.name,
-        "rows": drawn.design.rows,
-        "cols": drawn.design.cols,
-        "pitch_mm": list(drawn.design.pitch_mm),
-        "sheet_mm": {"width": round(drawn.width, 4), "height": round(drawn.height, 4)},
-        "marks_mm": [[round(x, 4), round(y, 4)] for x, y in drawn.marks],
+        "name": pattern.design.name,
+        "rows": pattern.design.rows,
+        "cols": pattern.design.cols,
+        "pitch_mm": list(pattern.design.pitch_mm),
+        "sheet_mm": {"width": round(pattern.width, 4), "height": round(pattern.height, 4)},
+        "marks_mm": [[round(x, 4), round(y, 4)] for x, y in pattern.marks],
         "layers": [
             {
                 "name": layer.name,
@@ -179,7 +179,7 @@ def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
                 "why": layer.why,
                 "cut_mm": round(sum(part.length() for part in layer.parts), 1),
             }
-            for layer in drawn.layers()
+            for layer in pattern.layers()
         ],
         "pixels": [
             {
@@ -189,14 +189,14 @@ def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
                 "y_mm": round(p.body.centre[1], 4),
                 "contact_mm2": round(p.contact.width * p.contact.height, 3),
             }
-            for p in drawn.pixels
+            for p in pattern.pixels
         ],
         "files": [str(file) for file in files],
     }
 
 
 def _print(document: dict[str, Any], *, folder: Path) -> None:
-    """Print the layers, the pixels and the distance between the upper marks."""
+    """Print the layers, the pixels and the spacing of the upper registration marks."""
     console = Console(highlight=False)
     layers = [
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])
@@ -215,7 +215,7 @@ def _print(document: dict[str, Any], *, folder: Path) -> None:
     print_table(columns, pixels, console=console)
     marks, sheet = document["marks_mm"], document["sheet_mm"]
     console.print(
-        f"Sheet {sheet['width']:.2f} x {sheet['height']:.2f} mm; after import the upper marks must "
-        f"be {marks[1][0] - marks[0][0]:.2f} mm apart, centre to centre.\n"
+        f"Sheet {sheet['width']:.2f} x {sheet['height']:.2f} mm; after import the upper "
+        f"registration marks must be {marks[1][0] - marks[0][0]:.2f} mm apart, centre to centre.\n"
         f"Written: {len(document['files'])} files in {folder}"
     )

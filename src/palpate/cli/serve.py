@@ -104,7 +104,7 @@ def serve(
         speed=speed,
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
-        rules=None if rules is None else _rules(rules),
+        rules=None if rules is None else _read_rules(rules),
     )
     serve_page(
         settings,
@@ -113,12 +113,12 @@ def serve(
         port=port,
         token=token,
         announce=lambda address: print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True),
-        publisher=None if mqtt is None else _publisher(mqtt, store=store),
+        publisher=None if mqtt is None else _open_publisher(mqtt, store=store),
         lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
     )
 
 
-def _publisher(file: Path, *, store: str | None) -> Publisher:
+def _open_publisher(file: Path, *, store: str | None) -> Publisher:
     """Connect to a broker; results wait in the store until it acknowledges them."""
     from palpate.mqtt.broker import read_broker
     from palpate.mqtt.publisher import Publisher
@@ -130,8 +130,8 @@ def _publisher(file: Path, *, store: str | None) -> Publisher:
     )
 
 
-def _rules(path: Path) -> RuleBook:
-    """Read the sorting rules, which need the store."""
+def _read_rules(path: Path) -> RuleBook:
+    """Read the sorting rules; requires the extra `produce`."""
     with require_extra("--rules", extra="produce"):
         import sqlalchemy
     del sqlalchemy

@@ -44,7 +44,7 @@ from palpate.dashboard.session import Session
 from palpate.dashboard.transport import run_on
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.grasp.document import grasp_document, limit_document
+from palpate.grasp.document import damage_limit_document, grasp_document
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
@@ -466,7 +466,7 @@ class AppState:
         settings, live, limited = self.settings, self.session.devices.live, None
         if settings.damage is not None and settings.damage_path is not None:
             low_n = self._damage_low_n
-            limited = limit_document(
+            limited = damage_limit_document(
                 settings.damage,
                 path=settings.damage_path,
                 kind=order.kind,

@@ -117,7 +117,7 @@ class History:
         self.version = 0
 
     @property
-    def recent(self) -> list[Entry]:
+    def recent_grasps(self) -> list[Entry]:
         """The last grasps, newest first."""
         return list(reversed(self._recent))
 

@@ -130,7 +130,7 @@ class Live:
         self._previous_time_s = 0.0
 
     def freeze_curve(self) -> None:
-        """Freeze the curve after a short tail."""
+        """Stop extending the curve after another `_TAIL_S` seconds."""
         self._freeze_s = self.time_s + _TAIL_S
 
     def set_progress(self, progress: GraspProgress) -> None:
@@ -211,7 +211,7 @@ class Live:
 
     @property
     def touching_fingers(self) -> list[int]:
-        """Fingers in contact, detected as in the controller, for use without a grasp."""
+        """Fingers in contact outside a grasp, detected by the controller's rule."""
         return [finger for finger, state in enumerate(self._contacts) if state.touching]
 
     @property

@@ -131,7 +131,7 @@ class SetSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Seek:
-    """Continue the replay at this time of the recording."""
+    """Continue the replay from this time in the recording."""
 
     time_s: float
 

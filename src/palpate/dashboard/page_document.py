@@ -223,7 +223,7 @@ def _pads(
 
 
 def _past_moments(live: Live) -> list[dict[str, Any]]:
-    """Return thinned past readings of pads and hand, for a newly opened page."""
+    """Return decimated past readings of the pads and the hand for a newly opened page."""
     points = [point for point in live.points_after(-math.inf) if point.ohm.size]
     if not points:
         return []

@@ -124,11 +124,11 @@ def add_run_panel(app_state: AppState, viewer: Viewer) -> None:
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
 
     def show(version: int) -> None:
-        """Update counts and list."""
+        """Update the counts and the list."""
         counts.set_content(
             counts_html(app_state.history, rules=app_state.settings.rules is not None)
         )
-        listed = [entry_html(entry) for entry in app_state.history.recent]
+        listed = [entry_html(entry) for entry in app_state.history.recent_grasps]
         rows.set_content("".join(listed) or "<p>No grasps yet.</p>")
 
     viewer.on_change(lambda: app_state.history.version, show)

@@ -68,7 +68,7 @@ class DeviceState:
     Parameters
     ----------
     on_grasped : callable
-        Called with each finished grasp (not with replays) and its order.
+        Called with each finished grasp and its `GraspOrder`, but not with replays.
     """
 
     def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
@@ -243,7 +243,7 @@ class Session:
     send : callable
         Sends an order or a request to the device process.
     on_grasped : callable, optional
-        Called with each finished grasp (not with replays) and its order.
+        Called with each finished grasp and its `GraspOrder`, but not with replays.
     silent_s : callable, optional
         Returns the time since the last message of the device process, seconds.
 

@@ -176,7 +176,7 @@ class _BruisedCheek:
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
-        """Return the fraction of its finger's force that each pixel carries, shape (pixels,)."""
+        """Return each pixel's fraction of its finger's force, shape (pixels,)."""
         shares = pixel_shares(self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
         along_mm, across_mm = (
             place - off - _OFF_MM

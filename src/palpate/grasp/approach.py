@@ -133,8 +133,8 @@ def wait_for_retry(state: GraspState, plan: Plan) -> GripperCommand | None:
 def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
     """Open: according to the calibration, even a barely detectable force may be too high."""
     state.add_fault(
-        f"according to the calibration, a faint touch could be {state.estimate.force_high_n:.1f} N,"
-        f" and {plan.safety.force_ceiling_n:g} N is the limit; calibrate the force again"
+        f"according to the calibration, a light touch could be {state.estimate.force_high_n:.1f} N,"
+        f" but the limit is {plan.safety.force_ceiling_n:g} N; calibrate the force again"
     )
     return state.release(plan, Outcome.FORCE_LIMIT)
 

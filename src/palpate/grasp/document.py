@@ -22,7 +22,7 @@ def grasp_document(
 ) -> dict[str, object]:
     """Return the JSON document of a finished grasp.
 
-    `damage_limit`: output of `limit_document`; None without a limit.
+    `damage_limit`: output of `damage_limit_document`; None without a limit.
     `names`: values of ``item_id``, ``grasp_id``, ``recording`` and ``ended_at``.
     `truth`: true values of a simulated grasp; None on hardware.
     `subject`: name of the simulated object.
@@ -38,20 +38,20 @@ def grasp_document(
     return document
 
 
-def limit_document(
+def damage_limit_document(
     file: DamageFile, *, path: Path, kind: str, low_n: float, result: GraspResult
 ) -> dict[str, object]:
     """Return the JSON form of a learned damage limit and its effect on a grasp.
 
     `low_n`: limit of this object, newtons; infinite if the closing did not determine it.
     """
-    shown = math.isfinite(low_n)
+    is_known = math.isfinite(low_n)
     return {
         "file": str(path),
         "kind": kind or None,
         "closings": file.closings[kind] if kind else sum(file.closings.values()),
         "rate": file.model.rate,
-        "low_n": low_n if shown else None,
-        "passed": shown and (result.peak_force_n or 0.0) > low_n,
+        "low_n": low_n if is_known else None,
+        "passed": is_known and (result.peak_force_n or 0.0) > low_n,
         "kept_below_target": result.is_limited,
     }

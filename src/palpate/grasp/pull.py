@@ -38,7 +38,7 @@ def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> 
     """Compare a pull with the friction force of the measured grip.
 
     Both fingers hold the object: it slips at twice the friction coefficient times the grip force.
-    The verdict uses the ends of the force's interval.
+    The verdict uses both bounds of the force interval.
 
     Parameters
     ----------

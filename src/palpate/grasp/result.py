@@ -27,7 +27,7 @@ class Outcome(StrEnum):
     #: No safe force is certain to lift the object (`settle`).
     TOO_WEAK = "too_weak"
     #: The sheet shows more than the ceiling, or the board's own ceiling has tripped (`monitors`);
-    #: a faint touch may already exceed the ceiling according to the calibration (`approach`); the
+    #: a light touch may already exceed the ceiling according to the calibration (`approach`); the
     #: servo current shows more than the ceiling (`current_monitor`); most loaded pixels are
     #: saturated (`pixel_monitor`).
     FORCE_LIMIT = "force_limit"

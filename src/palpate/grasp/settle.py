@@ -123,7 +123,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
 
 
 def missing_n(force: Measurement, plan: Plan) -> float:
-    """Return the additional force needed for the target, or for a certain lift."""
+    """Return the additional force needed to reach the target and ensure the lift."""
     of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
     if plan.lift_force_n is None:
         return of_target_n
@@ -135,7 +135,7 @@ def _is_force_missing(force: Measurement, plan: Plan) -> bool:
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
-    """Whether a settled force is too small for the target or a certain lift."""
+    """Whether a settled force is too small for the target or to ensure the lift."""
     return _is_force_missing(force, plan) or not is_lift_certain(force, plan)
 
 

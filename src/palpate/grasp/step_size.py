@@ -37,10 +37,11 @@ def approach_step(plan: Plan) -> float:
 
 
 def read_step(estimate: ContactEstimate, plan: Plan) -> None:
-    """Read the force, its upper bound and the damage limit, once per closing step.
+    """Read the force, its upper bound and the damage limit once per closing step.
 
-    A later reading would include creep, which the early law converts to force. After a return to a
-    smaller closure, the sheet retains part of the earlier load. Both are therefore not read.
+    A later reading in the same step is ignored, because the early law would convert its creep to
+    force. A reading after a return to a smaller closure is ignored, because the sheet retains part
+    of the earlier load.
     """
     touch, last = estimate.now, estimate.steps[-1] if estimate.steps else None
     if last and (estimate.moved_s < last.touch.time_s or estimate.closure <= last.closure):
@@ -140,7 +141,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
 def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the closing travel since the object was gripped, mm or kPa.
 
-    The start of the force is extrapolated with the slope. A faint touch of one finger does not
+    The start of the force is extrapolated with the slope. A light touch of one finger does not
     count, because it may only push.
     """
     force_n = sheet_forces_n(estimate.steps, estimate, plan)

@@ -268,7 +268,7 @@ def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
 def refuse_infinite(value: float, *, what: str) -> None:
     """Refuse infinities and NaN."""
     if not math.isfinite(value):
-        raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
+        raise InputError(f"{what} is {value}: must be finite; omit it if it is unknown")
 
 
 def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:

@@ -86,10 +86,10 @@ def judge_pixels(
     layout: ArrayLayout,
     known_ohm: FloatArray | None = None,
 ) -> Iterator[PixelVerdict]:
-    """Yield the code, pixels, text and values of each fault, the most severe first.
+    """Yield the code, pixels, text and values of each fault, most severe first.
 
     `mean_counts`: shape (frames, rows, cols).
-    `steps_per_count`: conversions summed per reading, each of which adds steps within a count.
+    `steps_per_count`: conversions summed per reading, which divide each count into as many steps.
     `known_ohm`, shape (rows, cols): rest values of the calibration.
     """
     nothing = np.zeros((layout.rows, layout.cols))

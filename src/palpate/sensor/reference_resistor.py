@@ -30,7 +30,7 @@ class ResistorFit:
 
     @property
     def is_adequate(self) -> bool:
-        """Whether the step is small enough, or no other resistor reduces it clearly."""
+        """Whether the step is acceptable, or no other resistor would reduce it substantially."""
         is_fine = self.step_percent <= _MAX_STEP_PERCENT
         return is_fine or self.step_percent < _MIN_IMPROVEMENT * self.recommended_step_percent
 

@@ -318,7 +318,7 @@ class Decoder:
         return self._expected - 1, self._time_us
 
     def _count_answer(self, ack: Ack | None) -> Ack | None:
-        """Count the frames lost before an answer, from its number of the next frame."""
+        """Count the frames lost before an answer, using its next sequence number."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:

@@ -16,7 +16,7 @@ import numpy as np
 from palpate.clock import ManualClock
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import RELAXING_S, YIELD_FRACTION, TwinObject
-from palpate.twin.ranges import Pair, log_uniform, uniform
+from palpate.twin.ranges import Pair, draw_log_uniform, draw_uniform
 from palpate.twin.world import World
 
 #: Pause after an item was placed between the open fingers, seconds.
@@ -145,23 +145,23 @@ def draw_mixed_crate(
 
 
 def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObject:
-    size_mm = uniform(rng, kind.size_mm)
-    rupture_n = math.inf if kind.rupture_n is None else uniform(rng, kind.rupture_n)
-    stiffness = log_uniform(rng, kind.stiffness)
+    size_mm = draw_uniform(rng, kind.size_mm)
+    rupture_n = math.inf if kind.rupture_n is None else draw_uniform(rng, kind.rupture_n)
+    stiffness = draw_log_uniform(rng, kind.stiffness)
     if kind.law == "flesh":
         stiffness = hertz_force_at_1mm_n(stiffness, size_mm=size_mm)
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, kind.relaxing)
+    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
     return TwinObject(
         name=name,
         size_mm=size_mm,
         contact="hertz" if kind.law == "flesh" else "linear",
         force_at_1mm_n=stiffness,
         relaxing_share=tuple(float(part) for part in share),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
+        relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in RELAXING_S),
         flat=False,
-        yield_n=rupture_n * uniform(rng, YIELD_FRACTION),
+        yield_n=rupture_n * draw_uniform(rng, YIELD_FRACTION),
         rupture_n=rupture_n,
-        mass_g=uniform(rng, kind.mass_g),
+        mass_g=draw_uniform(rng, kind.mass_g),
     )
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.twin.ranges import Ranges, ranges_of, uniform
+from palpate.twin.ranges import Ranges, draw_uniform, ranges_of
 from palpate.twin.stage import ScannedPixels, Stage
 from palpate.twin.world import OPEN_MM
 
@@ -201,15 +201,15 @@ class ServoCurrent:
         self, ranges: Ranges, *, servo_seed: int, session_seed: int, start_s: float
     ) -> None:
         gears = np.random.default_rng([servo_seed, 6])
-        self._gear_ma = uniform(gears, ranges.servo_friction_ma)
-        self._gear_fraction = uniform(gears, ranges.servo_friction_fraction)
-        self._ripple = uniform(gears, ranges.servo_friction_ripple)
-        self._period_mm = uniform(gears, ranges.servo_friction_period_mm)
-        self._phase = uniform(gears, (0.0, math.tau))
-        self._movement_sd = uniform(gears, ranges.servo_friction_movement_sd)
+        self._gear_ma = draw_uniform(gears, ranges.servo_friction_ma)
+        self._gear_fraction = draw_uniform(gears, ranges.servo_friction_fraction)
+        self._ripple = draw_uniform(gears, ranges.servo_friction_ripple)
+        self._period_mm = draw_uniform(gears, ranges.servo_friction_period_mm)
+        self._phase = draw_uniform(gears, (0.0, math.tau))
+        self._movement_sd = draw_uniform(gears, ranges.servo_friction_movement_sd)
         self._rng = np.random.default_rng([session_seed, 4])
-        self._cold_offset = uniform(self._rng, ranges.servo_warm_fraction)
-        self._warming = uniform(self._rng, ranges.servo_warm_fraction)
+        self._cold_offset = draw_uniform(self._rng, ranges.servo_warm_fraction)
+        self._warming = draw_uniform(self._rng, ranges.servo_warm_fraction)
         # A separate stream preserves the other draws of a seed.
         self._movements = self._rng.spawn(1)[0]
         self._start_s = start_s

@@ -322,7 +322,7 @@ class FirmwareStream:
             self._is_running = False
 
     def _turn_servo(self, travel: ServoTravel) -> None:
-        """Move the fingers to the latest pulse while the safe line supplies power."""
+        """Apply the latest servo pulse to the fingers if the safe line is high."""
         _, width_us = self._board.read_pulses()
         if not self._board.safe_line:
             self._servo_us = 0.0

@@ -171,7 +171,7 @@ class Motion:
 def pixel_shares(
     obj: TwinObject, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """Return the fraction of its finger's force that each pixel carries, shape (pixels,).
+    """Return each pixel's fraction of its finger's force, shape (pixels,).
 
     A flat object loads the whole pad, with a slight gradient towards its position. A round object
     loads a parabolic patch whose radius grows as in Hertz contact (each side is indented by half).

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from palpate.twin.ranges import Pair, log_uniform, uniform
+from palpate.twin.ranges import Pair, draw_log_uniform, draw_uniform
 
 if TYPE_CHECKING:
     from palpate.arrays import FloatArray
@@ -35,7 +35,7 @@ class Faces(Protocol):
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
-        """Return the fraction of its finger's force that each pixel carries, shape (pixels,)."""
+        """Return each pixel's fraction of its finger's force, shape (pixels,)."""
         ...
 
 
@@ -171,21 +171,21 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
     if name not in OBJECTS:
         raise ValueError(f"no twin object {name!r}; available: {', '.join(OBJECTS)}")
     kind = OBJECTS[name]
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, kind.relaxing)
-    rupture_n = uniform(rng, kind.rupture_n) if kind.rupture_n else float("inf")
+    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
+    rupture_n = draw_uniform(rng, kind.rupture_n) if kind.rupture_n else float("inf")
     return TwinObject(
         name=name,
-        size_mm=uniform(rng, kind.size_mm),
+        size_mm=draw_uniform(rng, kind.size_mm),
         contact=kind.contact,
-        force_at_1mm_n=log_uniform(rng, kind.force_at_1mm_n),
+        force_at_1mm_n=draw_log_uniform(rng, kind.force_at_1mm_n),
         relaxing_share=tuple(float(part) for part in share),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
+        relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in RELAXING_S),
         flat=kind.flat,
-        yield_n=rupture_n * uniform(rng, YIELD_FRACTION),
+        yield_n=rupture_n * draw_uniform(rng, YIELD_FRACTION),
         rupture_n=rupture_n,
-        mass_g=uniform(rng, kind.mass_g),
+        mass_g=draw_uniform(rng, kind.mass_g),
         # A separate stream preserves the other draws of a seed.
-        friction=uniform(rng.spawn(1)[0], FRICTION),
+        friction=draw_uniform(rng.spawn(1)[0], FRICTION),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.twin.ranges import Ranges, uniform
+from palpate.twin.ranges import Ranges, draw_uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 
 #: Offset of an object in a fixture from the centre, as a fraction of the pixel pitch.
@@ -56,7 +56,9 @@ class Placements:
         used = replace(environment, cycles=environment.cycles + since)
         gain = self._sheet.gain * self._sheet.gain_factor(used) * np.exp(common + own)
         aside = np.random.default_rng([self._seed, 3, placed])
-        off_middle_mm = 0.0 if placed in self.fixtures else uniform(aside, ranges.off_middle_mm)
+        off_middle_mm = (
+            0.0 if placed in self.fixtures else draw_uniform(aside, ranges.off_middle_mm)
+        )
         return Placement(
             off_centre_mm=(float(spot[0]), float(spot[1])),
             gain=gain,

@@ -149,11 +149,11 @@ def ranges_of(level: str) -> Ranges:
     return LEVELS[level]
 
 
-def uniform(rng: np.random.Generator, pair: Pair) -> float:
-    """Draw a number uniformly from a pair."""
-    return float(rng.uniform(*pair))
+def draw_uniform(rng: np.random.Generator, bounds: Pair) -> float:
+    """Draw a number uniformly between two bounds."""
+    return float(rng.uniform(*bounds))
 
 
-def log_uniform(rng: np.random.Generator, pair: Pair) -> float:
-    """Draw a number log-uniformly from a pair."""
-    return float(np.exp(rng.uniform(np.log(pair[0]), np.log(pair[1]))))
+def draw_log_uniform(rng: np.random.Generator, bounds: Pair) -> float:
+    """Draw a number log-uniformly between two bounds."""
+    return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))

@@ -94,7 +94,7 @@ class SheetState:
         """
         v = creep.instant * self.target + creep.weight @ self.creep
         bare = sheet.rest_ohm * rest_factor * (1.0 + self.spike)
-        resistance: FloatArray = bare / (1.0 + sheet.family.excess(v))
+        resistance: FloatArray = bare / (1.0 + sheet.family.excess_conductance(v))
         return resistance
 
     def _step(

@@ -1,4 +1,4 @@
-"""The interface of the simulated world for its devices."""
+"""Interface between the simulated world and its devices."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.twin.ranges import Ranges, log_uniform, ranges_of, uniform
+from palpate.twin.ranges import Ranges, draw_log_uniform, draw_uniform, ranges_of
 
 #: Time after a single load step at which the static law holds, seconds (the paper's horizon).
 SETTLED_S = 20.0
@@ -94,25 +94,25 @@ class Family:
         beyond = np.log(np.maximum(excess, _LOG_START) / _LOG_START)
         return low / (1.0 + low) + _LOG_START / (1.0 + _LOG_START) ** 2 * beyond
 
-    def excess(self, v: FloatArray) -> FloatArray:
+    def excess_conductance(self, coordinate: FloatArray) -> FloatArray:
         """Return the excess conductance of a coordinate: the inverse of `coordinate`."""
         if not self.relative:
-            return np.expm1(v)
-        bend_v = _LOG_START / (1.0 + _LOG_START)
-        low = np.minimum(v, bend_v)
-        beyond = np.maximum(v - bend_v, 0.0) * (1.0 + _LOG_START) ** 2 / _LOG_START
+            return np.expm1(coordinate)
+        bend = _LOG_START / (1.0 + _LOG_START)
+        low = np.minimum(coordinate, bend)
+        beyond = np.maximum(coordinate - bend, 0.0) * (1.0 + _LOG_START) ** 2 / _LOG_START
         return low / (1.0 - low) * np.exp(beyond)
 
 
 def _draw_two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
-    scale = uniform(rng, ranges.two_mode_scale)
+    scale = draw_uniform(rng, ranges.two_mode_scale)
     return Family(name="two-mode", relative=True, draw=lambda grasp: two_mode_creep(grasp, scale))
 
 
 def _draw_slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
-    share = uniform(rng, ranges.slow_power_fraction)
-    exponent = uniform(rng, ranges.slow_power_exponent)
-    start_s = log_uniform(rng, ranges.slow_power_start_s_log)
+    share = draw_uniform(rng, ranges.slow_power_fraction)
+    exponent = draw_uniform(rng, ranges.slow_power_exponent)
+    start_s = draw_log_uniform(rng, ranges.slow_power_start_s_log)
     sd = ranges.creep_place_log_sd
 
     def draw(grasp: np.random.Generator) -> Creep:
@@ -124,8 +124,8 @@ def _draw_slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
 
 def _draw_hetero(rng: np.random.Generator, ranges: Ranges) -> Family:
     modes = int(rng.integers(3, 6))
-    tau_s = np.sort([log_uniform(rng, ranges.hetero_time_s_log) for _ in range(modes)])
-    weight = rng.dirichlet(np.ones(modes)) * uniform(rng, ranges.hetero_fraction)
+    tau_s = np.sort([draw_log_uniform(rng, ranges.hetero_time_s_log) for _ in range(modes)])
+    weight = rng.dirichlet(np.ones(modes)) * draw_uniform(rng, ranges.hetero_fraction)
     sd = ranges.creep_place_log_sd
 
     def draw(grasp: np.random.Generator) -> Creep:
@@ -252,30 +252,30 @@ def draw_sheet(
     aging = rng.spawn(1)[0]
     # The sheet responds to pressure, so forces scale with the area of a pixel.
     area = (layout.pitch_mm / USUAL_PITCH_MM) ** 2
-    rest_ohm = log_uniform(rng, ranges.rest_ohm_log)
+    rest_ohm = draw_log_uniform(rng, ranges.rest_ohm_log)
     return Sheet(
         family=FAMILIES[name](np.random.default_rng(rng.integers(2**63)), ranges),
         rest_ohm=rest_ohm * np.exp(ranges.rest_pixel_log_sd * rng.standard_normal(pixels)),
         gain=np.exp(ranges.sheet_pixel_log_sd * rng.standard_normal(pixels)),
-        unit_force_n=area * log_uniform(rng, ranges.unit_force_n_log),
-        exponent=uniform(rng, ranges.exponent),
-        threshold_n=area * uniform(rng, ranges.threshold_n),
-        saturation=log_uniform(rng, ranges.saturation_log),
-        hysteresis=uniform(rng, ranges.hysteresis),
-        spike_decay_s=uniform(rng, ranges.spike_decay_s),
-        spike_per_mm=uniform(rng, ranges.spike_per_mm),
-        spike_per_target=uniform(rng, ranges.spike_per_target),
-        white_noise=uniform(rng, ranges.white_noise),
-        slow_noise=uniform(rng, ranges.slow_noise),
-        rest_per_kelvin=uniform(rng, ranges.rest_per_kelvin),
-        rest_per_humidity_percent=uniform(rng, ranges.rest_per_humidity_percent),
-        gain_per_kelvin=uniform(rng, ranges.gain_per_kelvin),
-        break_in=uniform(rng, ranges.break_in),
-        break_in_cycles=log_uniform(rng, ranges.break_in_cycles_log),
-        gain_per_humidity_percent=uniform(aging, ranges.gain_per_humidity_percent),
-        rest_break_in=uniform(aging, ranges.rest_break_in),
-        rest_per_1000_cycles=uniform(aging, ranges.rest_per_1000_cycles),
-        gain_per_1000_cycles=uniform(aging, ranges.gain_per_1000_cycles),
-        lift_fraction=uniform(aging, ranges.lift_fraction),
-        lift_kpa=log_uniform(aging, ranges.lift_kpa_log),
+        unit_force_n=area * draw_log_uniform(rng, ranges.unit_force_n_log),
+        exponent=draw_uniform(rng, ranges.exponent),
+        threshold_n=area * draw_uniform(rng, ranges.threshold_n),
+        saturation=draw_log_uniform(rng, ranges.saturation_log),
+        hysteresis=draw_uniform(rng, ranges.hysteresis),
+        spike_decay_s=draw_uniform(rng, ranges.spike_decay_s),
+        spike_per_mm=draw_uniform(rng, ranges.spike_per_mm),
+        spike_per_target=draw_uniform(rng, ranges.spike_per_target),
+        white_noise=draw_uniform(rng, ranges.white_noise),
+        slow_noise=draw_uniform(rng, ranges.slow_noise),
+        rest_per_kelvin=draw_uniform(rng, ranges.rest_per_kelvin),
+        rest_per_humidity_percent=draw_uniform(rng, ranges.rest_per_humidity_percent),
+        gain_per_kelvin=draw_uniform(rng, ranges.gain_per_kelvin),
+        break_in=draw_uniform(rng, ranges.break_in),
+        break_in_cycles=draw_log_uniform(rng, ranges.break_in_cycles_log),
+        gain_per_humidity_percent=draw_uniform(aging, ranges.gain_per_humidity_percent),
+        rest_break_in=draw_uniform(aging, ranges.rest_break_in),
+        rest_per_1000_cycles=draw_uniform(aging, ranges.rest_per_1000_cycles),
+        gain_per_1000_cycles=draw_uniform(aging, ranges.gain_per_1000_cycles),
+        lift_fraction=draw_uniform(aging, ranges.lift_fraction),
+        lift_kpa=draw_log_uniform(aging, ranges.lift_kpa_log),
     )

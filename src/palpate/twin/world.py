@@ -17,7 +17,7 @@ from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.placement import PixelGrid
 from palpate.twin.plant import Plant, PlantState
-from palpate.twin.ranges import ranges_of, uniform
+from palpate.twin.ranges import draw_uniform, ranges_of
 from palpate.twin.readout import Readout
 from palpate.twin.velostat import Environment, Sheet, draw_sheet
 
@@ -93,16 +93,16 @@ class World:
         rng = np.random.default_rng([self.sheet_seed, 0])
         sheet = draw_sheet(rng, layout=layout, level=level, family=family)
         self.sheet = sheet if replace_sheet is None else replace_sheet(sheet)
-        finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
+        finger_mm_per_n = draw_uniform(rng, ranges.finger_mm_per_n)
         self.compliance = HandCompliance(
             finger_mm_per_n=finger_mm_per_n + (soft_mm_per_n if gripper == "soft" else 0.0),
-            pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
-            pad_force_n=uniform(rng, ranges.pad_force_n),
+            pad_travel_mm=draw_uniform(rng, ranges.pad_travel_mm),
+            pad_force_n=draw_uniform(rng, ranges.pad_force_n),
         )
         #: Backlash of the servo; soft fingers have none.
         self.backlash_mm = 0.0
         if gripper == "rigid":
-            self.backlash_mm = uniform(rng.spawn(1)[0], ranges.backlash_mm)
+            self.backlash_mm = draw_uniform(rng.spawn(1)[0], ranges.backlash_mm)
         self._plant = Plant(
             sheet=self.sheet,
             compliance=self.compliance,

@@ -23,7 +23,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.mechanics import object_force_n
 from palpate.twin.objects import FRICTION, TwinObject
-from palpate.twin.ranges import log_uniform, uniform
+from palpate.twin.ranges import draw_log_uniform, draw_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
 from palpate_studies.stoppable import require_uninterrupted
@@ -87,8 +87,8 @@ def draw_task(seed: int, *, level: str) -> Task:
     """Draw one task; every fourth sensor is on soft fingers."""
     rng = np.random.default_rng([seed, 31])
     kind: GripperKind = "soft" if (seed // GRASPS_PER_SHEET) % 4 == 3 else "rigid"
-    target_n = log_uniform(rng, TARGETS_N)
-    lift_n = target_n * uniform(rng, _LIFT_FRACTION)
+    target_n = draw_log_uniform(rng, TARGETS_N)
+    lift_n = target_n * draw_uniform(rng, _LIFT_FRACTION)
     mass_g = 2.0 * FRICTION[0] * lift_n / N_PER_G
     obj = draw_random_object(rng, size_mm=SIZES_MM[kind], mass_g=mass_g)
     return Task(seed=seed, level=level, kind=kind, obj=obj, target_n=target_n, lift_n=lift_n)
@@ -99,22 +99,24 @@ def draw_random_object(
 ) -> TwinObject:
     """Draw an object of any stiffness, shape and strength."""
     contact = "hertz" if rng.random() < 0.5 else "linear"
-    force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
+    force_at_1mm_n = draw_log_uniform(rng, STIFFNESS_N)
     relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_FRACTION else _OTHERS_RELAX
     yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
     yield_n = force_at_1mm_n * yield_mm ** (1.5 if contact == "hertz" else 1.0)
     return TwinObject(
         name="thing",
-        size_mm=uniform(rng, size_mm),
+        size_mm=draw_uniform(rng, size_mm),
         contact="hertz" if contact == "hertz" else "linear",
         force_at_1mm_n=force_at_1mm_n,
-        relaxing_share=tuple((rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, relaxing)).tolist()),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),
+        relaxing_share=tuple(
+            (rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, relaxing)).tolist()
+        ),
+        relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),
         flat=bool(rng.random() < 0.5),
         yield_n=yield_n,
         rupture_n=1.2 * yield_n,
         mass_g=mass_g,
-        friction=uniform(rng, FRICTION),
+        friction=draw_uniform(rng, FRICTION),
     )
 
 

@@ -35,7 +35,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.ranges import uniform
+from palpate.twin.ranges import draw_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
@@ -86,14 +86,14 @@ def run_station(
             surroundings = Environment()
             if aging:
                 surroundings = Environment(
-                    temperature_c=uniform(climate, STATION.temperature_c),
-                    humidity_percent=uniform(climate, STATION.humidity_percent),
+                    temperature_c=draw_uniform(climate, STATION.temperature_c),
+                    humidity_percent=draw_uniform(climate, STATION.humidity_percent),
                     cycles=int(cycles),
                 )
-                cycles += uniform(climate, STATION.cycles_per_day)
+                cycles += draw_uniform(climate, STATION.cycles_per_day)
             bench.begin_day(begins + day, surroundings=surroundings)
             bench.grasp_fruits(fruits, name=name, day=day, rule=rule)
-        cycles += (LATER_DAYS - DAYS) * uniform(climate, STATION.cycles_per_day)
+        cycles += (LATER_DAYS - DAYS) * draw_uniform(climate, STATION.cycles_per_day)
     return bench.read_all(first, second)
 
 

@@ -35,7 +35,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.ranges import log_uniform, uniform
+from palpate.twin.ranges import draw_log_uniform, draw_uniform
 from palpate_studies.fruit_ranges import APPLES, AppleRanges, BruiseRanges
 
 if TYPE_CHECKING:
@@ -338,33 +338,33 @@ def draw_apple(
     """
     flesh = replace(
         draw_object(rng, "apple"),
-        size_mm=uniform(rng, apples.diameter_mm),
-        force_at_1mm_n=log_uniform(rng, apples.force_at_1mm_n_log),
+        size_mm=draw_uniform(rng, apples.diameter_mm),
+        force_at_1mm_n=draw_log_uniform(rng, apples.force_at_1mm_n_log),
     )
     apple = Apple(
         flesh=flesh,
-        oval=uniform(rng, apples.oval),
-        lobes=uniform(rng, apples.lobes),
-        oval_deg=uniform(rng, (0.0, 360.0)),
-        lobes_deg=uniform(rng, (0.0, 360.0)),
-        firmer=uniform(rng, apples.firmer),
-        firmer_deg=uniform(rng, (0.0, 360.0)),
-        leaning_mm=uniform(rng, apples.leaning_mm),
-        leaning_deg=uniform(rng, (0.0, 360.0)),
+        oval=draw_uniform(rng, apples.oval),
+        lobes=draw_uniform(rng, apples.lobes),
+        oval_deg=draw_uniform(rng, (0.0, 360.0)),
+        lobes_deg=draw_uniform(rng, (0.0, 360.0)),
+        firmer=draw_uniform(rng, apples.firmer),
+        firmer_deg=draw_uniform(rng, (0.0, 360.0)),
+        leaning_mm=draw_uniform(rng, apples.leaning_mm),
+        leaning_deg=draw_uniform(rng, (0.0, 360.0)),
     )
     return apple if bruises is None else replace(apple, bruise=draw_bruise(rng, bruises, apple))
 
 
 def draw_bruise(rng: np.random.Generator, ranges: BruiseRanges, apple: Apple) -> Bruise:
     """Draw a bruise for an apple."""
-    diameter_mm = log_uniform(rng, ranges.diameter_mm_log)
+    diameter_mm = draw_log_uniform(rng, ranges.diameter_mm_log)
     # Flattening of a sphere of the apple's size with a plane contact as wide as the bruise.
     flattened_mm = diameter_mm**2 / (8.0 * apple.radius_mm)
     return Bruise(
-        angle_deg=uniform(rng, (0.0, 360.0)),
-        height_mm=uniform(rng, ranges.height_mm),
+        angle_deg=draw_uniform(rng, (0.0, 360.0)),
+        height_mm=draw_uniform(rng, ranges.height_mm),
         diameter_mm=diameter_mm,
-        depth_mm=diameter_mm * uniform(rng, ranges.depth_over_diameter),
-        softness=uniform(rng, ranges.softness),
-        dent_mm=flattened_mm * uniform(rng, ranges.dent_share),
+        depth_mm=diameter_mm * draw_uniform(rng, ranges.depth_over_diameter),
+        softness=draw_uniform(rng, ranges.softness),
+        dent_mm=flattened_mm * draw_uniform(rng, ranges.dent_share),
     )

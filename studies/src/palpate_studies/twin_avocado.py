@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.twin.objects import TwinObject
-from palpate.twin.ranges import log_uniform, uniform
+from palpate.twin.ranges import draw_log_uniform, draw_uniform
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS, AvocadoRanges
 
 #: Yield force as a fraction of the rupture force, as for other fruit of the twin.
@@ -95,7 +95,7 @@ class Avocado:
             relaxing_share=self.relaxing_share,
             relaxing_time_s=self.relaxing_time_s,
             flat=False,
-            yield_n=rupture_n * uniform(rng, _YIELD_FRACTION),
+            yield_n=rupture_n * draw_uniform(rng, _YIELD_FRACTION),
             rupture_n=rupture_n,
             mass_g=self.mass_g,
         )
@@ -103,19 +103,19 @@ class Avocado:
 
 def draw_avocado(rng: np.random.Generator, *, ranges: AvocadoRanges = AVOCADOS) -> Avocado:
     """Draw one fruit."""
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, ranges.relaxing)
+    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, ranges.relaxing)
     return Avocado(
-        size_mm=uniform(rng, ranges.size_mm),
-        hard_n=log_uniform(rng, ranges.hard_n_log),
-        softest_n=log_uniform(rng, ranges.softest_n_log),
-        half_day=uniform(rng, ranges.half_day),
-        pace_days=uniform(rng, ranges.pace_days),
-        skew=uniform(rng, ranges.skew),
+        size_mm=draw_uniform(rng, ranges.size_mm),
+        hard_n=draw_log_uniform(rng, ranges.hard_n_log),
+        softest_n=draw_log_uniform(rng, ranges.softest_n_log),
+        half_day=draw_uniform(rng, ranges.half_day),
+        pace_days=draw_uniform(rng, ranges.pace_days),
+        skew=draw_uniform(rng, ranges.skew),
         days_of_room=tuple(np.exp(ranges.room_log_sd * rng.standard_normal(_DAYS)).tolist()),
         relaxing_share=tuple(share.tolist()),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in _RELAXING_S),
-        rupture_per_root=uniform(rng, ranges.rupture_per_root),
+        relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in _RELAXING_S),
+        rupture_per_root=draw_uniform(rng, ranges.rupture_per_root),
         spot_log_sd=ranges.spot_log_sd,
         waist_sd_mm=ranges.waist_sd_mm,
-        mass_g=uniform(rng, ranges.mass_g),
+        mass_g=draw_uniform(rng, ranges.mass_g),
     )

@@ -139,7 +139,7 @@ def test_calibrate_compliance_works_with_two_load_cells(
     arguments = ("--rig", str(bench.rig), "--block-mm", "40")
     document = palpate("calibrate", "compliance", *arguments, "--json").document
     assert bench.asked[0].startswith("the rigid block with the load cell")
-    assert bench.asked[1].startswith("take the block out")
+    assert bench.asked[1].startswith("remove the block")
     assert document["simulated"] is False
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
     made = Calibration.load(out)

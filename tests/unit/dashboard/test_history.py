@@ -40,9 +40,9 @@ def test_history_is_restored_after_a_restart(tmp_path: Path) -> None:
     for number in range(LISTED_GRASPS + 3):
         first.add(replace(ENTRY, recording=f"{number}.mcap"))
     again = History(tmp_path / "data")
-    assert again.recent == first.recent
-    assert again.recent[0].recording == f"{LISTED_GRASPS + 2}.mcap"
-    assert len(again.recent) == LISTED_GRASPS
+    assert again.recent_grasps == first.recent_grasps
+    assert again.recent_grasps[0].recording == f"{LISTED_GRASPS + 2}.mcap"
+    assert len(again.recent_grasps) == LISTED_GRASPS
     assert again.outcomes.total() == 0, "it counts from its own start"
     assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
@@ -52,7 +52,7 @@ def test_history_with_a_truncated_line_reads_all_other_lines(tmp_path: Path) -> 
     history.add(ENTRY)
     with (tmp_path / "grasps.jsonl").open("a") as lines:
         lines.write('{"ended_at": "2026-01\n[1, 2]\n')
-    assert History(tmp_path).recent == [ENTRY]
+    assert History(tmp_path).recent_grasps == [ENTRY]
 
 
 def test_history_csv_column_names_end_in_units(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_history_csv_has_no_cell_that_a_spreadsheet_executes(tmp_path: Path, sta
     (row,) = csv.DictReader(io.StringIO("".join(history.csv_parts()), newline=""))
     assert {row["item_id"], row["bin"], row["why"]} == {f"'{typed}"}
     assert row["force_n"] == "-1.0"
-    assert history.recent[0].item_id == typed
+    assert history.recent_grasps[0].item_id == typed
 
 
 def test_history_finds_a_grasp_by_the_new_name_of_its_recording(tmp_path: Path) -> None:
@@ -79,8 +79,8 @@ def test_history_finds_a_grasp_by_the_new_name_of_its_recording(tmp_path: Path) 
     history.add(ENTRY)
     version = history.version
     history.rename("grasp-1.mcap", "ripe.mcap")
-    assert history.recent[0].recording == "ripe.mcap"
-    assert History(tmp_path).recent == history.recent
+    assert history.recent_grasps[0].recording == "ripe.mcap"
+    assert History(tmp_path).recent_grasps == history.recent_grasps
     assert history.version > version
     assert history.find_grasp("grasp-1.mcap") is None
     assert (
@@ -102,7 +102,7 @@ def test_history_rename_preserves_lines_of_another_program(tmp_path: Path) -> No
     history.rename("1.mcap", "a.mcap")
     history.rename("a.mcap", "b.mcap")
     assert file.read_bytes().startswith(before)
-    names = [entry.recording for entry in History(tmp_path).recent]
+    names = [entry.recording for entry in History(tmp_path).recent_grasps]
     assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]
 
 
@@ -113,7 +113,7 @@ def test_history_rename_on_a_full_disk_preserves_every_grasp(tmp_path: Path) -> 
     with file_size_limit(len(before) + 10), pytest.raises(OSError, match="No space left"):
         history.rename("grasp-1.mcap", "ripe.mcap")
     assert file.read_bytes() == before
-    assert history.recent == [ENTRY]
+    assert history.recent_grasps == [ENTRY]
 
 
 def test_history_appends_a_complete_line_after_a_truncated_one(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_history_appends_a_complete_line_after_a_truncated_one(tmp_path: Path) -
     with (tmp_path / "grasps.jsonl").open("a") as lines:
         lines.write('{"ended_at": "2026-01')
     history.add(ENTRY)
-    assert History(tmp_path).recent == [ENTRY]
+    assert History(tmp_path).recent_grasps == [ENTRY]
 
 
 def test_make_entry_contains_the_measurements_of_the_grasp() -> None:

@@ -71,7 +71,7 @@ def test_unconfirmed_touch_is_rejected(plan: Plan, bench: Any) -> None:
         if grasp_state.activity == Activity.CONFIRM:
             bench.size_mm = 0.0
 
-    # A faint touch, whose reading alone is no grip, looked at until only fresh frames count.
+    # A light touch, whose reading alone is no grip, looked at until only fresh frames count.
     longer = replace(plan, gentle_force_n=8.0, confirm_s=0.5)
     result = bench.grasp(longer, watchers=[taken_away])
     assert Activity.CONFIRM in entered

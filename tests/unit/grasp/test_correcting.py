@@ -64,7 +64,7 @@ def test_increase_force_after_small_effect_lowers_slope_to_a_quarter(
     )
 
 
-def test_increase_force_after_no_effect_is_limited_to_last_travel(plan: Plan) -> None:
+def test_increase_force_after_step_without_effect_is_limited_to_last_travel(plan: Plan) -> None:
     state = holding(4.0)
     state.correction.before = (20.9, 4.1)
     wish = increase_force(state, settled(4.0), plan, missing_n=3.0)

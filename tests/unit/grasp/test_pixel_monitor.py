@@ -43,7 +43,7 @@ def at_rest(count: int) -> list[Any]:
 
 
 @pytest.mark.parametrize(("counts", "how"), [(0, "open"), (1023, "short")])
-def test_pixel_monitor_range_end_raises_alarm_at_second_frame(
+def test_pixel_monitor_second_frame_at_range_end_raises_alarm(
     plan: Plan, counts: int, how: str
 ) -> None:
     frames = at_rest(6)

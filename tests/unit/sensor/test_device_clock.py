@@ -54,7 +54,7 @@ def test_device_clock_time_does_not_decrease_after_a_drift_correction() -> None:
     assert host_s[-1] == pytest.approx(device_s[-1], abs=2e-3)
 
 
-def test_device_clock_never_returns_a_time_before_not_before_s() -> None:
+def test_device_clock_returns_no_time_before_its_lower_limit() -> None:
     clock = DeviceClock(floor_s=0.01, not_before_s=7.5)
     assert clock.to_host_s(1.0, arrival_s=7.4) == 7.5
     assert clock.to_host_s(2.0, arrival_s=8.4) == pytest.approx(8.39)

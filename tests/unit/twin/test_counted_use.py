@@ -19,7 +19,7 @@ def gain(environment: Environment, *, contacts: int) -> float:
     return float(placements.of(1, contacts, environment=environment).gain.mean())
 
 
-def test_placements_count_own_contacts_only_once() -> None:
+def test_placements_do_not_add_contacts_already_included_in_cycles() -> None:
     before = gain(Environment(cycles=200), contacts=100)
     assert gain(Environment(cycles=300, cycles_are_all=True), contacts=100) == before
     assert gain(Environment(cycles=300), contacts=100) != before

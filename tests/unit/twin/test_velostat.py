@@ -67,7 +67,7 @@ def test_creep_coordinate_is_monotonic_and_invertible(family: str) -> None:
     excess = np.r_[0.0, np.geomspace(1e-4, 1e4, 200)]
     v = law.coordinate(excess)
     assert np.all(np.diff(v) > 0)
-    np.testing.assert_allclose(law.excess(v), excess, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(law.excess_conductance(v), excess, rtol=1e-9, atol=1e-12)
 
 
 def test_static_excess_has_threshold_and_saturation() -> None:

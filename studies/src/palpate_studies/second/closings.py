@@ -17,7 +17,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.ranges import log_uniform
+from palpate.twin.ranges import draw_log_uniform
 from palpate_studies.second.things import make_dough, make_foam, make_layered
 
 #: Seed of everything drawn here.
@@ -53,11 +53,11 @@ def _draw_closing(
 ) -> FruitClosing:
     rupture_mm = float(rng.choice(_RUPTURE_MM) * np.exp(_RUPTURE_LOG_SD * rng.standard_normal()))
     deformed_mm = np.arange(0.0, rupture_mm, _STEP_MM)
-    step_s = _STEP_MM / log_uniform(rng, _SPEED_MM_PER_S)
+    step_s = _STEP_MM / draw_log_uniform(rng, _SPEED_MM_PER_S)
     true_n = _relax(_elastic_force_n(fruit, deformed_mm), fruit=fruit, step_s=step_s)
     read_n = true_n + _NOISE_N * rng.standard_normal(true_n.size)
     closure_mm = fruit.size_mm + deformed_mm + true_n / _HAND_N_PER_MM
-    recorded = true_n >= log_uniform(rng, _BEGINS_N)
+    recorded = true_n >= draw_log_uniform(rng, _BEGINS_N)
     return follow_closing(
         name,
         fruit=kind,
