@@ -1,4 +1,4 @@
-"""Softening of one kind of produce over days, and the position of an item on that curve.
+"""Softening curve of one kind of produce, and the position of an item on it.
 
 Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
 hard level to a soft level. Items differ in the day on which they are halfway, in pace and in
