@@ -98,7 +98,7 @@ class StoreEntry:
         grasp = make_grasp_record(
             result,
             item_id=self._item_id,
-            seen=self._seen,
+            observations=self._seen,
             layout=rig.array.layout,
             rig=rig.name,
             drive=rig.gripper.limits.drive,

@@ -22,7 +22,7 @@ from palpate.plots.style import check_plot, save_figure
 from palpate.produce.records import Drive, Item
 from palpate.produce.ripeness.history import (
     FirmnessHistory,
-    explanation,
+    explain_stage,
     firmness_history,
     is_assumed,
     judge_ripeness,
@@ -135,7 +135,7 @@ class _Judged:
             "unsure": found.is_uncertain,
             "days_to_ripe": _days_document(found.days_to_ripe),
             "basis": found.basis,
-            "explanation": explanation(found, history),
+            "explanation": explain_stage(found, history),
             "days": _day_rows(history),
         }
 
@@ -195,7 +195,7 @@ def _print(judged: Sequence[_Judged]) -> None:
     print_table(columns, rows, console=console)
     if len(judged) == 1:
         history = judged[0].history
-        console.print(f"\n{explanation(judged[0].ripeness, history)}", markup=False)
+        console.print(f"\n{explain_stage(judged[0].ripeness, history)}", markup=False)
         width = history.drive == "width"
         quantity_key = "stiffness_n_per_mm" if width else "pixels_sharing"
         days = [

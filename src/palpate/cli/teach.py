@@ -18,7 +18,7 @@ from palpate.errors import InputError
 from palpate.produce.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate.produce.records import About
 from palpate.produce.store import Store
-from palpate.produce.teaching import read_labelled, read_labels_about
+from palpate.produce.training_tables import read_labelled, read_labels_about
 from palpate.terminal_table import print_table
 
 

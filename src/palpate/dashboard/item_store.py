@@ -86,7 +86,7 @@ class ItemStore:
                 result,
                 # A record requires a name, but a grasp without a name is never stored.
                 item_id=item_id or "-",
-                seen=() if recording is None else _read_observations(recording),
+                observations=() if recording is None else _read_observations(recording),
                 layout=source.layout,
                 rig=source.name,
                 drive="width" if source.gripper is None else source.gripper.drive,

@@ -256,7 +256,7 @@ class _Station:
         grasp = make_grasp_record(
             result,
             item_id=item_id,
-            seen=seen,
+            observations=seen,
             layout=self._plan.layout,
             rig="sim-rigid",
             drive="width",

@@ -40,11 +40,11 @@ def answer_pixel_percent(
 def mean_percent_before(
     until_s: float, *, observations: Sequence[Observation], layout: ArrayLayout
 ) -> FloatArray:
-    """Return each pixel's relative change over the last moments before a time, (rows, cols)."""
-    began_s = observations[0].frame.time_s
-    rest = _mean_ohm(observations, began_s - 1e-9, began_s + MEAN_S, layout=layout)
-    felt = _mean_ohm(observations, until_s - MEAN_S, until_s, layout=layout)
-    return relative_change_percent(felt, rest_ohm=rest)
+    """Return each pixel's mean relative change just before a time, shape (rows, cols)."""
+    start_s = observations[0].frame.time_s
+    rest = _mean_ohm(observations, start_s - 1e-9, start_s + MEAN_S, layout=layout)
+    loaded = _mean_ohm(observations, until_s - MEAN_S, until_s, layout=layout)
+    return relative_change_percent(loaded, rest_ohm=rest)
 
 
 def _mean_ohm(

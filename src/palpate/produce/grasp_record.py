@@ -19,18 +19,18 @@ from palpate.produce.store.writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
 
-#: What a grasp answers; where the hand stood then is read off the gripper.
+#: Answers of a grasp; width or pressure come from the gripper (`hold_measurements`).
 _ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm", "firmness")
 
-#: Name of the measurement by what drives the hand.
-HELD_AT: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
+#: Name of the gripper's own measurement for each kind of gripper.
+HOLD_NAMES: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
 
 
 def make_grasp_record(
     result: GraspResult,
     *,
     item_id: str,
-    seen: Sequence[Observation],
+    observations: Sequence[Observation],
     layout: ArrayLayout,
     rig: str,
     drive: Drive,
@@ -40,17 +40,17 @@ def make_grasp_record(
     angle_deg: float | None = None,
     closing: Mapping[str, Measurement] = MappingProxyType({}),
 ) -> Grasp:
-    """Return the record of a grasp that ended now.
+    """Return the record of a grasp, with the present time.
 
-    `seen`: every observation of the grasp.
-    `calibration`: the whole text of the calibration file.
-    `recording`: the file of its frames.
-    `angle_deg`: side of the item that the first finger touched.
-    `closing`: measurements of the whole closing (`ClosingWatch.list_measurements`).
+    `observations`: every observation of the grasp.
+    `calibration`: the complete text of the calibration file.
+    `recording`: the file of the grasp's frames.
+    `angle_deg`: side of the item at the first finger.
+    `closing`: measurements during closing (`ClosingWatch.list_measurements`).
     """
-    # The store keeps numbers; a bound is not a number.
+    # The store holds values only, no bounds.
     measured = {name: one for name, one in list_answers(result).items() if one.has_value}
-    measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
+    measured |= {**hold_measurements(observations, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -59,8 +59,8 @@ def make_grasp_record(
         origin=origin,
         outcome=result.outcome,
         measurements=measured
-        | fraction_of_pixels(seen, result=result, layout=layout, measured=measured),
-        pixel_settled_percent=answer_pixel_percent(seen, result=result, layout=layout),
+        | fraction_of_pixels(observations, result=result, layout=layout, measured=measured),
+        pixel_settled_percent=answer_pixel_percent(observations, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
         angle_deg=angle_deg,
@@ -70,7 +70,7 @@ def make_grasp_record(
 
 
 def list_answers(result: GraspResult) -> dict[str, Measurement]:
-    """Return the answers of a grasp, bounds included, by their names in the store."""
+    """Return the answers of a grasp, including bounds, by their names in the store."""
     found = ((name, getattr(result, name)) for name in _ANSWERED)
     return {name: value for name, value in found if value is not None}
 
@@ -80,13 +80,13 @@ def hold_measurements(
 ) -> dict[str, Measurement]:
     """Return width (mm) or pressure (kPa) at the answer, by name; empty without an answer.
 
-    It is what the gripper reports, with its own zero, over the same moments as the pixels; the
-    interval holds all of these reports. One hand meets one object at one place of its way, so the
-    place shows how much force there is, whatever the sheet reads.
+    The value is the mean of the gripper's reports, with the gripper's own zero, over the averaging
+    time of the pixels. The interval contains all reports. For one hand and one object, the position
+    determines the force independently of the sheet.
 
-    `drive` ("width" or "pressure"): what the gripper is driven by.
+    `drive` ("width" or "pressure"): kind of gripper.
     """
-    name, until_s = HELD_AT[drive], answer_time_s(result)
+    name, until_s = HOLD_NAMES[drive], answer_time_s(result)
     if until_s is None:
         return {}
     reported = [

@@ -1,14 +1,14 @@
-"""Labels of items, learned from a table of their grasps: kind, bruise, stage or grade.
+"""Classifier of items from a table of grasps: kind, bruise, stage or grade.
 
-One estimator serves every question. Its candidates are scikit-learn pipelines, and cross-validation
-over items chooses among them. The chosen one's probabilities are raised to the power (a
-temperature) that fits the items that it did not see.
+The candidates are scikit-learn pipelines. Cross-validation over items chooses one of them. The
+probabilities of the chosen pipeline are raised to a power (a temperature) that fits the held-out
+items.
 
-In addition to the labels there may be "something else": a normal distribution as wide as all known
-items together, twice their covariance. Its probability is the statistic of a conformal test (Vovk,
-Gammerman and Shafer, Algorithmic Learning in a Random World, 2005): an item is unknown if too few
-known items, each by a model that did not see it, are as unlike the labels. Of items like the known
-ones it rejects no more than the stated fraction, whatever their distribution.
+A background class for unknown items is optional: a normal distribution with twice the covariance of
+all training items together. Its probability is the statistic of a conformal test (Vovk, Gammerman
+and Shafer, Algorithmic Learning in a Random World, 2005). An item is unknown if too few held-out
+training items have the same or a larger probability of the background class. At most the stated
+fraction of items from the training distribution is rejected, whatever this distribution is.
 """
 
 from __future__ import annotations
@@ -26,46 +26,46 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, require_extra
 
-#: Fraction of items of known labels that may be called unknown.
+#: Largest fraction of items of known labels that are rejected as unknown.
 FALSE_REJECT = 0.05
-#: A label needs this many items, or its scatter means nothing.
+#: Minimum number of items of a label, for an estimate of the scatter.
 FEWEST_ITEMS = 3
 UNKNOWN = "unknown"
-#: Parts that are left out in turn.
+#: Maximum number of cross-validation folds.
 _FOLDS = 5
-#: "Something else" has this many times the covariance of all known items together.
-_WIDE = 2.0
-#: Probabilities are raised to a power within these bounds.
+#: Covariance of the background class, as a multiple of the covariance of all training items.
+_BACKGROUND_COVARIANCE = 2.0
+#: Candidate powers for the probabilities.
 _POWERS = np.geomspace(0.25, 4.0, 33)
-#: A probability is never called smaller than this.
-_LEAST = 1e-9
+#: Lower limit of a probability.
+_LEAST_PROBABILITY = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedScore:
-    """Accuracy of models on items left out of their training."""
+    """Accuracy on held-out items."""
 
-    #: How many items.
+    #: Number of items.
     items: int
-    #: Fraction named rightly, and that of always naming the most common label.
+    #: Fraction classified correctly, and the same for always choosing the most common label.
     right: float
     right_by_chance: float
-    #: Mean of -ln of the probability given to the true label.
+    #: Mean of -ln of the probability of the true label.
     log_loss: float
-    #: Mean probability of the named label, less the fraction named rightly: above 0 is optimistic.
+    #: Mean probability of the chosen label minus the correct fraction: above 0 is optimistic.
     overconfidence: float
-    #: True label -> named label -> items.
+    #: True label -> chosen label -> items.
     confusion: Mapping[str, Mapping[str, int]]
 
 
 class LabelLearner:
-    """Labels learned from a table with one row a grasp, or one row an item.
+    """Classifier learned from a table with one row per grasp or per item.
 
-    `allow_unknown`: whether an item may be none of the labels.
-    `methods`: names of the candidates in `METHODS`; by default all of them.
+    `allow_unknown`: whether to add the background class for unknown items.
+    `methods`: names of the candidates in `METHODS`; by default all.
 
-    After `fit`: `labels`, sorted; `fractions` of the rows that have them; `method`, the name of the
-    chosen pipeline.
+    After `fit`: `labels`, sorted; `fractions`, the fraction of rows of each label; `method`, the
+    name of the chosen pipeline.
 
     >>> rng = np.random.default_rng(1)
     >>> kinds = 20 * ["egg", "grape"]
@@ -90,83 +90,84 @@ class LabelLearner:
     def fit(
         self, table: ArrayLike, labels: Sequence[str], *, items: Sequence[str] | None = None
     ) -> LabelLearner:
-        """Learn; return itself.
+        """Fit the classifier and return it.
 
         `table`, shape (n, features): finite numbers.
-        `labels`: of each row.
-        `items`: of each row; rows of one item are never on both sides of a split. By default each
-            row is an item of its own.
-        Raises `InputError` if there are fewer than two labels, or with strangers no label, or one
-        with fewer than `FEWEST_ITEMS` items; `MissingExtraError` if scikit-learn is not installed.
+        `labels`: label of each row.
+        `items`: item of each row; a split never separates rows of one item. By default each row is
+            a separate item.
+        Raises `InputError` if there are too few labels or items: without unknown items, two labels
+        and more rows than labels are required; with unknown items, one label and `FEWEST_ITEMS`
+        items per label. Raises `MissingExtraError` if scikit-learn is not installed.
         """
-        of = [str(row) for row in range(len(labels))] if items is None else list(items)
-        counts = Counter(label for _, label in set(zip(of, labels, strict=True)))
+        row_items = [str(row) for row in range(len(labels))] if items is None else list(items)
+        counts = Counter(label for _, label in set(zip(row_items, labels, strict=True)))
         least = FEWEST_ITEMS if self.allow_unknown else 1
         few = {name: count for name, count in counts.items() if count < least}
         if few or len(counts) < 2 - self.allow_unknown or len(labels) <= len(counts) > 1:
-            held = ", ".join(f"{name} {count}" for name, count in sorted((few or counts).items()))
+            found = ", ".join(f"{name} {count}" for name, count in sorted((few or counts).items()))
+            two_labels = " (two labels, and two items of one of them)" * (not self.allow_unknown)
             raise InputError(
                 f"each label needs at least {least} labelled item{'s' * (least > 1)} with a grasp"
-                f"{', one of them two, of two labels' * (not self.allow_unknown)}; found "
-                f"{held or 'none at all'}; label more: palpate items NAME --set kind=KIND, or "
-                "--say ABOUT=LABEL"
+                f"{two_labels}; found {found or 'none'}; label more: palpate items NAME --set "
+                "kind=KIND, or --say ABOUT=LABEL"
             )
         self.labels = tuple(sorted(counts))
         self._table = np.asarray(table, dtype=float)
         self._truth = np.array([self.labels.index(label) for label in labels])
         self.fractions = np.bincount(self._truth) / len(self._truth)
-        self._items = np.unique(of, return_inverse=True)[1]
+        self._items = np.unique(row_items, return_inverse=True)[1]
         self._splits = self._split(max(2, min(_FOLDS, *counts.values())))
-        found = {name: self._leave_out(name) for name in self._methods}
-        self.method = min(found, key=lambda name: _log_loss(found[name], self._truth))
+        held_out = {name: self._cross_validate(name) for name in self._methods}
+        self.method = min(held_out, key=lambda name: _log_loss(held_out[name], self._truth))
         self._power = min(
-            _POWERS, key=lambda power: _log_loss(_temper(found[self.method], power), self._truth)
+            _POWERS, key=lambda power: _log_loss(_temper(held_out[self.method], power), self._truth)
         )
-        self._held_out = _temper(found[self.method], self._power)
+        self._held_out = _temper(held_out[self.method], self._power)
         self._model = self._fit_model(self.method, np.arange(len(self._truth)))
         if self.allow_unknown:
-            self._normal = _Normal(self._table, self._truth)
-            self._unlike = np.empty(len(self._truth))
-            for seen, rest in self._splits:
-                normal = _Normal(self._table[seen], self._truth[seen])
-                self._unlike[rest] = normal.background_probability(self._table[rest])
+            self._mixture = _NormalMixture(self._table, self._truth)
+            self._held_out_background = np.empty(len(self._truth))
+            for train, test in self._splits:
+                mixture = _NormalMixture(self._table[train], self._truth[train])
+                self._held_out_background[test] = mixture.background_probability(self._table[test])
         return self
 
     @property
     def items_missing(self) -> int:
-        """Number of labelled items missing before an item can be unknown; 5 % needs 19."""
+        """Number of further labelled items that a rejection requires; 5 % requires 19 in total."""
         known = len(set(self._items.tolist()))
         return max(math.ceil(1.0 / FALSE_REJECT - 1e-9) - 1 - known, 0)
 
     def probabilities(self, table: ArrayLike) -> FloatArray:
-        """Return the probability of each label; with strangers, the background class last.
+        """Return the probability of each label, and of the background class as last column.
 
-        `table`, shape (n, features).
+        `table`, shape (n, features). Without unknown items there is no background column.
         """
         rows = np.asarray(table, dtype=float)
-        of_labels = _temper(self._predict(self._model, rows), self._power)
+        label_probability = _temper(self._predict(self._model, rows), self._power)
         if not self.allow_unknown:
-            return of_labels
-        unlike = self._normal.background_probability(rows)[:, None]
-        return np.concatenate([of_labels * (1.0 - unlike), unlike], axis=1)
+            return label_probability
+        background = self._mixture.background_probability(rows)[:, None]
+        return np.concatenate([label_probability * (1.0 - background), background], axis=1)
 
     def typicality(self, table: ArrayLike) -> FloatArray:
-        """Return the fraction of known rows at least as atypical of the labels, shape (n,)."""
-        unlike = self._normal.background_probability(np.asarray(table, dtype=float))
-        as_unlike = np.count_nonzero(self._unlike >= unlike[:, None], axis=1)
-        return np.asarray((1.0 + as_unlike) / (len(self._unlike) + 1.0))
+        """Return the fraction of training rows that are at least as atypical, shape (n,)."""
+        background = self._mixture.background_probability(np.asarray(table, dtype=float))
+        at_least = np.count_nonzero(self._held_out_background >= background[:, None], axis=1)
+        return np.asarray((1.0 + at_least) / (len(self._held_out_background) + 1.0))
 
     def predict(self, table: ArrayLike) -> list[str]:
         """Return the most probable label of each row, or `UNKNOWN` if it is rejected."""
         best = np.argmax(self.probabilities(table)[:, : len(self.labels)], axis=1)
         rejected = self.typicality(table) <= FALSE_REJECT if self.allow_unknown else 0 * best
         return [
-            UNKNOWN if stranger else self.labels[index]
-            for index, stranger in zip(best, rejected, strict=True)
+            UNKNOWN if is_unknown else self.labels[index]
+            for index, is_unknown in zip(best, rejected, strict=True)
         ]
 
     def score(self) -> LearnedScore:
-        """Return the accuracy of names given to known rows, with their items held out."""
+        """Return the cross-validated accuracy on the training items."""
         best = np.argmax(self._held_out, axis=1)
         right = float(np.mean(best == self._truth))
         pairs = Counter(zip(self._truth.tolist(), best.tolist(), strict=True))
@@ -177,7 +178,7 @@ class LabelLearner:
             log_loss=_log_loss(self._held_out, self._truth),
             overconfidence=float(self._held_out.max(axis=1).mean()) - right,
             confusion={
-                true: {named: pairs[i, k] for k, named in enumerate(self.labels) if pairs[i, k]}
+                true: {chosen: pairs[i, k] for k, chosen in enumerate(self.labels) if pairs[i, k]}
                 for i, true in enumerate(self.labels)
             },
         )
@@ -185,11 +186,11 @@ class LabelLearner:
     def _split(self, folds: int) -> list[tuple[FloatArray, FloatArray]]:
         with require_extra("learning from labels", extra="produce"):
             from sklearn.model_selection import StratifiedGroupKFold
-        parts = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
+        splitter = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
         with warnings.catch_warnings():
-            # A label of one item is missing where that is left out; `_predict` allows for it.
+            # A label of a single item is absent from one training fold; `_predict` handles this.
             warnings.simplefilter("ignore", UserWarning)
-            return list(parts.split(self._table, self._truth, self._items))
+            return list(splitter.split(self._table, self._truth, self._items))
 
     def _fit_model(self, name: str, rows: Any) -> Any:
         """Return a pipeline fitted to some rows; None for one label or too few rows."""
@@ -197,43 +198,43 @@ class LabelLearner:
         if not 1 < len(np.unique(truth)) < len(truth):
             return None
         with warnings.catch_warnings():
-            # The covariance of a single row, which shrinkage replaces by that of the others.
+            # For a label with a single row, shrinkage replaces the undefined covariance.
             warnings.filterwarnings("ignore", "Only one sample available", UserWarning)
             return make_pipeline(name).fit(self._table[rows], truth)
 
     def _predict(self, model: Any, table: FloatArray) -> FloatArray:
-        found = np.zeros((len(table), len(self.labels)))
+        probability = np.zeros((len(table), len(self.labels)))
         if model is None:
-            found[:] = 1.0 / len(self.labels)
+            probability[:] = 1.0 / len(self.labels)
         else:
-            found[:, model.classes_] = model.predict_proba(table)
-        return found
+            probability[:, model.classes_] = model.predict_proba(table)
+        return probability
 
-    def _leave_out(self, name: str) -> FloatArray:
-        """Return each row's probabilities from a pipeline trained without its item."""
-        found = np.empty((len(self._truth), len(self.labels)))
-        for seen, rest in self._splits:
-            found[rest] = self._predict(self._fit_model(name, seen), self._table[rest])
-        return found
+    def _cross_validate(self, name: str) -> FloatArray:
+        """Return each row's probabilities from a pipeline trained without the row's item."""
+        probability = np.empty((len(self._truth), len(self.labels)))
+        for train, test in self._splits:
+            probability[test] = self._predict(self._fit_model(name, train), self._table[test])
+        return probability
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledTable:
-    """Training rows, and rows to classify, whose label is empty."""
+    """Rows for training, and rows to classify (with an empty label)."""
 
     #: Names of the columns.
     features: tuple[str, ...]
-    #: Shape (n_rows, n_features).
+    #: Feature values, shape (n_rows, n_features).
     rows: FloatArray
-    #: Of each row.
+    #: Label and item of each row.
     labels: tuple[str, ...]
     items: tuple[str, ...]
 
     @classmethod
-    def of(
+    def from_rows(
         cls, features: Sequence[str], rows: Sequence[tuple[ArrayLike, str, str]]
     ) -> LabelledTable:
-        """Combine rows of numbers, label and item."""
+        """Return a table from rows of (numbers, label, item)."""
         return cls(
             features=tuple(features),
             rows=np.array([numbers for numbers, _, _ in rows], dtype=float),
@@ -244,18 +245,18 @@ class LabelledTable:
     def learn(self, *, allow_unknown: bool = False, methods: Sequence[str] = ()) -> LabelLearner:
         """Learn from the labelled rows.
 
-        Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not
-        installed.
+        Raises `InputError` if there are too few labelled rows; `MissingExtraError` if scikit-learn
+        is not installed.
         """
-        known = [index for index, label in enumerate(self.labels) if label]
+        labelled = [index for index, label in enumerate(self.labels) if label]
         return LabelLearner(allow_unknown=allow_unknown, methods=methods).fit(
-            self.rows[known],
-            [self.labels[index] for index in known],
-            items=[self.items[index] for index in known],
+            self.rows[labelled],
+            [self.labels[index] for index in labelled],
+            items=[self.items[index] for index in labelled],
         )
 
     def find_unlabelled(self) -> list[int]:
-        """Return the numbers of the rows without a label."""
+        """Return the indices of the rows without a label."""
         return [index for index, label in enumerate(self.labels) if not label]
 
 
@@ -264,7 +265,7 @@ METHODS = ("discriminant", "logistic", "trees")
 
 
 def make_pipeline(name: str) -> Any:
-    """Return a scikit-learn pipeline by its name in `METHODS`, not fitted.
+    """Return an unfitted scikit-learn pipeline by its name in `METHODS`.
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """
@@ -285,8 +286,8 @@ def make_pipeline(name: str) -> Any:
     }[name]()
 
 
-class _Normal:
-    """Labels as normal distributions of one covariance, and a wide background class."""
+class _NormalMixture:
+    """Normal distributions of the labels with a common covariance, and the background class."""
 
     def __init__(self, table: FloatArray, truth: Any) -> None:
         with require_extra("learning from labels", extra="produce"):
@@ -298,11 +299,12 @@ class _Normal:
         within = LedoitWolf(assume_centered=True).fit(
             rows - means[np.searchsorted(known, truth)]
         ).covariance_ * (len(rows) / max(len(rows) - len(known), 1))
-        wide = _WIDE * np.atleast_2d(np.cov(rows.T)) + 1e-9 * np.eye(rows.shape[1])
+        wide = _BACKGROUND_COVARIANCE * np.atleast_2d(np.cov(rows.T))
+        wide = wide + 1e-9 * np.eye(rows.shape[1])
         self._parts = [(mean, within) for mean in means] + [(rows.mean(axis=0), wide)]
 
     def background_probability(self, table: FloatArray) -> FloatArray:
-        """Return the probability of the background class, with the prior of any label."""
+        """Return the probability of the background class; all classes have equal priors."""
         from scipy.special import softmax
         from scipy.stats import multivariate_normal
 
@@ -312,10 +314,10 @@ class _Normal:
 
 
 def _temper(probabilities: FloatArray, power: float) -> FloatArray:
-    raised = np.maximum(probabilities, _LEAST) ** power
+    raised = np.maximum(probabilities, _LEAST_PROBABILITY) ** power
     return np.asarray(raised / raised.sum(axis=1, keepdims=True))
 
 
 def _log_loss(probabilities: FloatArray, truth: Any) -> float:
-    given = probabilities[np.arange(len(truth)), truth]
-    return float(-np.log(np.maximum(given, _LEAST)).mean())
+    of_truth = probabilities[np.arange(len(truth)), truth]
+    return float(-np.log(np.maximum(of_truth, _LEAST_PROBABILITY)).mean())

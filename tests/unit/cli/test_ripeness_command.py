@@ -98,7 +98,7 @@ def test_ripeness_assumed_from_first_day_is_not_stored(
         alone.add_grasp(replace(first, item_id="new", calibration_id=None))
     said = palpate("ripeness", "new", "--store", "new.sqlite").out
     assert "assumed" in said
-    assert "nothing yet to compare it with" in " ".join(said.split())
+    assert "no earlier day to compare" in " ".join(said.split())
     with Store.open(tmp_path / "new.sqlite", create=False) as alone:
         assert alone.verdicts_of("new") == ()
 

@@ -140,7 +140,7 @@ def test_identify_in_a_store_without_labels_explains_the_remedy(
     with Store.open(path) as kept:
         kept.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
     err = palpate("sort", "--identify", "A", "--store", path, status=2).err
-    assert "each label needs at least 3 labelled items with a grasp; found none at all" in err
+    assert "each label needs at least 3 labelled items with a grasp; found none" in err
 
 
 def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
     few = [*labelled(rng), ("rare", grasps(rng, "hard"))]
     with pytest.raises(InputError, match="found rare 1; label more"):
         Identifier(few)
-    with pytest.raises(InputError, match="found none at all"):
+    with pytest.raises(InputError, match="found none"):
         Identifier([])
 
 
@@ -144,7 +144,7 @@ def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> No
 
 def test_learner_one_label_without_strangers_raises(rng: np.random.Generator) -> None:
     rows, labels, items = table(rng, kinds=("small",))
-    with pytest.raises(InputError, match="of two labels; found small 20"):
+    with pytest.raises(InputError, match=r"two labels.*; found small 20"):
         LabelLearner(allow_unknown=False).fit(rows, labels, items=items)
     with pytest.raises(InputError, match="found a 1, b 1"):
         LabelLearner(allow_unknown=False).fit(rows[:2], ["a", "b"])

@@ -224,7 +224,7 @@ def test_learning_refuses_items_without_softening() -> None:
 
 
 def test_a_stage_without_label_is_named() -> None:
-    with pytest.raises(InputError, match="no item was ever labelled 'overripe'"):
+    with pytest.raises(InputError, match="no item is labelled 'overripe'"):
         learn_stages([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"], items="abc", stages=STAGES)
     with pytest.raises(InputError, match="label 'mushy' is not a stage of ripeness"):
         learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
@@ -294,7 +294,7 @@ def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
 
 
 def test_missing_records_are_reported(store: Store) -> None:
-    with pytest.raises(InputError, match="no mango grasped by a gripper driven by width"):
+    with pytest.raises(InputError, match="no mango grasped with a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     nothing = firmness_history((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):

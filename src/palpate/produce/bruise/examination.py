@@ -30,36 +30,33 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: Grasps without a longer pause between them are one visit; the visits before are the record.
+#: Maximum pause between grasps of one visit. Earlier visits are the item's history.
 _VISIT = timedelta(minutes=30)
-#: Fewest grasps of sound items that make a class, and most that count.
+#: Minimum and maximum number of grasps of sound items for the reference "class".
 _FEWEST_SOUND, _MOST_SOUND = 6, 200
-
-
-#: Sides closer than this are one side, placed again; and sides that face other flesh are at least
-#: this far apart, degrees.
+#: Maximum angle between grasps of the same side, and minimum angle between independent sides,
+#: degrees.
 _SAME_SIDE_DEG, _OTHER_SIDE_DEG = 15.0, 45.0
-#: A pixel that carries at least a fifth less than the one that it faces may lie on the bruise.
-_LESS = math.log(1.25)
+#: A pixel may be on the bruise if its load is at least 20 % below that of the facing pixel.
+_LOG_LOAD_DROP = math.log(1.25)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideVerdict:
     """The verdict on one side."""
 
-    #: Which side.
+    #: Angle of the side.
     angle_deg: float
-    #: That it is bruised.
+    #: Probability that the side is bruised.
     probability: float
-    #: How many grasps it rests on: the mean of their log odds is taken, which promises no more than
-    #: one grasp does.
+    #: Number of grasps. Their log odds are averaged, so more grasps do not raise the confidence.
     grasps: int
-    #: The reference it was compared with.
+    #: Name of the reference in `REFERENCES`.
     against: str
     #: Mean relative change over all pixels.
     mean_percent: float
-    #: Pixels that carry at least a fifth less than the ones that they face: if the side is bruised,
-    #: some of them lie on the bruise. And their mean relative change.
+    #: Pixels with a load at least 20 % below that of the facing pixel, and their mean relative
+    #: change. On a bruised side some of these pixels are on the bruise.
     pixels: tuple[tuple[int, int], ...]
     pixels_percent: float | None
 
@@ -68,23 +65,23 @@ class SideVerdict:
 class ItemBruise:
     """The verdict on an item."""
 
-    #: Each side grasped in the last visit, the most suspicious first.
+    #: Sides grasped in the last visit, highest probability of a bruise first.
     sides: tuple[SideVerdict, ...]
-    #: Of the most suspicious side, mean change over all pixels in its earlier record.
+    #: Mean change over all pixels in earlier grasps of the first side; None without any.
     before_percent: float | None
-    #: Whether any grasp that went in was.
+    #: Whether any grasp is simulated.
     simulated: bool
-    #: Who judged.
+    #: Model of the probabilities.
     model: BruiseModel
 
     @property
     def probability(self) -> float:
-        """Probability that the most suspicious side is bruised."""
+        """Highest probability of a bruise among the sides."""
         return self.sides[0].probability
 
     @property
     def is_bruised(self) -> bool:
-        """Whether that is more likely than not."""
+        """Whether the probability of a bruise is at least one half."""
         return self.probability >= 0.5
 
     @property
@@ -92,12 +89,12 @@ class ItemBruise:
         """The reason in a sentence."""
         side = self.sides[0]
         return (
-            f"side {side.angle_deg:g}° against {_IN_WORDS[side.against]}: "
+            f"side {side.angle_deg:g}° compared with {_REFERENCE_TEXTS[side.against]}: "
             f"{100 * side.probability:.0f} % bruised"
         )
 
-    def verdict(self, item_id: str, *, given_at: datetime) -> Verdict:
-        """Return the verdict as stored."""
+    def make_verdict(self, item_id: str, *, given_at: datetime) -> Verdict:
+        """Return the verdict for the store."""
         return Verdict(
             item_id=item_id,
             about=About.BRUISE,
@@ -112,8 +109,8 @@ class ItemBruise:
         )
 
 
-_IN_WORDS = {
-    "history": "its own earlier record",
+_REFERENCE_TEXTS = {
+    "history": "its earlier grasps",
     "class": "sound items of its kind",
     "item": "its other sides",
 }
@@ -127,42 +124,41 @@ def examine_item(
     bruised_fraction: float = 0.5,
     given_at: datetime,
 ) -> ItemBruise:
-    """Judge an item by its last visit, store the verdict, and return it.
+    """Judge an item from its last visit, store the verdict, and return the result.
 
-    `bruised_fraction`: fraction of sides expected to be bruised before any grasp.
-    Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
-    nothing to compare it with.
+    `bruised_fraction`: prior probability that a side is bruised.
+    Raises `InputError` if the item is unknown, has no grasp with pixels, or has no reference.
     """
     item = store.item(item_id)
     grasps = usable_grasps(store.grasps_of(item_id))
     if not grasps:
         raise InputError(
-            f"item {item_id!r}: no held grasp of it recorded every pixel; grasp it "
-            "again with fingers driven by width"
+            f"item {item_id!r}: no completed grasp of it has pixel data; grasp it again with "
+            "fingers driven by width"
         )
     sound = sound_grasps(store, kind=item.kind, without=item_id)
     visits = group_visits(grasps)
-    felt = [(grasp, _side(grasp, visits=visits, sound=sound)) for grasp in visits[-1]]
-    felt = [one for one in felt if one[1].against]
-    if not felt:
+    measured = [(grasp, _side(grasp, visits=visits, sound=sound)) for grasp in visits[-1]]
+    measured = [one for one in measured if one[1].against]
+    if not measured:
         raise InputError(
-            f"item {item_id!r}: nothing to compare it with. Grasp another side of it "
-            "(--angle-deg 90), or have an earlier record of this side, or state its kind and label "
-            f"sound items of it: palpate items NAME --set kind=apple --say bruise={SOUND}"
+            f"item {item_id!r}: no reference to compare with. Grasp another side of the item "
+            "(--angle-deg 90), or this side on several visits, or state its kind and label sound "
+            f"items of this kind: palpate items NAME --set kind=apple --say bruise={SOUND}"
         )
     sides: list[list[tuple[Grasp, Side]]] = []
-    for one in felt:
-        # Turned by half a turn, the fingers change places: that is another side.
-        alike = [side for side in sides if _turn_deg(side[0][0], one[0], 360.0) <= _SAME_SIDE_DEG]
-        if alike:
-            alike[0].append(one)
+    for one in measured:
+        # A turn by 180 degrees exchanges the fingers and is a different side.
+        same = [side for side in sides if _angle_deg(side[0][0], one[0], 360.0) <= _SAME_SIDE_DEG]
+        if same:
+            same[0].append(one)
         else:
             sides.append([one])
     verdicts = sorted(
         (_judge_side(side, model=model, bruised_fraction=bruised_fraction) for side in sides),
         key=lambda verdict: -verdict.probability,
     )
-    before = _record_of(verdicts[0].angle_deg, visits=visits)
+    before = _earlier_grasps(verdicts[0].angle_deg, visits=visits)
     found = ItemBruise(
         sides=tuple(verdicts),
         before_percent=float(np.nanmean([pixel_changes(one) for one in before]))
@@ -171,25 +167,25 @@ def examine_item(
         simulated=any(grasp.is_simulated for grasp in grasps),
         model=model,
     )
-    store.add_verdict(found.verdict(item_id, given_at=given_at))
+    store.add_verdict(found.make_verdict(item_id, given_at=given_at))
     return found
 
 
 def _judge_side(
-    felt: Sequence[tuple[Grasp, Side]], *, model: BruiseModel, bruised_fraction: float
+    measured: Sequence[tuple[Grasp, Side]], *, model: BruiseModel, bruised_fraction: float
 ) -> SideVerdict:
     """Judge the grasps of one side together."""
-    log_odds = float(np.mean([model.log_odds(side) for _, side in felt]))
-    change = np.nanmean([pixel_changes(grasp) for grasp, _ in felt], axis=0)
-    grasp, last = felt[-1]
+    log_odds = float(np.mean([model.log_odds(side) for _, side in measured]))
+    change = np.nanmean([pixel_changes(grasp) for grasp, _ in measured], axis=0)
+    grasp, last = measured[-1]
     name = model.choose_reference(last)
     rows, cols = change.shape
     load = pixel_contrast(last.shape, last.against[name], rows=rows, cols=cols)
-    marked = (load <= -_LESS) & np.isfinite(change)
+    marked = (load <= -_LOG_LOAD_DROP) & np.isfinite(change)
     return SideVerdict(
         angle_deg=grasp.angle_deg or 0.0,
         probability=float(expit(log_odds + logit(bruised_fraction))),
-        grasps=len(felt),
+        grasps=len(measured),
         against=name,
         mean_percent=float(np.nanmean(change)),
         pixels=tuple((int(row), int(col)) for row, col in np.argwhere(marked)),
@@ -200,7 +196,8 @@ def _judge_side(
 def learn_bruise_model(store: Store, *, kind: str) -> BruiseModel:
     """Learn from items of a kind labelled bruised or sound.
 
-    Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
+    Raises `InputError` if there are too few labels; `MissingExtraError` if scikit-learn is not
+    installed.
     """
     known = read_labelled_sides(store, kind=kind)
     items = len({item for table in known.values() for item in table.items})
@@ -212,8 +209,9 @@ def learn_bruise_model(store: Store, *, kind: str) -> BruiseModel:
 def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     """Return the labelled sides of a kind's items, bruised or sound, by reference.
 
-    Of a bruised item the grasp that the label names counts, or else the last one before it: label
-    it after a grasp of its bruised side. Of a sound item all sides count.
+    For a bruised item only one grasp is used: the labelled grasp, or else the last grasp before the
+    label. Label the item right after a grasp of its bruised side. For a sound item all grasps are
+    used.
     """
     sides: list[tuple[str, bool, Side]] = []
     for item_id, label in _labels(store, kind=kind).items():
@@ -227,13 +225,13 @@ def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
             chosen = list(grasps)
         for grasp in chosen:
             known = [visit for visit in visits if visit[0].taken_at <= grasp.taken_at]
-            felt = _side(grasp, visits=known, sound=sound)
-            sides.append((item_id, label.text == BRUISED, felt))
+            side = _side(grasp, visits=known, sound=sound)
+            sides.append((item_id, label.text == BRUISED, side))
     return table_sides(sides)
 
 
 def usable_grasps(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
-    """Return grasps by width that held and recorded every pixel."""
+    """Return completed grasps with pixel data, by fingers driven by width."""
     return tuple(
         grasp
         for grasp in grasps
@@ -244,7 +242,7 @@ def usable_grasps(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
 
 
 def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
-    """Return grasps, oldest first, in visits without long pauses."""
+    """Group grasps, oldest first, into visits without long pauses."""
     visits: list[list[Grasp]] = []
     for grasp in grasps:
         if visits and grasp.taken_at - visits[-1][-1].taken_at <= _VISIT:
@@ -255,10 +253,7 @@ def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
 
 
 def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
-    """Return grasps of a kind's items labelled sound, newest first.
-
-    Without a kind there are none.
-    """
+    """Return grasps of items labelled sound, newest label first; none without a kind."""
     found: list[Grasp] = []
     if kind is None:
         return found
@@ -269,7 +264,7 @@ def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]
 
 
 def pixel_changes(grasp: Grasp) -> FloatArray:
-    """Return the change of each pixel, NaN for faulty ones, shape (rows, cols)."""
+    """Return the change of each pixel, NaN for faulty pixels, shape (rows, cols)."""
     return np.array(grasp.pixel_settled_percent, dtype=np.float64)
 
 
@@ -288,18 +283,18 @@ def _shape(grasp: Grasp) -> LoadShape:
 
 
 def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> Side:
-    """Return a grasp of the latest session with its references."""
+    """Return a grasp of the last visit with its references."""
     rows = len(grasp.pixel_settled_percent or ())
-    alike = [
+    comparable = [
         one
         for one in sound
         if one.rig == grasp.rig and len(one.pixel_settled_percent or ()) == rows
     ]
-    others = [one for one in visits[-1] if _turn_deg(one, grasp, 180.0) >= _OTHER_SIDE_DEG]
-    before = _record_of(grasp.angle_deg or 0.0, visits=visits)
+    others = [one for one in visits[-1] if _angle_deg(one, grasp, 180.0) >= _OTHER_SIDE_DEG]
+    before = _earlier_grasps(grasp.angle_deg or 0.0, visits=visits)
     against = {}
     for name, grasps, fewest in zip(
-        REFERENCES, (before, alike, others), (1, _FEWEST_SOUND, 1), strict=True
+        REFERENCES, (before, comparable, others), (1, _FEWEST_SOUND, 1), strict=True
     ):
         if len(grasps) >= fewest:
             against[name] = median_shape(
@@ -308,8 +303,8 @@ def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Gr
     return Side(shape=_shape(grasp), against=against)
 
 
-def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[Grasp]:
-    """Return the grasps of a side on its earliest visit; none without an earlier visit."""
+def _earlier_grasps(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[Grasp]:
+    """Return the grasps of a side on its first visit; empty without an earlier visit."""
     for visit in visits[:-1]:
         same = [
             one
@@ -321,6 +316,6 @@ def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[G
     return []
 
 
-def _turn_deg(one: Grasp, other: Grasp, whole_deg: float) -> float:
-    """Return the angle between the sides of two grasps; swapped fingers (180) are alike."""
-    return abs(math.remainder((one.angle_deg or 0.0) - (other.angle_deg or 0.0), whole_deg))
+def _angle_deg(one: Grasp, other: Grasp, period_deg: float) -> float:
+    """Return the angle between two grasps; a period of 180 ignores which finger is first."""
+    return abs(math.remainder((one.angle_deg or 0.0) - (other.angle_deg or 0.0), period_deg))

@@ -1,8 +1,9 @@
-"""The probability of a bruise, learned from sides known to be sound or bruised.
+"""Probability of a bruise, learned from labelled sides.
 
-A side is compared with one reference, and its contrast (`bruise.shape.contrast`) is judged by a
-logistic regression on contrasts of known sides to the same reference. Of several references the
-most informative is used: on simulated apples a second one adds nothing (study bruise).
+A side is compared with one reference. A logistic regression on the contrasts
+(`bruise.shape.contrast`) of labelled sides to the same reference gives the probability. If several
+references are available, the most informative one is used: on simulated apples a second reference
+adds nothing (study bruise).
 """
 
 from __future__ import annotations
@@ -21,77 +22,77 @@ from palpate.errors import InputError
 from palpate.produce.bruise.shape import LoadShape, contrast
 from palpate.produce.learning import LabelLearner, LabelledTable
 
-#: What a side may be compared with, the most informative first: its own earlier record, sound items
-#: of its kind on the same sensor, the item's other sides.
+#: References of a side, the most informative first: earlier grasps of the side, sound items of the
+#: same kind on the same sensor, other sides of the item.
 REFERENCES = ("history", "class", "item")
-#: What people call an item, for others to be learned from: `palpate items A17 --say bruise=sound`.
+#: Labels of an item, given with `palpate items A17 --say bruise=sound`.
 BRUISED, SOUND = "bruised", "sound"
-#: The pipeline that learns: none names more (study bruise).
+#: Pipeline in `palpate.produce.learning.METHODS`; no other is more accurate (study bruise).
 METHODS = ("logistic",)
-#: Fewest sides of each label to learn from.
-_FEWEST = 10
+#: Minimum number of sides of each label in the training set.
+_FEWEST_SIDES = 10
 _SIMULATED = Path(__file__).with_name("simulated.json")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """The load of one grasp of a side on the pixels, and its references."""
+    """Load distribution of one grasp of a side, and its references."""
 
     shape: LoadShape
-    #: By their names in `REFERENCES`: those that there are.
+    #: Available references by their names in `REFERENCES`.
     against: Mapping[str, LoadShape]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseModel:
-    """The judge of bruises, learned from labelled sides."""
+    """Classifier of bruises, learned from labelled sides."""
 
-    #: Which sides, in words; simulated where they were.
+    #: Description of the training sides, with a note if they are simulated.
     learned_on: str
-    #: By the name of a reference.
+    #: Classifier for each reference.
     learners: Mapping[str, LabelLearner]
 
     @classmethod
     def learn(cls, known: Mapping[str, LabelledTable], *, learned_on: str) -> BruiseModel:
-        """Learn from known sides.
+        """Learn from labelled sides.
 
-        `known`: by reference, see `table_sides`; references with fewer than ten bruised or ten
-            sound sides are left out.
-        `learned_on`: what they are, in words.
-        Raises `InputError` if no reference is left; `MissingExtraError` if scikit-learn is not
+        `known`: table for each reference, see `table_sides`; references with fewer than ten bruised
+            or ten sound sides are skipped.
+        `learned_on`: description of the sides.
+        Raises `InputError` if no reference remains; `MissingExtraError` if scikit-learn is not
         installed.
         """
         counts = {name: Counter(table.labels) for name, table in known.items()}
         learners = {
             name: table.learn(methods=METHODS)
             for name, table in known.items()
-            if min(counts[name][BRUISED], counts[name][SOUND]) >= _FEWEST
+            if min(counts[name][BRUISED], counts[name][SOUND]) >= _FEWEST_SIDES
         }
         if not learners:
             most = max(counts.values(), key=lambda one: one.total(), default=Counter[str]())
             raise InputError(
-                f"{most[BRUISED]} bruised and {most[SOUND]} sound sides are labelled; learning "
-                f"needs {_FEWEST} of each with a reference in common"
+                f"{most[BRUISED]} bruised and {most[SOUND]} sound sides are labelled; training "
+                f"requires {_FEWEST_SIDES} of each with the same reference"
             )
         return cls(learned_on=learned_on, learners=learners)
 
     def choose_reference(self, side: Side) -> str:
-        """Return the reference that a side is compared with.
+        """Return the most informative reference that the side and the model share.
 
-        Raises `InputError` if it has none of this model's.
+        Raises `InputError` if there is none.
         """
         for name in REFERENCES:
             if name in side.against and name in self.learners:
                 return name
         raise InputError(
-            f"none of the references that the model was learned for ({', '.join(self.learners)}); "
-            "grasp another side, or sound items of the class"
+            "the side has none of the references of the model "
+            f"({', '.join(self.learners)}); grasp another side, or sound items of the same kind"
         )
 
     def log_odds(self, side: Side) -> float:
         """Return the log odds that a side is bruised, at even prior odds.
 
-        Raises `InputError` if it has no reference of this model.
+        Raises `InputError` if the side and the model share no reference.
         """
         name = self.choose_reference(side)
         learner = self.learners[name]
@@ -104,15 +105,15 @@ class BruiseModel:
 def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTable]:
     """Return the contrasts of labelled sides to each available reference.
 
-    `sides`: of each its item, whether it is bruised, and its grasp.
+    `sides`: item, whether the side is bruised, and the side.
     """
     found = {}
     for name in REFERENCES:
-        having = [one for one in sides if name in one[2].against]
-        if having:
+        comparable = [one for one in sides if name in one[2].against]
+        if comparable:
             rows = [
                 (contrast(side.shape, side.against[name]), BRUISED if bruised else SOUND, item)
-                for item, bruised, side in having
+                for item, bruised, side in comparable
             ]
             found[name] = _contrast_table(name, rows)
     return found
@@ -120,11 +121,11 @@ def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTa
 
 def _contrast_table(reference: str, rows: Sequence[tuple[FloatArray, str, str]]) -> LabelledTable:
     features = [f"{reference}_{number}" for number in range(len(rows[0][0]))]
-    return LabelledTable.of(features, rows)
+    return LabelledTable.from_rows(features, rows)
 
 
 def load_simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
-    """Return the labels and the simulated sides that ship with palpate, by reference."""
+    """Return the built-in simulated sides: description, and a table for each reference."""
     document = json.loads(_SIMULATED.read_text())
     return document["learned_on"], {
         name: _contrast_table(
@@ -142,7 +143,7 @@ def load_simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
 
 @lru_cache(maxsize=1)
 def default_model() -> BruiseModel:
-    """Return the model learned from the simulated sides that ship with palpate.
+    """Return the model learned from the built-in simulated sides.
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """

@@ -1,14 +1,14 @@
-"""Distribution of the load on two facing fingers, in eight numbers, and its contrasts.
+"""Distribution of the load on two facing fingers as eight numbers, and contrasts to a reference.
 
-A sound, round side spreads its load over the pixels of a finger nearly as a product of one factor
-along and one across: its position moves the load, but alike on both fingers. A bruise moves it on
-one finger only, and not as a product. So the logarithm of each pixel's excess conductance is
-reduced to mean, slope along, slope across and the crossed term on each finger. A reference's
-numbers are subtracted, which cancels gains of pixels and fingers, and the differences and means of
-the two fingers' numbers are judged.
+On a sound, round side the load on a finger is nearly a product of one factor along and one factor
+across the finger. The item's position shifts the load equally on both fingers. A bruise changes the
+load on one finger only, and not as a product. The logarithm of each pixel's excess conductance is
+therefore reduced to mean, slope along, slope across and cross term for each finger. Subtracting the
+numbers of a reference cancels the gains of pixels and fingers. The features are calculated from the
+differences and means of the two fingers' numbers.
 
-Nothing may depend on which finger, or which end of it, the bruise lies at. The judge's inputs are
-therefore even: they stay as they are when the fingers change places, and under both mirrors.
+The result must not depend on the finger, or on the end of the finger, with the bruise. All features
+are therefore even: exchanging the fingers and both mirror operations leave them unchanged.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: Excess conductance at the paper's contact threshold: well below it there is no load.
-_TOUCH = 100.0 / (100.0 + CONTACT_PERCENT) - 1.0
-#: Number of terms that describe a finger's pattern: mean, along, across, crossed.
+#: Excess conductance at the paper's contact threshold; added before the logarithm.
+_CONTACT_EXCESS = 100.0 / (100.0 + CONTACT_PERCENT) - 1.0
+#: Number of terms for each finger: mean, slope along, slope across, cross term.
 MODES = 4
-#: Change of sign of the eight numbers (four differences, four means) when the fingers change places
-#: and under the mirrors along and across.
+#: Signs of the eight numbers (four differences, four means) after an exchange of the fingers and
+#: after mirroring along and across.
 _SIGNS = np.array(
     [
         (swap, along, across)
@@ -38,11 +38,9 @@ _SIGNS = np.array(
         for along, across in ((1, 1), (-1, 1), (1, -1), (-1, -1))
     ]
 )
-#: Index of the mean load: the only number that is even by itself.
+#: Index of the mean load, the only even number among the eight.
 _MEAN = MODES
-
-
-#: Triples of the numbers, the mean load apart, whose product is even.
+#: Triples of the other numbers with an even product.
 _EVEN = np.array(
     [
         chosen
@@ -56,27 +54,26 @@ _EVEN = np.array(
 class LoadShape:
     """Distribution of the load in one grasp."""
 
-    #: Shape (2, 4). Mean, slope along, slope across and crossed term of log load on each finger.
+    #: Mean, slope along, slope across and cross term of the log load on each finger, shape (2, 4).
     modes: FloatArray
-    #: Width at contact; None if not known.
+    #: Width at contact; None if unknown.
     width_mm: float | None = None
 
     @property
     def numbers(self) -> FloatArray:
-        """Return differences and means of the two fingers' modes, shape (8,)."""
+        """Differences and means of the two fingers' modes, shape (8,)."""
         first, second = self.modes
         return np.concatenate([first - second, (first + second) / 2.0])
 
 
 def fit_load_shape(change_percent: ArrayLike, *, width_mm: float | None = None) -> LoadShape:
-    """Describe one grasp.
+    """Fit the load distribution of one grasp.
 
-    `change_percent`, shape (rows, cols): relative change of each pixel; the first half of the rows
-        is on one finger, the second half on the other, facing it row by row and column by column.
-        NaN where a pixel is out of use.
+    `change_percent`, shape (rows, cols): relative change of each pixel. The first half of the rows
+        is on one finger, the second half on the other. Pixels of equal row and column in the halves
+        face each other. NaN for a pixel out of use.
     `width_mm`: width at contact.
-    Raises `InputError` if there are fewer than 2 x 2 pixels on a finger, or too many are out of
-    use.
+    Raises `InputError` if a finger has fewer than 2 x 2 pixels, or too many pixels are out of use.
 
     >>> even = fit_load_shape([[-50.0, -50.0]] * 4)
     >>> np.abs(even.modes[0]).round(3).tolist()
@@ -86,32 +83,33 @@ def fit_load_shape(change_percent: ArrayLike, *, width_mm: float | None = None) 
     rows = change.shape[0] // 2
     if change.ndim != 2 or change.shape[0] % 2 or min(rows, change.shape[1]) < 2:
         raise InputError(
-            f"pixels of shape {change.shape}: bruises need two fingers with at least 2 x 2 pixels"
+            f"pixels of shape {change.shape}: bruise detection requires two fingers with at least "
+            "2 x 2 pixels each"
         )
     basis = _finger_basis(rows, change.shape[1]).reshape(MODES, -1)
     ratio = np.maximum(100.0 + change, 0.1) / 100.0
-    load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _TOUCH).reshape(2, -1)
+    load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _CONTACT_EXCESS).reshape(2, -1)
     modes = np.empty((2, MODES))
     for finger, values in enumerate(load):
         known = np.isfinite(values)
         if known.all():
-            # The four are orthogonal on a whole finger.
+            # The four modes are orthogonal if all pixels are in use.
             modes[finger] = basis @ values / np.sum(basis**2, axis=1)
             continue
         if np.linalg.matrix_rank(basis[:, known]) < MODES:
             raise InputError(
-                f"finger {finger + 1}: only {known.sum()} of {known.size} pixels read; a bruise "
-                "can't be distinguished from the fruit's position"
+                f"finger {finger + 1}: only {known.sum()} of {known.size} pixels are in use; a "
+                "bruise can't be distinguished from the item's position"
             )
         modes[finger] = np.linalg.lstsq(basis[:, known].T, values[known], rcond=None)[0]
     return LoadShape(modes=modes, width_mm=width_mm)
 
 
 def median_shape(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
-    """Return the median of several grasps, as a reference.
+    """Return the median of several grasps as a reference.
 
     `shapes`: at least one.
-    `with_width`: whether their widths are of one item, so that its width may be compared with them.
+    `with_width`: whether to include the median width; only for grasps of a single item.
     """
     widths_mm = [shape.width_mm for shape in shapes if shape.width_mm is not None]
     return LoadShape(
@@ -121,10 +119,10 @@ def median_shape(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
 
 
 def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
-    """Return the features of a grasp against a reference, shape (17,).
+    """Return the features of a grasp relative to a reference, shape (17,).
 
-    Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
-    how much wider the item was at contact (0 where that is not known).
+    The features are the mean load, the absolute values of the eight numbers, the cube roots of
+    their even triple products, and the increase of the width at contact (0 if unknown).
 
     >>> even = fit_load_shape([[-50.0, -50.0]] * 4, width_mm=66.0)
     >>> contrast(even, even).tolist() == [0.0] * 17
@@ -139,7 +137,7 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
 
 
 def pixel_contrast(shape: LoadShape, reference: LoadShape, *, rows: int, cols: int) -> FloatArray:
-    """Return log load of each pixel against the one that it faces, shape (rows, cols)."""
+    """Return each pixel's log load relative to the facing pixel, shape (rows, cols)."""
     basis = _finger_basis(rows // 2, cols)
     first = np.tensordot((shape.numbers - reference.numbers)[:MODES], basis, axes=1)
     return np.concatenate([first, -first])

@@ -1,9 +1,9 @@
-"""Width of an item at contact, by fingers driven by pressure.
+"""Width of an item at contact, measured with fingers driven by pressure.
 
-The pressure at which they meet an item gives its width, once rigid blocks have shown how far they
-close per pressure and their compliance (`palpate.estimate.compliance`). Early on
-the sheet reads faint forces badly, later on the fingers have given way by centimetres; at one
-newton both leave some tenths of a millimetre.
+The pressure at contact gives the item's width. A calibration with rigid blocks provides the closure
+per pressure and the compliance of the fingers (`palpate.estimate.compliance`). At small forces the
+sheet is inaccurate; at large forces the fingers deflect by centimetres. At 1 N each error is a few
+tenths of a millimetre.
 """
 
 from __future__ import annotations
@@ -21,53 +21,53 @@ from palpate.produce.records import MEASURED
 
 #: Name of this measurement.
 CONTACT_WIDTH = "contact_mm"
-#: Grip force at which the width is taken, newtons.
+#: Grip force at which the width is measured, newtons.
 CONTACT_N = 1.0
 
 
 class ClosingWatch:
-    """Watches the closing of one grasp for the width at contact."""
+    """Collector of controller states of one grasp, for the width at contact."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self._held: GraspState | None = None
+        self._hold_state: GraspState | None = None
 
     def add_state(self, grasp_state: GraspState) -> None:
         """Add the controller's next state."""
         if grasp_state.phase is Phase.HOLD:
-            self._held = grasp_state
+            self._hold_state = grasp_state
 
     def list_measurements(self) -> dict[str, Measurement]:
         """Return the measurements by name; empty if the item was not held."""
-        if self._held is None:
+        if self._hold_state is None:
             return {}
-        width = contact_width(self._held, plan=self.plan)
+        width = contact_width(self._hold_state, plan=self.plan)
         return {} if width is None else {CONTACT_WIDTH: width}
 
 
 def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
-    """Return the item's width at 1 N; None by a hand that measures no millimetres.
+    """Return the item's width at 1 N; None without compliance data or below 1 N.
 
     `grasp_state`: the controller's state at its answer.
     """
     if plan.bend is None or not grasp_state.estimate.steps:
         return None
     readings = [step.touch.reading for step in grasp_state.estimate.steps]
-    read = grasp_state.estimate.gain.apply_to(plan.early_law.force_n(readings, level=plan.level))
-    if read.value.max() < CONTACT_N:
+    force = grasp_state.estimate.gain.apply_to(plan.early_law.force_n(readings, level=plan.level))
+    if force.value.max() < CONTACT_N:
         return None
     pressure_kpa = np.array(
         [plan.gripper.target(step.closure) for step in grasp_state.estimate.steps]
     )
     value, *ends = (
         width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
-        for force_n in (read.value, read.low, read.high)
+        for force_n in (force.value, force.low, force.high)
     )
-    doubt_mm = plan.bend.compliance.residual_mm * float(ndtri(0.5 + plan.level / 2))
+    uncertainty_mm = plan.bend.compliance.residual_mm * float(ndtri(0.5 + plan.level / 2))
     return Measurement(
         value=value,
-        low=value - float(np.hypot(max(value - min(ends), 0.0), doubt_mm)),
-        high=value + float(np.hypot(max(max(ends) - value, 0.0), doubt_mm)),
+        low=value - float(np.hypot(max(value - min(ends), 0.0), uncertainty_mm)),
+        high=value + float(np.hypot(max(max(ends) - value, 0.0), uncertainty_mm)),
         unit=MEASURED[CONTACT_WIDTH],
         level=plan.level,
     )
@@ -76,13 +76,14 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
 def width_at_contact(
     pressure_kpa: FloatArray, *, force_n: FloatArray, bend: SoftFingerCompliance
 ) -> float:
-    """Return the width, mm, at which the force last rose above a newton, interpolated.
+    """Return the width (mm) at the last rise of the force above 1 N, interpolated.
 
-    `pressure_kpa`, shape (n,): steps of a closing.
-    `force_n`, shape (n,): force read at each of them.
+    `pressure_kpa`, shape (n,): pressure of each step of a closing.
+    `force_n`, shape (n,): measured force at each step.
     `bend`: closure and compliance of the fingers.
 
-    Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and deflect by 3.5 mm per newton:
+    Fingers that close by 1.4 mm per kPa and deflect by 3.5 mm per newton touch a width of 60 mm at
+    10 kPa:
 
     >>> from palpate.estimate.compliance import Compliance
     >>> compliance = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0,

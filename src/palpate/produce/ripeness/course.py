@@ -31,7 +31,7 @@ _HALFWAY, _PACE, _START = (np.linspace(-r, r, n) for r, n in ((2.6, 53), (2.0, 7
 _FREEDOM = 5.0
 #: Prior weight of the usual scatter between grasps, as a number of grasps.
 _USUAL_GRASPS = 6
-#: Minimum fall of a course, for courses that would begin softer than they end.
+#: Minimum fall of a course. It applies to a sampled start below the soft level.
 _LEAST_FALL = 1e-3
 #: Spread of the pace within one kind (log sd); a few items are too few to estimate it.
 _PACE_LOG_SD = 0.3
@@ -67,8 +67,8 @@ class Course:
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_COURSES:
             raise InputError(
-                f"the course of ripening: {len(useful)} items were grasped on {FEWEST_DAYS} days "
-                f"or more, {FEWEST_COURSES} are needed; grasp some items daily until they are soft"
+                f"course of ripening: {len(useful)} items were grasped on {FEWEST_DAYS} days or "
+                f"more, {FEWEST_COURSES} are needed; grasp some items daily until they are soft"
             )
         firmness = np.concatenate([[day.firmness for day in item] for item in useful])
         low, high = (float(level) for level in np.quantile(firmness, [0.05, 0.95]))
@@ -98,8 +98,8 @@ class Course:
         found = course_at(best.x)
         if found.hard - found.soft < 2 * found.noise_sd:
             raise InputError(
-                "the course of ripening: no item softened by more than the scatter of its grasps; "
-                "grasp on more days, or more often on each"
+                "course of ripening: no item softened by more than the scatter of its grasps; "
+                "grasp on more days, or more often per day"
             )
         return found
 
@@ -112,8 +112,8 @@ class Course:
         hard = np.maximum(self.hard + self.start_sd * by_start, self.soft + _LEAST_FALL)
         log_prior = -0.5 * (by_halfway**2 + by_pace**2 + by_start**2)
         noise_sd = np.hypot(self.noise_sd, [self.mean_sd(day) for day in days])
-        left = _remaining_fall([day.day for day in days], halfway, pace)
-        expected = self.soft + (hard - self.soft)[:, None] * left
+        remaining = _remaining_fall([day.day for day in days], halfway, pace)
+        expected = self.soft + (hard - self.soft)[:, None] * remaining
         squared = ((np.array([day.firmness for day in days]) - expected) / noise_sd) ** 2
         log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
         log_weight = log_prior + log_like - np.log(noise_sd).sum()
@@ -148,8 +148,8 @@ class Courses:
 
     def firmness(self, day: ArrayLike) -> FloatArray:
         """Return the firmness of every course on days, shape (courses, days)."""
-        left = _remaining_fall(np.atleast_1d(day), self.halfway_day, self.pace_days)
-        return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
+        remaining = _remaining_fall(np.atleast_1d(day), self.halfway_day, self.pace_days)
+        return np.asarray(self.soft + (self.hard[:, None] - self.soft) * remaining)
 
     def mean_firmness(self, day: float) -> float:
         """Return the expected firmness on a day."""
@@ -168,12 +168,12 @@ class Courses:
     def quantile(self, values: FloatArray, q: ArrayLike) -> FloatArray:
         """Return weighted quantiles of one value per course."""
         order = np.argsort(values)
-        reached = np.cumsum(self.weight[order])
-        index = np.searchsorted(reached, np.asarray(q) * reached[-1])
+        cumulative = np.cumsum(self.weight[order])
+        index = np.searchsorted(cumulative, np.asarray(q) * cumulative[-1])
         return np.asarray(values[order][np.minimum(index, values.size - 1)])
 
 
 def _remaining_fall(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
-    """Return the remaining fall on each day of each course, shape (courses, days)."""
+    """Return the remaining fraction of each course's fall, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))

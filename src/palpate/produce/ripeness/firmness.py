@@ -24,7 +24,7 @@ from palpate.produce.records import Grasp
 #: Grip force of the ripeness measurement: enough to deform a hard fruit by a third of a millimetre,
 #: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
 RIPENESS_N = 5.0
-#: A pixel whose resistance fell by less than this percentage counts as barely loaded.
+#: Minimum fall of a pixel's resistance in the calculation; a smaller fall is replaced by this one.
 _LEAST_PERCENT = 1.0
 DAY_S = 86_400.0
 
@@ -55,7 +55,7 @@ def firmness_of(grasp: Grasp) -> float | None:
 
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement
-    >>> felt = {
+    >>> measurements = {
     ...     "firmness": Measurement(value=50.0, low=48.0, high=52.0, unit="index"),
     ...     "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),
     ... }
@@ -66,7 +66,7 @@ def firmness_of(grasp: Grasp) -> float | None:
     ...     drive="width",
     ...     origin="twin",
     ...     outcome=Outcome.HELD,
-    ...     measurements=felt,
+    ...     measurements=measurements,
     ... )
     >>> round(math.exp(firmness_of(grasp)), 2)
     3.16
@@ -85,7 +85,7 @@ def firmness_of(grasp: Grasp) -> float | None:
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:
-    """Return -ln of the effective number of loaded pixels; None without a load.
+    """Return -ln of the effective number of loaded pixels; None without load.
 
     The effective number is (sum of excess conductance)^2 / sum of (excess conductance)^2.
 
@@ -116,17 +116,17 @@ def group_by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFirmnes
     ordered = sorted(readings)
     if not ordered:
         return ()
-    since = [(at - ordered[0][0]).total_seconds() / DAY_S for at, _ in ordered]
+    elapsed_days = [(at - ordered[0][0]).total_seconds() / DAY_S for at, _ in ordered]
     # The offset of a quarter day keeps grasps of one morning together if mornings start at
     # different hours.
-    number = np.floor(np.array(since) + 0.25).astype(int)
+    number = np.floor(np.array(elapsed_days) + 0.25).astype(int)
     days = []
     for one in np.unique(number):
         chosen = np.flatnonzero(number == one)
         values = [ordered[index][1] for index in chosen]
         days.append(
             DayFirmness(
-                day=float(np.mean([since[index] for index in chosen])),
+                day=float(np.mean([elapsed_days[index] for index in chosen])),
                 firmness=-float(np.log(np.mean(np.exp(-np.array(values))))),
                 grasps=len(values),
                 spread=float(np.std(values, ddof=1)) if len(values) > 1 else math.nan,

@@ -44,8 +44,8 @@ class FirmnessHistory:
 
     def nearest_day(self, when: datetime) -> int:
         """Return the index of the measured day nearest to a time."""
-        wanted = self.day_of(when)
-        return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - wanted))
+        target = self.day_of(when)
+        return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - target))
 
 
 def last_drive(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
@@ -86,12 +86,12 @@ def learn_rule(
     Raises `InputError` if there are too few items, or a stage has no label.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    last_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
-    known = list(islice(last_first, _MOST_ITEMS))
+    newest_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
+    known = list(islice(newest_first, _MOST_ITEMS))
     if not known:
         raise InputError(
-            f"no {kind} grasped by a gripper driven by {drive} is labelled; label the ripeness of "
-            f"some items: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+            f"no {kind} grasped with a gripper driven by {drive} has a ripeness label; label some "
+            f"items: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
     return RipenessRule.learn(
         [history.days for history, _ in known],
@@ -137,8 +137,8 @@ def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe:
         return rule.judge(history.days, ripe=ripe)
     if history.drive == "pressure":
         raise InputError(
-            f"item {history.item_id!r}: fingers driven by pressure need labelled items to judge "
-            "stages; label the ripeness of some items (palpate items ITEM --say ripeness=ripe)"
+            f"item {history.item_id!r}: with fingers driven by pressure, stages require labelled "
+            "items; label the ripeness of some items (palpate items ITEM --say ripeness=ripe)"
         )
     return judge_by_first_day(history.days)
 
@@ -164,7 +164,7 @@ def make_ripeness_verdict(ripeness: Ripeness, history: FirmnessHistory) -> Verdi
         text=ripeness.stage,
         given_at=last.taken_at,
         probability=ripeness.probabilities[ripeness.stage],
-        explanation=explanation(ripeness, history),
+        explanation=explain_stage(ripeness, history),
         details=details,
         grasp_id=last.grasp_id,
         verdict_id=str(uuid.uuid5(uuid.NAMESPACE_OID, name)),
@@ -172,19 +172,19 @@ def make_ripeness_verdict(ripeness: Ripeness, history: FirmnessHistory) -> Verdi
 
 
 def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
-    """Return whether the stage is only assumed: first day, without labels."""
+    """Return whether the stage is an assumption: first day, without labels."""
     return ripeness.basis == "first day" and len(history.days) == 1
 
 
-def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
+def explain_stage(ripeness: Ripeness, history: FirmnessHistory) -> str:
     """Return the reason for a stage as a sentence."""
     count, days = len(history.grasps), len(history.days)
     count_text = f"grasped {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
     if is_assumed(ripeness, history):
-        return f"{count_text}: assumed to be hard on its first day, nothing yet to compare it with"
-    chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
+        return f"{count_text}: assumed to be hard on its first day, no earlier day to compare"
+    probability = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
     basis = {
-        "labels": "judged by labelled items",
-        "first day": "judged by its softening since its first day, assumed to be hard",
+        "labels": "compared with labelled items",
+        "first day": "compared with its first day, when it was assumed to be hard",
     }[ripeness.basis]
-    return f"{count_text}: {chance} {basis}"
+    return f"{count_text}: {probability}, {basis}"

@@ -150,17 +150,17 @@ class RipenessRule:
     def judge(self, days: Sequence[DayFirmness], *, ripe: str = RIPE) -> Ripeness:
         """Judge an item on its last day, using all its days."""
         courses, last = self.course.weigh_courses(days), days[-1]
-        chance = _NODE_WEIGHTS @ self.probabilities(
+        probabilities = _NODE_WEIGHTS @ self.probabilities(
             last.firmness + self.course.mean_sd(last) * _NODES
         )
         tail = (1.0 - LEVEL) / 2.0
-        wait = courses.day_below(self.find_boundary(ripe)) - last.day
-        low, value, high = courses.quantile(wait, [tail, 0.5, 1.0 - tail])
+        remaining_days = courses.day_below(self.find_boundary(ripe)) - last.day
+        low, value, high = courses.quantile(remaining_days, [tail, 0.5, 1.0 - tail])
         if np.isfinite(value):
             low, high = value - _WIDENING * (value - low), value + _WIDENING * (high - value)
         return Ripeness(
-            stage=self.stages[int(np.argmax(chance))],
-            probabilities=dict(zip(self.stages, chance.tolist(), strict=True)),
+            stage=self.stages[int(np.argmax(probabilities))],
+            probabilities=dict(zip(self.stages, probabilities.tolist(), strict=True)),
             firmness=courses.mean_firmness(last.day),
             days_to_ripe=Days(value=float(value), low=float(low), high=float(high)),
             basis="labels",
@@ -184,7 +184,7 @@ def learn_stages(
     missing = [stage for stage in stages if stage not in labels]
     if missing:
         raise InputError(
-            f"no item was ever labelled {missing[0]!r}; label at least one item of each stage "
+            f"no item is labelled {missing[0]!r}; label at least one item of each stage "
             f"({', '.join(stages)})"
         )
     learner = LabelLearner(allow_unknown=False, methods=["discriminant"])
@@ -197,14 +197,14 @@ def judge_by_first_day(days: Sequence[DayFirmness]) -> Ripeness:
     The item is assumed to be hard on that day. Only for fingers driven by width. Days to ripe are
     not available without a course.
 
-    >>> felt = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
-    >>> judge_by_first_day(felt).stage
+    >>> days = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
+    >>> judge_by_first_day(days).stage
     'hard'
     """
-    chance = first_day_probabilities(days[-1].firmness, first_firmness=days[0].firmness)
+    probabilities = first_day_probabilities(days[-1].firmness, first_firmness=days[0].firmness)
     return Ripeness(
-        stage=STAGES[int(np.argmax(chance))],
-        probabilities=dict(zip(STAGES, chance.tolist(), strict=True)),
+        stage=STAGES[int(np.argmax(probabilities))],
+        probabilities=dict(zip(STAGES, probabilities.tolist(), strict=True)),
         firmness=days[-1].firmness,
         days_to_ripe=None,
         basis="first day",

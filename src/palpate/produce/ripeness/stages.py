@@ -16,8 +16,8 @@ STAGES, RIPE = ("hard", "conditioned", "ripe", "overripe"), "ripe"
 #: penetrometer force, and the stiffness at a fixed force to the 2/3rd power of the force between
 #: fingers (Hertz).
 FIRST_DAY_FRACTIONS = (0.65, 0.33, 0.18)
-#: Scale of the transition between two stages, ln stiffness: a guess.
-_SOFTNESS = 0.1
+#: Width of the transition between two stages, in ln stiffness (assumed).
+_TRANSITION_WIDTH = 0.1
 
 
 def first_day_probabilities(firmness: float, *, first_firmness: float) -> FloatArray:
@@ -29,5 +29,5 @@ def first_day_probabilities(firmness: float, *, first_firmness: float) -> FloatA
     [0.99, 0.01, 0.0, 0.0]
     """
     limits = first_firmness + np.log(FIRST_DAY_FRACTIONS)
-    at_least = np.concatenate([[1.0], expit((limits - firmness) / _SOFTNESS), [0.0]])
+    at_least = np.concatenate([[1.0], expit((limits - firmness) / _TRANSITION_WIDTH), [0.0]])
     return np.asarray(-np.diff(at_least))

@@ -1,4 +1,4 @@
-"""People's labels as a table to learn from: kind, bruise, ripeness or grade."""
+"""Training tables with people's labels: kind, bruise, ripeness or grade."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from palpate.produce.ripeness.history import read_labelled_histories
 if TYPE_CHECKING:
     from palpate.produce.store import Store
 
-#: What a grade or a kind may show in: means over an item's grasps. Logarithms, where positive.
+#: Features of a grade or a kind: means over an item's grasps. Those with names in "mm"
+#: are logarithms.
 _GRADE_FEATURES = ("size_mm", "stiffness_n_per_mm", "firmness", "settled_percent")
 
 
 def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
-    """Read a CSV with columns ``item_id``, ``label`` (perhaps empty) and numbers.
+    """Read a CSV with columns ``item_id``, ``label`` (may be empty) and numbers.
 
-    Raises `InputError` if the file can't be read, has no column of numbers, or a field is none.
+    Raises `InputError` if the file can't be read, has no numeric column, or a field is not a
+    number.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -58,13 +60,13 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
 
 
 def read_labels_about(store: Store, about: About, *, kind: str | None) -> LabelledTable:
-    """Return the table of the store's grasps with people's labels.
+    """Return the training table of the store's grasps and people's labels.
 
-    `about`: identity and bin (a grade) have a row an item, those without a label too; ripeness one
-        for each labelled day of an item grasped by fingers driven by width; bruise one for each
-        labelled side.
-    `kind`: only items of this kind; needed for bruise and ripeness.
-    Raises `InputError` if no kind is named where one is needed, or nothing is there.
+    `about`: identity and bin (a grade) have one row per item, with or without a label. Ripeness has
+        one row per labelled day of an item grasped with fingers driven by width. Bruise has one row
+        per labelled side.
+    `kind`: only items of this kind; required for bruise and ripeness.
+    Raises `InputError` if a required kind is missing, or the table is empty.
     """
     if about in (About.BRUISE, About.RIPENESS) and kind is None:
         raise InputError(f"{about}: name the kind of the items with --kind")
@@ -84,13 +86,13 @@ def read_labels_about(store: Store, about: About, *, kind: str | None) -> Labell
 
 
 def _item_table(store: Store, about: About, *, kind: str | None) -> LabelledTable:
-    stated = {one.item_id: one.text for one in store.verdicts(about, source=Source.PERSON)}
+    labels = {one.item_id: one.text for one in store.verdicts(about, source=Source.PERSON)}
     rows = []
     for item in store.items(kind=kind):
         fallback = item.kind or "" if about is About.IDENTITY else ""
         if means := _means(store.grasps_of(item.item_id)):
-            rows.append((means, stated.get(item.item_id, fallback), item.item_id))
-    return LabelledTable.of(_GRADE_FEATURES, rows)
+            rows.append((means, labels.get(item.item_id, fallback), item.item_id))
+    return LabelledTable.from_rows(_GRADE_FEATURES, rows)
 
 
 def _means(grasps: Sequence[Grasp]) -> list[float]:
@@ -117,4 +119,4 @@ def _ripeness_table(store: Store, *, kind: str) -> LabelledTable:
         for day, label in zip(history.days, labels, strict=True)
         if label is not None
     ]
-    return LabelledTable.of(("ln_stiffness",), rows)
+    return LabelledTable.from_rows(("ln_stiffness",), rows)
