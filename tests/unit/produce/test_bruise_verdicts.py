@@ -155,20 +155,20 @@ def test_pixels_that_carry_less_are_named(store: Store) -> None:
 def test_missing_reference_names_the_remedy(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="pear"))
     store.add_grasp(grasp("B1", pixels()))
-    with pytest.raises(InputError, match=r"nothing to compare it with.*--angle-deg 90"):
+    with pytest.raises(InputError, match=r"no reference to compare with.*--angle-deg 90"):
         judge(store, model, "B1")
 
 
 def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="apple"))
-    with pytest.raises(InputError, match=r"'B1': no held grasp of it recorded every pixel"):
+    with pytest.raises(InputError, match=r"'B1': no completed grasp of it has pixel data"):
         judge(store, model, "B1")
 
 
 def test_a_model_that_lacks_the_reference_says_so(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels()))
     store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
-    with pytest.raises(InputError, match="none of the references"):
+    with pytest.raises(InputError, match="has none of the references"):
         judge(store, model)
 
 
