@@ -217,7 +217,7 @@ def test_grasp_continues_after_a_subscriber_failed(kind: str, tmp_path: Path) ->
     hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
     result = run(kind, world, path, FailingArray(world), hand, view)
     assert result.outcome is Outcome.HELD
-    assert result.faults == ("view failed and was dropped: no display",)
+    assert result.faults == ("view failed and was removed: no display",)
     assert len(load_recording(path).time_s) == result.frames
 
 

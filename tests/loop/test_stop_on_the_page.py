@@ -392,7 +392,7 @@ def test_page_press_that_arrives_late_does_not_move_the_hand(
             "drawn => Number(document.body.dataset.drawn) > drawn + 1", arg=drawn
         )
         page.locator("#grasp").click()
-        expect(page.locator(".q-notification")).to_contain_text("s late: press again")
+        expect(page.locator(".q-notification")).to_contain_text("s late: press the button again")
         expect(page.locator("body")).not_to_have_attribute("data-activity", "grasping")
         page.unroute_all(behavior="wait")
 

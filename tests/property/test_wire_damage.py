@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.sensor.wire import MAX_STUFFED_BYTES, Decoder, stuff, unstuff
+from palpate.sensor.wire import MAX_ENCODED_BYTES, Decoder, decode_cobs, encode_cobs
 from palpate.sensor.wire_messages import BoardMessage, CellSample, FrameMessage
 from palpate_studies.board_bytes import encode_message
 
@@ -133,10 +133,10 @@ def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> No
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=1200))
 def test_stuff_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
-    stuffed = stuff(data)
-    assert 0 not in stuffed
-    assert unstuff(stuffed) == data
-    assert len(stuffed) <= len(data) + 1 + len(data) // 254
+    encoded = encode_cobs(data)
+    assert 0 not in encoded
+    assert decode_cobs(encoded) == data
+    assert len(encoded) <= len(data) + 1 + len(data) // 254
 
 
 def test_decoder_accepts_no_frame_from_random_bytes() -> None:
@@ -159,7 +159,7 @@ def test_decoder_memory_is_bounded_without_a_zero() -> None:
     decoder = Decoder()
     for _ in range(1000):
         decoder.feed(b"\x55" * 1000)
-    assert len(decoder._pending) <= MAX_STUFFED_BYTES
+    assert len(decoder._pending) <= MAX_ENCODED_BYTES
     tail = b"\0" + b"".join(_sent(2))
     assert len(decoder.feed(tail)) == 2
 

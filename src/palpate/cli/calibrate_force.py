@@ -236,7 +236,7 @@ def _weigh_loads(
 
         weighing = measure_loads(
             source.array,
-            loads_n=_ask_loads(series)
+            loads_n=_prompt_for_loads(series)
             if listed is None
             else _iterate_until_tolerance(listed, series),
             place=place,
@@ -260,7 +260,7 @@ def _iterate_until_tolerance(loads_n: Sequence[float], series: WeightSeries) -> 
         yield load_n
 
 
-def _ask_loads(series: WeightSeries) -> Iterator[float]:
+def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
     """Prompt for weights, suggesting the most useful one, until an empty line."""
     loads_n: list[float] = []
     while not series.is_within_tolerance:

@@ -91,7 +91,7 @@ class StoreEntry:
     def add_result(
         self, result: GraspResult, *, rig: Rig, recording: Path | None
     ) -> dict[str, str]:
-        """Create the record of the grasp; return its names for the JSON."""
+        """Create the record of the grasp; return its identifiers for the JSON output."""
         from palpate.produce.grasp_record import make_grasp_record
 
         calibration = rig.calibration.as_text()
@@ -112,7 +112,7 @@ class StoreEntry:
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
 
     def item_document(self) -> dict[str, object]:
-        """Return the item's record in the store, for the JSON."""
+        """Return the item's record in the store, for the JSON output."""
         from palpate.produce.store.item_history import item_facts
 
         items = self._store.find_items([self._item_id])

@@ -90,8 +90,10 @@ def init(
     check_rate(rate_hz)
     boards = [found.device for found in list_serial_ports() if found.board is not None]
     likely = boards[0] if len(boards) == 1 else _ANY_PORT
-    array: dict[str, str | float | bool] = {"port": _ask("Serial port", port, likely)}
-    array |= _ask_layout(layout, fingers) | _ask_divider(reference_ohm, taxel_leg, idle_lines)
+    array: dict[str, str | float | bool] = {"port": _prompt("Serial port", port, likely)}
+    array |= _prompt_for_layout(layout, fingers) | _prompt_for_divider(
+        reference_ohm, taxel_leg, idle_lines
+    )
     array |= {"rate_hz": rate_hz, "baud": baud}
     find_layout(
         str(array["layout"]),
@@ -99,7 +101,7 @@ def init(
         idle_lines=cast(IdleLines, array["idle_lines"]),
         fingers=int(array.get("fingers", 1)),
     )
-    hand = _ask_gripper(gripper, gripper_port)
+    hand = _prompt_for_gripper(gripper, gripper_port)
     array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
     text = format_rig_file(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
@@ -109,28 +111,28 @@ def init(
     print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
 
 
-def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
+def _prompt_for_layout(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
     """Prompt for the layout and, for a matrix, the number of fingers."""
-    name = _ask(
+    name = _prompt(
         f"Layout ({', '.join(LAYOUTS)}, or total rows x columns, such as 6x3)", layout, _LAYOUT
     )
     if name in LAYOUTS and fingers is None:
         return {"layout": name}
-    count = _ask("Number of fingers that share the rows", fingers, 1)
+    count = _prompt("Number of fingers that share the rows", fingers, 1)
     if count < 0:
         raise InputError(f"--fingers {count}: give a whole number, such as 2")
     return {"layout": name, "fingers": count}
 
 
-def _ask_divider(
+def _prompt_for_divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
     """Prompt for the reference resistor, the pixel's leg and the idle lines."""
-    ohm = _ask("Reference resistor, ohm", reference_ohm, 4700.0)
-    leg = _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
+    ohm = _prompt("Reference resistor, ohm", reference_ohm, 4700.0)
+    leg = _prompt("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
     if leg not in ("upper", "lower"):
         raise InputError(f"--taxel-leg {leg}: give upper or lower")
-    idle = _ask(
+    idle = _prompt(
         "Idle lines: floating (two multiplexers), held (direct rows), or isolated",
         idle_lines,
         "floating",
@@ -138,14 +140,14 @@ def _ask_divider(
     return {"reference_ohm": ohm, "taxel_leg": leg, "idle_lines": idle}
 
 
-def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
+def _prompt_for_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
     """Prompt for the gripper; return the [gripper] table, empty without a gripper."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
-    chosen = _ask(f"Gripper ({kinds}, or module:function of an opener)", kind, _NO_GRIPPER)
+    chosen = _prompt(f"Gripper ({kinds}, or module:function of an opener)", kind, _NO_GRIPPER)
     if chosen == _NO_GRIPPER:
         return {}
     if chosen == "dynamixel":
-        servo = _ask("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
+        servo = _prompt("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
         return {"open": _GRIPPERS[chosen], "port": servo}
     if chosen in _GRIPPERS:
         return {"open": _GRIPPERS[chosen]} | (_SERVO if chosen == "servo" else {})
@@ -166,19 +168,19 @@ def format_rig_file(
     `calibration`: name of the calibration file, relative to the rig file.
 
     >>> print(format_rig_file({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
-    # A rig of palpate: what its parts are, and how to open them.
+    # Rig file of palpate: the parts of a rig, and the functions that open them.
     calibration = "c.json"
     <BLANKLINE>
     [array]
     open = "palpate.sensor.board_array:open_board"
     layout = "4x4"
     <BLANKLINE>
-    # No gripper yet: doctor, live and calibrate work, grasp needs a table [gripper] with
-    # open = "module:function" and what that function takes by keyword.
+    # No gripper: doctor, live and calibrate work; grasp requires a [gripper] table with
+    # open = "module:function" and the keyword arguments of that function.
     <BLANKLINE>
     """
     lines = [
-        "# A rig of palpate: what its parts are, and how to open them.",
+        "# Rig file of palpate: the parts of a rig, and the functions that open them.",
         f"calibration = {json.dumps(calibration)}",
         "",
         "[array]",
@@ -192,13 +194,13 @@ def format_rig_file(
     else:
         lines += [
             "",
-            "# No gripper yet: doctor, live and calibrate work, grasp needs a table [gripper] with",
-            '# open = "module:function" and what that function takes by keyword.',
+            "# No gripper: doctor, live and calibrate work; grasp requires a [gripper] table with",
+            '# open = "module:function" and the keyword arguments of that function.',
         ]
     return "\n".join(lines) + "\n"
 
 
-def _ask(question: str, given: _Answer | None, default: _Answer) -> _Answer:
+def _prompt(question: str, given: _Answer | None, default: _Answer) -> _Answer:
     """Return the option's value; if None, prompt on a terminal, or return the default."""
     if given is not None or not sys.stdin.isatty():
         return default if given is None else given

@@ -74,8 +74,8 @@ def live(
     clock = RealClock()
     with ExitStack() as stack:
         stack.enter_context(closing(source))
-        follows = _follow_force(source) if force else None
-        reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=follows)
+        force_tracker = _make_force_tracker(source) if force else None
+        reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
         view, stream = LiveView(reading), None
         if foxglove:
             stream = LiveStream(reading, clock=clock, address=address or DEFAULT_ADDRESS)
@@ -100,8 +100,8 @@ def live(
                 break
 
 
-def _follow_force(source: SensorSource) -> ForceSource:
-    """Return a force tracker from the source's calibration.
+def _make_force_tracker(source: SensorSource) -> ForceSource:
+    """Return a force tracker with the source's calibration.
 
     Raises `InputError` if the source has no calibration.
     """

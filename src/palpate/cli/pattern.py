@@ -95,7 +95,7 @@ def pattern(
     if pad is not None:
         changes["pad_width_mm"], changes["pad_length_mm"] = _parse_size(pad, option="--pad")
     if preset not in PRESETS:
-        raise InputError(f"--preset {preset}: available: {', '.join(PRESETS)}")
+        raise InputError(f"no preset {preset!r}; available: {', '.join(PRESETS)}")
     given = {key: value for key, value in changes.items() if value is not None}
     width_mm, height_mm = _parse_size(sheet, option="--sheet")
     design = replace(PRESETS[preset], **given)

@@ -151,7 +151,7 @@ def settle(
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     if plot is not None or (cutoffs_s and until_half_width):
-        _check_rereadable(holds)
+        _refuse_pipes(holds)
     source = HoldSource(
         paths=holds,
         reading=ReadingOptions(
@@ -236,7 +236,7 @@ def _check_numbers(
         raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
 
 
-def _check_rereadable(files: Sequence[Path]) -> None:
+def _refuse_pipes(files: Sequence[Path]) -> None:
     for file in files:
         if file.exists() and not (file.is_file() or file.is_dir()):
             raise InputError(

@@ -113,7 +113,7 @@ class HoldSource:
             return
         try:
             if _is_mcap(file):
-                holds = _from_mcap(file, self.reading)
+                holds = _read_mcap_holds(file, self.reading)
             else:
                 holds = [hold for column in self.columns(file) for hold in column.holds]
         except PalpateError as error:
@@ -216,7 +216,7 @@ def _is_mcap(file: Path) -> bool:
         return False
 
 
-def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
+def _read_mcap_holds(file: Path, reading: ReadingOptions) -> list[Hold]:
     """Return the holds of a palpate recording, cut as in `palpate export --holds`."""
     if not reading.has_only_unit():
         raise InputError(

@@ -107,7 +107,7 @@ def sort_with_rig(
                 if done.identity is not None and done.identity.grasps:
                     stored.add_verdict(identity_verdict(name, done.identity, given_at=now))
                 stored.add_verdict(bin_verdict(done, given_at=now))
-            report.add(done, true_bin=supply.choose_true_bin(name, book=report.book))
+            report.add(done, true_bin=supply.find_true_bin(name, book=report.book))
         if stored is not None and (waiting := stored.send_or_explain()):
             print_message(f"palpate: {waiting}")
 
@@ -142,7 +142,7 @@ def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
 
 
 def _grasp_training_items(supply: SimulatedCrate, stored: Store | None) -> Identifier:
-    """Grasp labelled items of each kind as the training set."""
+    """Grasp the labelled training items; return an identifier trained on them."""
     print_message(f"training with {len(supply.training)} labelled items (simulated) ...")
     found = []
     for item in supply.training.values():
@@ -203,7 +203,7 @@ class SimulatedCrate:
         item = self.crate[name] if name in self.crate else self.training[name]
         self.table.bring(item, turn=turn)
 
-    def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
+    def find_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return the bin for the item's true properties according to the rules."""
         item = self.crate[name]
         return find_true_bin(
@@ -241,7 +241,7 @@ class NamedByLine:
             print_message(f"{name}: uncertain; turn the item, then press Enter:")
             sys.stdin.readline()
 
-    def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
+    def find_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return None: the true bin is unknown."""
         return None
 

@@ -105,7 +105,7 @@ def _label_items(store: Store, texts: Sequence[str], *, about: About) -> None:
 
 
 def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[str, Any]]:
-    """Return the predicted label of each unlabelled item, for the JSON."""
+    """Return the predicted label of each unlabelled item, for the JSON output."""
     blank = known.find_unlabelled()
     if not blank:
         return []

@@ -87,7 +87,7 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
         responses=_refusals(401, 403, 429) if token else {},
     )
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
-    _refuse_in_one_line(api)
+    _add_validation_handler(api)
     _add_queries(api, app_state)
     _add_orders(api, app_state)
     return api
@@ -183,7 +183,7 @@ def _translate_errors(*, bad_value: int = 404) -> Iterator[None]:
         raise HTTPException(503, str(error)) from error
 
 
-def _refuse_in_one_line(api: FastAPI) -> None:
+def _add_validation_handler(api: FastAPI) -> None:
     """Answer invalid requests with one line that names the invalid field."""
 
     @api.exception_handler(RequestValidationError)

@@ -188,7 +188,7 @@ class _RecordingDialog:
             return
         await self._run_and_close(lambda: self._app_state.delete(self._file.name))
 
-    async def _run_and_close(self, act: Callable[[], object]) -> None:
-        if self._viewer.run_action(Action.FILES, act):
+    async def _run_and_close(self, function: Callable[[], object]) -> None:
+        if self._viewer.run_action(Action.FILES, function):
             self._dialog.close()
             await self._changed()

@@ -204,7 +204,7 @@ def _recompute_decisions(
     every = math.ceil(len(frames) / min(_MAX_POINTS, max(length_s * POINTS_PER_S, 1.0)))
     progresses: list[GraspProgress] = []
     phases: list[tuple[float, str]] = []
-    for segment in _split_frames(frames, lasting_s=max(_SEGMENT_S, length_s / _MAX_SEGMENTS)):
+    for segment in _split_frames(frames, duration_s=max(_SEGMENT_S, length_s / _MAX_SEGMENTS)):
         if requests.stop.is_set():
             return None
         for frame, state in segment:
@@ -232,12 +232,12 @@ def _recompute_decisions(
 
 
 def _split_frames(
-    frames: list[FrameWithState], *, lasting_s: float
+    frames: list[FrameWithState], *, duration_s: float
 ) -> Iterator[list[FrameWithState]]:
     """Yield the frames in segments of roughly equal duration."""
     first = 0
     for index, (frame, _) in enumerate(frames):
-        if frame.time_s - frames[first][0].time_s >= lasting_s:
+        if frame.time_s - frames[first][0].time_s >= duration_s:
             yield frames[first:index]
             first = index
     yield frames[first:]

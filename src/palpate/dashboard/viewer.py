@@ -64,44 +64,44 @@ class Viewer:
 
     def order(self, order: Order) -> bool:
         """Send an order and return whether it was accepted; a refusal is shown."""
-        return self._run_press(lambda: self._session.order(self._id, order), moves=True)
+        return self._handle_press(lambda: self._session.order(self._id, order), is_movement=True)
 
     def release(self) -> None:
         """Release the object or open the hand."""
-        self._run_press(lambda: self._session.release(self._id), moves=True)
+        self._handle_press(lambda: self._session.release(self._id), is_movement=True)
 
     def request(self, request: Request) -> None:
         """Send a request to the running job, as `Session.request`."""
-        self._run_press(lambda: self._session.request(self._id, request))
+        self._handle_press(lambda: self._session.request(self._id, request))
 
     def take_over(self) -> None:
         """Make this viewer the driver."""
         self._session.take_over(self._id)
         self.refresh()
 
-    def run_action(self, action: Action, act: Callable[[], object]) -> bool:
-        """Run an action without devices and return its success; a refusal is shown."""
+    def run_action(self, action: Action, function: Callable[[], object]) -> bool:
+        """Run an action without devices and return whether it succeeded; a refusal is shown."""
 
-        def act_if_allowed() -> None:
-            """Run the action if the session allows it."""
+        def run_if_allowed() -> None:
+            """Run the function if the session allows the action."""
             why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
-            act()
+            function()
 
-        return self._run_press(act_if_allowed)
+        return self._handle_press(run_if_allowed)
 
     def button(
         self,
         text: str,
-        act: Callable[[], object],
+        on_click: Callable[[], object],
         *,
         props: str = "",
         small: bool = False,
         action: Action | None = None,
     ) -> ui.button:
         """Add a button, enabled only while its action, if given, is allowed."""
-        button = ui.button(text, on_click=act, color=None)
+        button = ui.button(text, on_click=on_click, color=None)
         button.classes("btn plain small" if small else "btn plain").props(f"flat no-caps {props}")
         if action is not None:
             self.enable_when_allowed(button, action)
@@ -160,14 +160,14 @@ class Viewer:
         for refresher, _ in self._refreshers:
             refresher()
 
-    def _run_press(self, press: Callable[[], None], *, moves: bool = False) -> bool:
+    def _handle_press(self, function: Callable[[], None], *, is_movement: bool = False) -> bool:
         is_done = False
         try:
-            # The lock orders the press strictly before or after a stop.
-            with self._session.stop_lock if moves else nullcontext():
-                if moves:
+            # The lock orders the button press strictly before or after a stop.
+            with self._session.stop_lock if is_movement else nullcontext():
+                if is_movement:
                     self._check_fresh()
-                press()
+                function()
             is_done = True
         except InputError as error:
             self.refuse(error)
@@ -180,7 +180,7 @@ class Viewer:
             raise InputError("stopped before it started")
         age_s = self._now_s() - self._pressed_s
         if age_s > _MAX_PRESS_AGE_S:
-            raise InputError(f"the press arrived {age_s:.0f} s late: press again")
+            raise InputError(f"the button press arrived {age_s:.0f} s late: press the button again")
 
     def refuse(self, error: Exception) -> None:
         """Show the reason of a refusal as a notification."""

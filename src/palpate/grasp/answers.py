@@ -134,7 +134,7 @@ def is_certain(settled: Settled, *, plan: Plan) -> bool:
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
-    """Return size, stiffness and firmness at the settled force, keyed by field of the result.
+    """Return size, stiffness and firmness at the settled force, keyed by result field.
 
     Quantities that the gripper can't measure are omitted; firmness is available after every
     contact. Pressure-driven fingers measure no size, because their closure at contact is unknown
@@ -142,7 +142,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     """
     size_mm, stiffness = _measure(estimate, force, plan)
     if stiffness is None:
-        size_mm, stiffness = _bound_by_travel(estimate, force, plan)
+        size_mm, stiffness = _bound_from_travel(estimate, force, plan)
     found: dict[str, Any] = {}
     if size_mm is not None and plan.bend is None:
         found["size_mm"] = size_mm
@@ -155,12 +155,12 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     return found
 
 
-def _bound_by_travel(
+def _bound_from_travel(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Bound size and stiffness with the travel since contact and the force.
+    """Bound size and stiffness from the travel since contact and the force.
 
-    For contacts so light that too few steps form a curve. Contact began between the last step
+    Used for contacts that are too light for a curve. Contact began between the last step
     without force and the first step at which both fingers certainly pressed. The deformation is at
     most the closing since the former, and at least the closing since the latter minus the gripper's
     deflection.
@@ -174,7 +174,7 @@ def _bound_by_travel(
         if step.touch.strongest_percent > READING.contact_percent
     ]
     pressed = [
-        step.closure for step in estimate.steps if step.touch.weaker_percent <= plan.hint_percent
+        step.closure for step in estimate.steps if step.touch.weakest_percent <= plan.hint_percent
     ]
     begin = estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
     begin = without_contact[-1] if without_contact else begin
@@ -312,12 +312,12 @@ def _read_steps(
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
     """Return each step's opening (mm or -kPa), its contact flag, and its early force."""
     reading = [step.touch.reading for step in steps]
-    weaker_percent = np.array([step.touch.weaker_percent for step in steps])
+    weakest_percent = np.array([step.touch.weakest_percent for step in steps])
     read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
         # Rising pixels may cancel the fall of others.
-        (weaker_percent < READING.contact_percent) & (read.value > 0.0),
+        (weakest_percent < READING.contact_percent) & (read.value > 0.0),
         read,
     )
 
@@ -346,7 +346,7 @@ def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSte
 
     More steps before the hint are excluded, because drift can resemble a faint contact.
     """
-    hinted = [c.touch.weaker_percent < plan.hint_percent for c in estimate.steps]
+    hinted = [c.touch.weakest_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):
         return ()
     return estimate.steps[max(hinted.index(True) - 2, 0) :]

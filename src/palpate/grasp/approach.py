@@ -15,7 +15,7 @@ from palpate.grasp.rest import measure_rest, verify_rest
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import quantize_target, safe_step, stop_here
 from palpate.grasp.state import Attempt, GraspState
-from palpate.grasp.step_size import approach_step, close_by, read_step, squeeze_step
+from palpate.grasp.step_size import approach_step, close_by, record_step, squeeze_step
 from palpate.grasp.sweep import Sweep, blind_s
 from palpate.gripper.interface import GripperCommand
 
@@ -39,8 +39,8 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
     ):
         return None
     before = estimate.steps[-1].closure if estimate.steps else 0.0
-    read_step(estimate, plan)
-    if estimate.now.weaker_percent <= plan.epsilon_percent or _has_grip_force(estimate, plan):
+    record_step(estimate, plan)
+    if estimate.now.weakest_percent <= plan.epsilon_percent or _has_grip_force(estimate, plan):
         if plan.gripper.drive == "width":
             width_mm = plan.gripper.target(before)
             state.result = replace(state.result, previous_width_mm=width_mm)
@@ -50,7 +50,7 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return end_attempt(state, plan)
-    if estimate.now.weaker_percent > plan.hint_percent:
+    if estimate.now.weakest_percent > plan.hint_percent:
         estimate.contact_s = None
         command = _continue(state, plan)
     else:
@@ -239,9 +239,11 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     now, travel = estimate.now, estimate.closure - estimate.sweep.begin
     estimate.sweep = None
     force = plan.early_law.force_n(now.reading, level=plan.level)
-    if now.weaker_percent > READING.contact_percent:
+    if now.weakest_percent > READING.contact_percent:
         pushes = now.strongest_percent <= READING.contact_percent
-        alone = pushes and now.weaker_percent > APPROACH.one_finger_fraction * now.strongest_percent
+        alone = (
+            pushes and now.weakest_percent > APPROACH.one_finger_fraction * now.strongest_percent
+        )
         if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
@@ -252,7 +254,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     estimate.set_force(float(force.value), float(force.high))
     attempt.sweep_contact_s = estimate.moved_s
-    if now.weaker_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
+    if now.weakest_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.record_event("contact")
     state.enter(Activity.TOUCH)
     if plan.damage is None and estimate.force_n < plan.no_push_n:
@@ -284,7 +286,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
     reads most of the contact force at the retraction limit, the grasp ends with a sensor fault.
     """
     estimate, now = state.estimate, state.estimate.now
-    if now.weaker_percent <= plan.hint_percent:
+    if now.weakest_percent <= plan.hint_percent:
         furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)

@@ -19,7 +19,7 @@ from palpate.grasp.safety import Alarm, Reaction, reaction
 from palpate.grasp.safety_filter import filter_command, stop_here
 from palpate.grasp.settle import gentle_goal, goal_n, settle
 from palpate.grasp.state import GraspState
-from palpate.grasp.step_size import close_by, read_step, squeeze_step
+from palpate.grasp.step_size import close_by, record_step, squeeze_step
 from palpate.gripper.interface import GripperCommand
 
 #: Handler of a phase: updates the state after a frame, and may request a command.
@@ -104,7 +104,7 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
     estimate = state.estimate
     if estimate.still_s < plan.dwell_s:
         return None
-    read_step(estimate, plan)
+    record_step(estimate, plan)
     # A gentle squeeze is not corrected afterwards, and may exceed its force to measure the
     # stiffness.
     has_target, reason = plan.target_force_n is not None, None

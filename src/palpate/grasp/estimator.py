@@ -61,8 +61,8 @@ class Touch:
     reading: float
 
     @property
-    def weaker_percent(self) -> float:
-        """Relative change of the less loaded finger; a single loaded finger may only push."""
+    def weakest_percent(self) -> float:
+        """Relative change of the least loaded finger; a single loaded finger may only push."""
         return max(self.finger_percent)
 
     @property

@@ -117,7 +117,7 @@ class FingersMonitor:
         now = estimate.now
         # Changes are negative under load: the smallest is that of the loaded finger.
         pressed_percent = min(now.finger_percent)
-        if now.weaker_percent <= plan.hint_percent:
+        if now.weakest_percent <= plan.hint_percent:
             return None
         if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
@@ -156,7 +156,7 @@ class ResponseMonitor:
             for step in steps
             if contact_s is not None
             and step.touch.time_s >= contact_s
-            and step.touch.weaker_percent <= READING.contact_percent
+            and step.touch.weakest_percent <= READING.contact_percent
         ]
         if not gripped or steps[-1].touch.strongest_percent > READING.contact_percent:
             return False

@@ -20,7 +20,7 @@ from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.rest import measure_rest
 from palpate.grasp.state import GraspState
-from palpate.grasp.step_size import close_by, read_step
+from palpate.grasp.step_size import close_by, record_step
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.calibration import Calibration
 from palpate.settling.exponential import Exponential
@@ -80,7 +80,7 @@ def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.still_s < plan.dwell_s or not estimate.touches:
         return None
     before = estimate.steps[-1].closure if estimate.steps else 0.0
-    read_step(estimate, plan)
+    record_step(estimate, plan)
     if estimate.now.relative_percent <= plan.epsilon_percent:
         estimate.contact_s = estimate.moved_s
         record_size(state, plan, before=before)

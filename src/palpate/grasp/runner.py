@@ -306,7 +306,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
         except Exception as error:
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)
-            state.add_fault(f"{name} failed and was dropped: {error}")
+            state.add_fault(f"{name} failed and was removed: {error}")
 
 
 @contextmanager

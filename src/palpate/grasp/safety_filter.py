@@ -61,7 +61,7 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     if plan.damage is None or not math.isinf(estimate.damage_low_n):
         return math.inf
     force_n = sheet_forces_n(estimate.steps, estimate, plan)
-    weaker = np.array([step.touch.weaker_percent for step in estimate.steps])
+    weaker = np.array([step.touch.weakest_percent for step in estimate.steps])
     gripped = (weaker <= READING.contact_percent) | (force_n > plan.no_push_n)
     loaded = gripped & (force_n > CONTACT_SD * floor_n(plan))
     if not loaded.any():

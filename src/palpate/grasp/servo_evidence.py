@@ -69,7 +69,7 @@ def _force_from_pressure(
     force_n = plan.early_law.force_n(
         np.array([step.touch.reading for step in estimate.steps])
     ).value
-    weaker = np.array([step.touch.weaker_percent for step in estimate.steps])
+    weaker = np.array([step.touch.weakest_percent for step in estimate.steps])
     closure = np.array([step.closure for step in estimate.steps])
     touched = weaker <= plan.hint_percent
     if np.count_nonzero(touched) < _FEWEST_TOUCHED or not force_n[-1] > 0:

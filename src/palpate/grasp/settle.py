@@ -15,7 +15,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.state import GraspState
-from palpate.grasp.step_size import close_by, deformation_mm, force_now, read_step, slope_n
+from palpate.grasp.step_size import close_by, deformation_mm, force_now, record_step, slope_n
 from palpate.gripper.interface import GripperCommand
 
 
@@ -28,7 +28,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the settled force is precise enough, or clearly misses the target."""
     estimate, correction = state.estimate, state.correction
     if estimate.still_s >= plan.dwell_s and correction.count:
-        read_step(estimate, plan)
+        record_step(estimate, plan)
     earliest_s = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
     if estimate.still_s < max(earliest_s, correction.next_forecast_s):
         return None
@@ -195,7 +195,7 @@ def increase_force(
             slope = min(slope, measured)
             longest = math.inf if force.middle > force_n else travel
     step = max(min(missing_n / slope, longest), plan.smallest_step)
-    command = close_by(trial, step, plan, lasting_s=SETTLE.correction_s)
+    command = close_by(trial, step, plan, min_duration_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial
         correction.count, correction.next_forecast_s = correction.count + 1, 0.0

@@ -36,8 +36,8 @@ def approach_step(plan: Plan) -> float:
     return min(max(step, plan.fine_step), longest)
 
 
-def read_step(estimate: ContactEstimate, plan: Plan) -> None:
-    """Read the force, its upper bound and the damage limit once per closing step.
+def record_step(estimate: ContactEstimate, plan: Plan) -> None:
+    """Record the force, its upper bound and the damage limit once per closing step.
 
     A later reading in the same step is ignored, because the early law would convert its creep to
     force. A reading after a return to a smaller closure is ignored, because the sheet retains part
@@ -83,11 +83,11 @@ def force_now(estimate: ContactEstimate, plan: Plan) -> Measurement:
 
 
 def close_by(
-    estimate: ContactEstimate, step: float, plan: Plan, *, lasting_s: float = 0.0
+    estimate: ContactEstimate, step: float, plan: Plan, *, min_duration_s: float = 0.0
 ) -> GripperCommand | None:
     """Return the command of a closing step; None if its safe part is too small.
 
-    `lasting_s`: shortest duration for a servo with measured current.
+    `min_duration_s`: shortest duration for a servo with measured current.
     """
     step = min(step, _step_to_bound(estimate, plan))
     if step < plan.smallest_step:
@@ -95,7 +95,7 @@ def close_by(
     rate = plan.rate if estimate.contact_s is None else plan.squeeze_rate
     if estimate.contact_s is not None and plan.current is not None:
         frames_s = _CURRENT_FRAMES * estimate.period_s
-        rate = min(rate, step / max(lasting_s, frames_s, SQUEEZE.min_current_s))
+        rate = min(rate, step / max(min_duration_s, frames_s, SQUEEZE.min_current_s))
     command = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
     return None if filter_command(command, estimate, plan) is None else command
 
@@ -192,7 +192,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
 
 def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
     """Return whether both fingers certainly gripped at a step."""
-    return step.touch.weaker_percent <= plan.hint_percent or force_n > plan.force_step_n
+    return step.touch.weakest_percent <= plan.hint_percent or force_n > plan.force_step_n
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
@@ -203,7 +203,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     """
     steps = estimate.steps
     loaded = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > CONTACT_SD * floor_n(plan))
-    one_finger = [step.touch.weaker_percent > READING.contact_percent for step in steps]
+    one_finger = [step.touch.weakest_percent > READING.contact_percent for step in steps]
     if not loaded.size:
         return plan.steepest_n
     first = int(max([loaded[0], *np.flatnonzero(one_finger)[-1:]]))

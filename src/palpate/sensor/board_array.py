@@ -13,7 +13,7 @@ from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, IdleLines
 from palpate.sensor.byte_stream import BAUD, SerialStream
-from palpate.sensor.ports import find_port, follow_port, list_serial_ports
+from palpate.sensor.ports import find_port, list_serial_ports, make_port_finder
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import MAX_SIDE, Contents
 from palpate.signal.circuit import Divider
@@ -140,7 +140,7 @@ def open_board(
 ) -> SerialArray:
     """Open the array of a board with palpate's firmware.
 
-    The array reconnects after an unplug.
+    The array reconnects after a disconnection.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def open_board(
         return SerialStream(name, baud=baud)
 
     device = port or find_port(list_serial_ports(), clock=clock, open_stream=open_stream)
-    find_current_port = follow_port(device)
+    find_current_port = make_port_finder(device)
     return SerialArray(
         open_stream(device),
         clock=clock,

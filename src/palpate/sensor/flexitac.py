@@ -68,7 +68,7 @@ class FlexitacDecoder:
 def open_board(
     *, port: str, rows: int = 12, baud: int = 2_000_000, reference_ohm: float = 1000.0
 ) -> OneWayArray:
-    """Open the array of a FlexiTac board; the array reconnects after an unplug.
+    """Open the array of a FlexiTac board; the array reconnects after a disconnection.
 
     Crosstalk is not corrected, and each reading is assigned to one pixel. Pads at rest give
     higher readings than are possible in a matrix with grounded idle columns.

@@ -1,4 +1,4 @@
-"""A pressure array on a serial port that reopens the port after an unplug."""
+"""A pressure array on a serial port, reopened after a disconnection."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LATE_PERIODS, _LATE_S = 5, 0.1
 class PortArray(ABC):
     """A `PressureArray` on a port; a subclass for each kind of board fetches the frames.
 
-    `reopen`: opens the port again after an unplug and raises `DeviceError` on failure. Without
-        `reopen`, an unplugged board is permanently lost.
+    `reopen`: opens the port again after a disconnection and raises `DeviceError` on failure.
+        Without `reopen`, an unplugged board is permanently lost.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class PortArray(ABC):
 
     @abstractmethod
     def _fetch(self) -> None:
-        """Receive frames into `_waiting`; reconnect after an unplug."""
+        """Receive frames into `_waiting`; reconnect after a disconnection."""
 
     @abstractmethod
     def _explain_silence(self, timeout_s: float) -> DeviceError:
-        """Return an error that explains the missing frames of a board on an open port."""
+        """Return the error for a board that sends no frames on an open port."""
 
     def read(self, *, timeout_s: float) -> Frame:
         """Return the next frame, oldest first.
@@ -68,7 +68,8 @@ class PortArray(ABC):
         Raises
         ------
         DeviceTimeoutError
-            If no frame arrived within `timeout_s`. Later calls can succeed, also after an unplug.
+            If no frame arrived within `timeout_s`. Later calls can succeed, even after a
+            disconnection.
         WireError
             If bytes arrived but no valid frame.
         DeviceError
@@ -101,7 +102,7 @@ class PortArray(ABC):
             self._stream = None
 
     def _disconnect(self, error: DeviceError) -> None:
-        """Close the port after an unplug; raise `error` if there is no `reopen`."""
+        """Close the port after a disconnection; raise `error` if there is no `reopen`."""
         if self._reopen is None:
             raise error
         if self._stream is not None:

@@ -194,7 +194,7 @@ def check_health(
             number = f"{float(np.median(values[group])):.3g}"
             findings.append(Finding(code, text.format(number), where))
         sound &= ~mask
-    findings += _find_unrest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
+    findings += _check_rest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
     resistor, measured = _fit_resistor(
         pixels.rest_ohm[sound], all_frames, sound=sound, layout=layout
     )
@@ -224,7 +224,7 @@ def _check_frames(frames: FrameColumns, *, layout: ArrayLayout) -> None:
         )
 
 
-def _find_unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
+def _check_rest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
     """Report frames that were not recorded at rest; pixels with NaN are ignored."""
     if np.isnan(ohm).all(axis=0).all():
         return []

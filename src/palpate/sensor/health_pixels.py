@@ -96,20 +96,20 @@ def judge_pixels(
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
     alive = np.isfinite(readings.noise_percent)
-    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical_value(readings.rest_ohm)
+    ratio = np.where(alive, readings.rest_ohm, 0.0) / _median_of_working_pixels(readings.rest_ohm)
     yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the other pixels", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
-        (noise > _NOISY_RATIO * _typical_value(noise)) & (noise > _QUIET_PERCENT)
+        (noise > _NOISY_RATIO * _median_of_working_pixels(noise)) & (noise > _QUIET_PERCENT)
     )
-    drops, jumps = _count_interruptions(mean_counts, layout=layout)
+    drops, jumps = _count_drops_and_jumps(mean_counts, layout=layout)
     loose = (drops >= _MIN_DROPOUTS) | ((jumps >= _MIN_JUMPS) & ~loud)
     yield "loose", loose, "drops out or jumps {} times", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
     stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
     yield "stuck", stuck, "is constant, despite the noise of the other pixels", nothing
-    common = _typical_value(readings.drift_percent)
+    common = _median_of_working_pixels(readings.drift_percent)
     own = readings.drift_percent - common
     # If most pixels drift together, the sensor is not at rest and single pixels can't be judged.
     is_calm = abs(common) < 0.5 * _DRIFT_PERCENT
@@ -122,7 +122,7 @@ def judge_pixels(
     if known_ohm is not None:
         # A change common to all pixels is due to climate or load.
         change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
-        own = 100.0 * ((100.0 + change) / (100.0 + _typical_value(change)) - 1.0)
+        own = 100.0 * ((100.0 + change) / (100.0 + _median_of_working_pixels(change)) - 1.0)
         text = "differs by {} % from its calibrated rest value, relative to the other pixels"
         yield "changed", np.abs(own) > _CHANGED_PERCENT, text, own
 
@@ -152,7 +152,7 @@ def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
         yield pixel_name(row, col), part
 
 
-def _typical_value(values: FloatArray) -> float:
+def _median_of_working_pixels(values: FloatArray) -> float:
     """Return the median of the working pixels; NaN if there are none."""
     valid = values[np.isfinite(values) & (values != 0)]
     return float(np.median(valid)) if valid.size else math.nan
@@ -168,7 +168,7 @@ def find_end_readings(
     return (at_ground, at_supply) if upper else (at_supply, at_ground)
 
 
-def _count_interruptions(
+def _count_drops_and_jumps(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count each pixel's drops to an end of the range and jumps within it."""

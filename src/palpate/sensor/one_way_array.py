@@ -17,7 +17,7 @@ from palpate.errors import DeviceError, DeviceTimeoutError, WireError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.byte_stream import ByteStream, SerialStream
 from palpate.sensor.frame_port import PortArray
-from palpate.sensor.ports import follow_port
+from palpate.sensor.ports import make_port_finder
 
 Counts: TypeAlias = NDArray[np.int32]
 
@@ -55,7 +55,7 @@ class FrameDecoder(Protocol):
 class OneWayArray(PortArray):
     """A `PressureArray` on a board that sends frames without a request.
 
-    The array numbers the frames. After a gap in time the number increases by the missing frames.
+    The array numbers the frames, and skips the numbers of frames missing after a gap in time.
     The time of a frame is its arrival time. The times of frames that arrive together are spread
     over the time before their arrival.
 
@@ -70,8 +70,8 @@ class OneWayArray(PortArray):
     decoder : FrameDecoder
         Finds the frames.
     reopen : callable, optional
-        Opens the port again after an unplug and raises `DeviceError` on failure. Without it, an
-        unplugged board is permanently lost.
+        Opens the port again after a disconnection and raises `DeviceError` on failure. Without it,
+        an unplugged board is permanently lost.
 
     Raises
     ------
@@ -104,11 +104,11 @@ class OneWayArray(PortArray):
     def open_port(
         cls, port: str, *, baud: int, layout: ArrayLayout, decoder: FrameDecoder
     ) -> OneWayArray:
-        """Open the array of a serial board; the array reconnects after an unplug.
+        """Open the array of a serial board; the array reconnects after a disconnection.
 
         Raises `DeviceError` if the port can't be opened, or no frame arrives.
         """
-        find_current_port = follow_port(port)
+        find_current_port = make_port_finder(port)
         return cls(
             SerialStream(port, baud=baud),
             clock=RealClock(),

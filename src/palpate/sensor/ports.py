@@ -101,7 +101,7 @@ def find_port(
     raise DeviceNotFoundError(f"no board answers. {errors[0]}")
 
 
-def follow_port(
+def make_port_finder(
     device: str, *, list_ports: Callable[[], Sequence[Port]] = list_serial_ports
 ) -> Callable[[], str]:
     """Return a function that finds the current port of the board now at `device`.
@@ -112,7 +112,7 @@ def follow_port(
     >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
     >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
     >>> seen = iter([before, after])
-    >>> follow_port("/dev/ttyACM0", list_ports=lambda: next(seen))()
+    >>> make_port_finder("/dev/ttyACM0", list_ports=lambda: next(seen))()
     '/dev/ttyACM1'
     """
     numbers = {port.device: port.serial_number for port in list_ports()}

@@ -59,8 +59,8 @@ class SerialArray(PortArray):
     contents : Contents
         Data requested in addition to the pixels.
     reopen : callable, optional
-        Opens the port again after an unplug and raises `DeviceError` on failure. Without it, an
-        unplugged board is permanently lost.
+        Opens the port again after a disconnection and raises `DeviceError` on failure. Without it,
+        an unplugged board is permanently lost.
 
     Raises
     ------
@@ -212,7 +212,7 @@ class SerialArray(PortArray):
         )
 
     def _fetch(self) -> None:
-        """Receive frames; reconnect after resets and unplugs."""
+        """Receive frames; reconnect after resets and disconnections."""
         now_s = self._clock.now_s()
         if self._link is None:
             if (stream := self._reopen_if_due()) is not None:
@@ -249,7 +249,7 @@ class SerialArray(PortArray):
         if message.counts.shape != (self._layout.rows, self._layout.cols):
             return  # sent before the layout was set
         if message.stream != self._stream_number:
-            self._enter_stream(message)
+            self._switch_stream(message)
         self._tripped |= bool(message.status & BoardStatus.CEILING_TRIPPED)
         time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
         self._last = Frame(
@@ -262,7 +262,7 @@ class SerialArray(PortArray):
         self._newest = message
         self._waiting.append(self._last)
 
-    def _enter_stream(self, message: FrameMessage) -> None:
+    def _switch_stream(self, message: FrameMessage) -> None:
         """Switch to a new stream: continue the frame numbers and restart the device clock."""
         self._stream_number = message.stream
         floor_s = 0.0

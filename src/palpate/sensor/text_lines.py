@@ -178,7 +178,7 @@ def open_board(
 ) -> OneWayArray:
     """Open the array of a board that prints its readings.
 
-    The array reconnects after an unplug.
+    The array reconnects after a disconnection.
 
     Parameters
     ----------

@@ -32,8 +32,8 @@ from palpate.sensor.wire_messages import (
 _HEAD = struct.Struct("<BH")
 _CRC = struct.Struct("<I")
 _OVERHEAD = _HEAD.size + _CRC.size
-#: Maximum length of a stuffed packet; a 16 x 16 frame with all contents has 548 bytes.
-MAX_STUFFED_BYTES = 640
+#: Maximum length of an encoded packet; a 16 x 16 frame with all contents has 548 bytes.
+MAX_ENCODED_BYTES = 640
 _WRAP = 2**32
 _KNOWN = frozenset(int(kind) for kind in MessageType)
 _FRAME = int(MessageType.FRAME)
@@ -50,55 +50,55 @@ _EXTRA = {Contents.LOAD_CELLS: LOADS, Contents.PRESSURE: PRESSURE, Contents.SERV
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
 
 
-def stuff(data: bytes) -> bytes:
+def encode_cobs(data: bytes) -> bytes:
     """Encode with consistent overhead byte stuffing (COBS), without the final zero.
 
     Source: S. Cheshire and M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
     Networking 7(2), 1999.
 
-    >>> stuff(bytes([0x11, 0x22, 0, 0x33])).hex()
+    >>> encode_cobs(bytes([0x11, 0x22, 0, 0x33])).hex()
     '0311220233'
     """
-    stuffed = bytearray()
+    encoded = bytearray()
     for run in data.split(b"\0"):
         while len(run) >= 254:
-            stuffed.append(255)
-            stuffed += run[:254]
+            encoded.append(255)
+            encoded += run[:254]
             run = run[254:]
-        stuffed.append(len(run) + 1)
-        stuffed += run
-    return bytes(stuffed)
+        encoded.append(len(run) + 1)
+        encoded += run
+    return bytes(encoded)
 
 
-def unstuff(stuffed: bytes | bytearray) -> bytes | None:
-    """Decode the output of `stuff`; return None if the bytes are invalid.
+def decode_cobs(encoded: bytes | bytearray) -> bytes | None:
+    """Decode the output of `encode_cobs`; return None if the bytes are invalid.
 
-    >>> unstuff(bytes.fromhex("0311220233")).hex(), unstuff(bytes([9, 1]))
+    >>> decode_cobs(bytes.fromhex("0311220233")).hex(), decode_cobs(bytes([9, 1]))
     ('11220033', None)
     """
     data, start = bytearray(), 0
-    while start < len(stuffed):
-        code = stuffed[start]
-        run = stuffed[start + 1 : start + code]
+    while start < len(encoded):
+        code = encoded[start]
+        run = encoded[start + 1 : start + code]
         if code == 0 or len(run) != code - 1:
             return None
         data += run
         start += code
         # A code of 255 represents 254 bytes without a zero after them.
-        if code < 255 and start < len(stuffed):
+        if code < 255 and start < len(encoded):
             data.append(0)
     return bytes(data)
 
 
 def pack(kind: int, payload: bytes) -> bytes:
-    """Return the complete packet of a payload: type, length, CRC-32, stuffing, final zero."""
+    """Return the complete packet of a payload: type, length, CRC-32, COBS encoding, final zero."""
     body = _HEAD.pack(kind, len(payload)) + payload
-    return stuff(body + _CRC.pack(zlib.crc32(body))) + b"\0"
+    return encode_cobs(body + _CRC.pack(zlib.crc32(body))) + b"\0"
 
 
-def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
+def unpack(encoded: bytes | bytearray) -> tuple[int, bytes] | None:
     """Return the type and payload of a packet (without final zero); None if damaged."""
-    packet = unstuff(stuffed)
+    packet = decode_cobs(encoded)
     if packet is None or len(packet) < _OVERHEAD:
         return None
     body, crc = packet[:-4], packet[-4:]
@@ -236,7 +236,7 @@ def unpack_identity(payload: bytes) -> BoardIdentity | None:
 class Decoder:
     """Converts the bytes of a board, in chunks of any size, into messages.
 
-    The decoder stores at most `MAX_STUFFED_BYTES` between calls. It accepts only complete packets
+    The decoder stores at most `MAX_ENCODED_BYTES` between calls. It accepts only complete packets
     with the correct length and CRC-32 and counts all others. It unwraps sequence and time within a
     stream, which requires at least one frame every 71 minutes.
 
@@ -278,7 +278,7 @@ class Decoder:
         return messages
 
     def _buffer(self, piece: bytes) -> None:
-        if self._overlong or len(self._pending) + len(piece) > MAX_STUFFED_BYTES:
+        if self._overlong or len(self._pending) + len(piece) > MAX_ENCODED_BYTES:
             self._overlong = True
             self._pending.clear()
         else:
@@ -307,7 +307,7 @@ class Decoder:
         """Count a frame and the lost frames before it; return its unwrapped sequence and time."""
         ahead = (sequence - self._expected) % _WRAP
         if stream != self._stream or ahead >= _WRAP // 2:
-            self._enter_stream(stream, sequence=sequence)
+            self._switch_stream(stream, sequence=sequence)
             ahead = (sequence - self._expected) % _WRAP
         if self._time_us is None:
             self._time_us = time_us
@@ -322,14 +322,14 @@ class Decoder:
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:
-            self._enter_stream(ack.stream, sequence=ack.next_sequence)
+            self._switch_stream(ack.stream, sequence=ack.next_sequence)
         ahead = (ack.next_sequence - self._expected) % _WRAP
         if ahead < _WRAP // 2:
             self._lost += ahead
             self._expected += ahead
         return ack
 
-    def _enter_stream(self, stream: int, *, sequence: int) -> None:
+    def _switch_stream(self, stream: int, *, sequence: int) -> None:
         """Switch to a stream, and expect its first frame unless it is the first stream."""
         joined_late = self._stream is None
         self._restarts += not joined_late

@@ -22,7 +22,7 @@ class Slide:
     speed_mm_per_s: float = 0.0
 
     @property
-    def has_left_pads(self) -> bool:
+    def is_off_pads(self) -> bool:
         """Whether the object has left the pads."""
         return self.slid_mm >= PAD_MM
 

@@ -40,11 +40,11 @@ class Placements:
     def __init__(self, *, sheet: Sheet, grid: PixelGrid, ranges: Ranges, seed: int) -> None:
         self._sheet, self._grid, self._ranges, self._seed = sheet, grid, ranges, seed
         #: Return the placement of the n-th object and contact in an environment.
-        self.of = lru_cache(maxsize=64)(self._draw)
+        self.of = lru_cache(maxsize=64)(self._draw_placement)
         #: Numbers of the objects in a fixture.
         self.fixtures: set[int] = set()
 
-    def _draw(self, placed: int, contacts: int, environment: Environment) -> Placement:
+    def _draw_placement(self, placed: int, contacts: int, environment: Environment) -> Placement:
         ranges, pixels = self._ranges, self._sheet.gain.size
         where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
         rng = np.random.default_rng([self._seed, 2, placed, contacts])

@@ -176,7 +176,7 @@ class Plant:
             pull_n=state.pull_n,
             slide=slide,
         )
-        if slide.has_left_pads:
+        if slide.is_off_pads:
             return replace(following, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
         return following
 

@@ -1,6 +1,6 @@
 """All ranges of the twin's random draws, by level.
 
-`lab` has the variation of the paper's Tables 2 to 6, but misses some entries of Tables 1, 4 and 5
+`lab` has the variation of the paper's Tables 2 to 6, but lacks some entries of Tables 1, 4 and 5
 (the studies count them). `field` has the variation of real Velostat outside one laboratory's
 careful setup (`palpate study realism`):
 

@@ -92,7 +92,7 @@ class SheetState:
 
         `rest_factor`: factor of the environment (`Sheet.rest_factor`).
         """
-        v = creep.instant * self.target + creep.weight @ self.creep
+        v = creep.instant_fraction * self.target + creep.weight @ self.creep
         bare = sheet.rest_ohm * rest_factor * (1.0 + self.spike)
         resistance: FloatArray = bare / (1.0 + sheet.family.excess_conductance(v))
         return resistance
@@ -118,7 +118,9 @@ class SheetState:
 
 
 def step_decay(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return decay and mean decay over a step, for step / time constant = `rate`.
+    """Return the exponential decay at the end and on average over a step.
+
+    `rate`: step / time constant.
 
     >>> decay, mean = step_decay(np.array([0.0, 1.0]))
     >>> decay.round(3).tolist(), mean.round(3).tolist()
@@ -132,7 +134,7 @@ def step_decay(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
 def follow_line(
     value: FloatArray, *, start: FloatArray, end: FloatArray, rate: FloatArray
 ) -> FloatArray:
-    """Return the end of first-order lags whose target is linear over one step.
+    """Return first-order lags at the end of a step with a linear target.
 
     `value`: lags at the start of the step.
     `start`, `end`: target at both ends of the step.

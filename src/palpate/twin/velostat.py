@@ -50,8 +50,8 @@ class Creep:
     weight: FloatArray
 
     @property
-    def instant(self) -> float:
-        """Fraction of the static value that is reached at once."""
+    def instant_fraction(self) -> float:
+        """Fraction of the static value reached instantly."""
         return float(1.0 + self.weight @ np.expm1(-SETTLED_S / self.tau_s))
 
 

@@ -214,7 +214,7 @@ class World:
     @property
     def has_dropped(self) -> bool:
         """Whether the object has slid out of the fingers since its placement."""
-        return self._latest.slide.has_left_pads
+        return self._latest.slide.is_off_pads
 
     def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
         """Change the climate, the suction or the earlier use immediately.

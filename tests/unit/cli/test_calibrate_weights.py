@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.cli.calibrate_force import WeightSeries, _ask_loads, _iterate_until_tolerance
+from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
 from palpate.errors import InputError
 
 
@@ -38,7 +38,7 @@ def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
 def test_calibrate_force_empty_line_ends_typed_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     typed = iter(["9", "1.5", "4", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
-    assert list(_ask_loads(course())) == [9.0, 1.5, 4.0]
+    assert list(_prompt_for_loads(course())) == [9.0, 1.5, 4.0]
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_calibrate_force_invalid_typed_weights_are_refused(
     typed = iter(words)
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
     with pytest.raises(InputError, match=message):
-        list(_ask_loads(course()))
+        list(_prompt_for_loads(course()))

@@ -148,7 +148,7 @@ def test_live_view_labels_simulation() -> None:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_live_simulated_rig_is_squeezed_and_released(kind: str) -> None:
+def test_live_squeeze_loads_and_releases_the_simulated_object(kind: str) -> None:
     world = World(
         draw_object(np.random.default_rng(2), "ball-44lbs"),
         seed=2,

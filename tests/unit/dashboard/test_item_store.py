@@ -98,7 +98,7 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert len(grasp.pixel_settled_percent) == 4
 
 
-def test_item_html_shows_every_grasp_and_the_label_simulated(
+def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(
     recording: Path, tmp_path: Path
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"))

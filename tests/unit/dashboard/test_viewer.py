@@ -46,16 +46,16 @@ def test_viewer_refuses_a_late_press_that_would_move_the_hand(
     for at_s, reason in (
         (100.0, ""),
         (96.5, ""),
-        (88.0, "the press arrived 12 s late: press again"),
+        (88.0, "the button press arrived 12 s late: press the button again"),
     ):
         viewer.record_press({"stops": session.stops, "at_s": at_s})
         viewer.order(Examine())
         assert ("late" in reason) == any("late" in one for one in refused), refused
-    assert refused[-1] == "the press arrived 12 s late: press again"
+    assert refused[-1] == "the button press arrived 12 s late: press the button again"
     viewer.record_press({"stops": session.stops, "at_s": 101.0})
     now_s[0] = 130.0
     viewer.release()
-    assert refused[-1] == "the press arrived 29 s late: press again"
+    assert refused[-1] == "the button press arrived 29 s late: press the button again"
 
 
 def test_viewer_order_and_its_check_exclude_a_concurrent_stop() -> None:

@@ -232,7 +232,7 @@ def test_pattern_dxf_and_svg_have_equal_lines(tmp_path: Path, palpate: Command) 
         (["--shape", "circle", "--pixel", "7x8"], "a circle needs equal width and height"),
         (["--pixel", "big"], "--pixel big: give millimetres"),
         (["--pad-pitch", "nan"], "pad pitch of nan mm: give a positive length"),
-        (["--preset", "other"], "there are paper-2x2, paper-3x2"),
+        (["--preset", "other"], "no preset 'other'; available: paper-2x2, paper-3x2"),
         (["--name", "../x"], "--name '../x'"),
     ],
 )

@@ -89,7 +89,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
         (["--method", "paper", "--step-mm", "0"], "step_mm must be above 0"),
         (["--method", "paper", "--epsilon", "10"], "between -100 and 0"),
         (["--method", "paper", "--cutoff", "nan"], "cutoff_s must be"),
-        (["--method", "paper", "--target-force-n", "3"], "neither --target-force-n"),
+        (["--method", "paper", "--target-force-n", "3"], "combined with --target-force-n"),
         (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "driven by pressure"),
     ],
 )

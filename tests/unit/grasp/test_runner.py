@@ -152,12 +152,14 @@ def test_failing_watcher_is_removed_and_reported(plan: Plan, bench: Any) -> None
 
     result = bench.grasp(plan, subscribers=[broken, lambda o: seen.append(o.frame.time_s)])
     assert result.outcome is Outcome.HELD
-    assert result.faults == ("broken failed and was dropped: disk full",)
+    assert result.faults == ("broken failed and was removed: disk full",)
     assert len(seen) == result.frames
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_stop_request_holds_still(plan: Plan, bench: Any, number: int) -> None:
+def test_run_grasp_stop_signal_stops_the_hand_and_keeps_the_grip(
+    plan: Plan, bench: Any, number: int
+) -> None:
     before = signal.getsignal(number)
 
     def user(_: Observation) -> None:

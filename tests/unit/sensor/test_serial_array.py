@@ -374,7 +374,7 @@ def test_serial_array_continues_after_the_board_is_replugged(bench: Bench) -> No
     assert (array.counters.reconnects, array.counters.restarts) == (1, 1)
 
 
-def test_serial_array_without_reopen_raises_after_an_unplug(bench: Bench) -> None:
+def test_serial_array_without_reopen_raises_after_a_disconnection(bench: Bench) -> None:
     board = bench.board()
     array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT)
     array.read(timeout_s=0.1)

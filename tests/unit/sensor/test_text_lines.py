@@ -195,7 +195,9 @@ def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> Non
         board.array(LineDecoder(PADS))
 
 
-def test_one_way_array_error_distinguishes_silence_from_an_unplug(clock: SendingClock) -> None:
+def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
+    clock: SendingClock,
+) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     for _ in range(20):

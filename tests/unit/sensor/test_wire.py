@@ -12,13 +12,13 @@ import pytest
 
 from palpate.sensor.array import LinkCounters
 from palpate.sensor.wire import (
-    MAX_STUFFED_BYTES,
+    MAX_ENCODED_BYTES,
     Decoder,
+    decode_cobs,
+    encode_cobs,
     encode_command,
     pack,
-    stuff,
     unpack,
-    unstuff,
 )
 from palpate.sensor.wire_messages import (
     Ack,
@@ -191,7 +191,7 @@ def test_decoder_counts_later_garbage_as_corrupt() -> None:
     assert decoder.counters == LinkCounters(frames=2, corrupt=1)
 
 
-def test_decoder_started_inside_a_frame_loses_only_this_frame() -> None:
+def test_decoder_started_inside_a_frame_loses_only_that_frame() -> None:
     data = sent(4, 5, 6)
     for start in range(1, len(sent(4))):
         decoder = Decoder()
@@ -247,7 +247,7 @@ def test_decoder_rejects_an_invalid_frame_with_a_correct_checksum(payload: bytes
 def test_unpack_rejects_a_packet_with_a_wrong_length(wrong_by: int) -> None:
     def packet(length: int) -> bytes:
         body = struct.pack("<BH", MessageType.ACK, length) + b"payload"
-        return stuff(body + struct.pack("<I", zlib.crc32(body)))
+        return encode_cobs(body + struct.pack("<I", zlib.crc32(body)))
 
     assert unpack(packet(7)) == (MessageType.ACK, b"payload")
     assert unpack(packet(7 + wrong_by)) is None
@@ -257,18 +257,18 @@ def test_unpack_rejects_a_packet_with_a_wrong_length(wrong_by: int) -> None:
 @pytest.mark.parametrize("after", [b"", b"\0", b"\0\x02", b"\0\0"])
 def test_stuff_roundtrips_a_long_run_without_zero(length: int, after: bytes) -> None:
     data = b"\x01" * length + after
-    assert unstuff(stuff(data)) == data
+    assert decode_cobs(encode_cobs(data)) == data
 
 
 def test_unstuff_accepts_both_encodings_of_a_final_full_run() -> None:
     # Some encoders omit the final 01 after 254 bytes; both forms are valid COBS.
-    assert unstuff(b"\xff" + b"\x01" * 254) == b"\x01" * 254
-    assert unstuff(b"\xff" + b"\x01" * 254 + b"\x01") == b"\x01" * 254
+    assert decode_cobs(b"\xff" + b"\x01" * 254) == b"\x01" * 254
+    assert decode_cobs(b"\xff" + b"\x01" * 254 + b"\x01") == b"\x01" * 254
 
 
 @pytest.mark.parametrize("damaged", ["0311", "031122023344", "ff01", "0003", "010002"])
 def test_unstuff_returns_none_for_invalid_bytes(damaged: str) -> None:
-    assert unstuff(bytes.fromhex(damaged)) is None
+    assert decode_cobs(bytes.fromhex(damaged)) is None
 
 
 # -- chunks and memory ----------------------------------------------------------------------------
@@ -277,10 +277,10 @@ def test_unstuff_returns_none_for_invalid_bytes(damaged: str) -> None:
 def test_decoder_accepts_the_longest_frame_and_rejects_a_longer_packet() -> None:
     largest = replace(frame(0), counts=np.full((16, 16), 1023, dtype=np.uint16))
     data = encode_message(largest)
-    assert len(data) <= MAX_STUFFED_BYTES
+    assert len(data) <= MAX_ENCODED_BYTES
     decoder = Decoder()
     assert len(decoder.feed(data)) == 1
-    too_long = pack(0x42, b"\x01" * MAX_STUFFED_BYTES)
+    too_long = pack(0x42, b"\x01" * MAX_ENCODED_BYTES)
     assert decoder.feed(too_long + data) != []
     assert decoder.counters == LinkCounters(frames=2, corrupt=1, restarts=1)
 

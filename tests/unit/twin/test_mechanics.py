@@ -90,7 +90,7 @@ def test_pixel_shares_off_centre_fruit_leaves_pixels_unloaded() -> None:
     assert np.sum(deeper == 0) < np.sum(aside == 0)
 
 
-def test_motion_runs_at_rate_and_stops() -> None:
+def test_motion_width_changes_at_the_rate_and_stops_at_the_target() -> None:
     closing = Motion(start_s=1.0, from_mm=50.0, to_mm=40.0, rate_mm_per_s=20.0)
     assert closing.end_s == pytest.approx(1.5)
     assert [closing.width_mm(t) for t in (0.0, 1.25, 3.0)] == [50.0, 45.0, 40.0]

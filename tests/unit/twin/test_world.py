@@ -163,7 +163,7 @@ def test_world_servo_locks_at_force_limit() -> None:
     assert world.drive_value(10.0) > 15.0
 
 
-def test_world_object_removed_during_hold() -> None:
+def test_world_removing_a_held_object_ends_the_force() -> None:
     world = held(3.0)
     world.force_n(5.0)
     world.place(None, time_s=5.0)
