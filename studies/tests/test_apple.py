@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.twin.mechanics import pixel_shares
+from palpate.twin.mechanics import pixel_fractions
 from palpate.twin.placement import PixelGrid
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.twin_apple import Apple, Bruise, draw_apple
@@ -28,7 +28,7 @@ def ball() -> Apple:
 
 def shares(apple: Apple, angle_deg: float = 0.0, **where: tuple[float, float]) -> np.ndarray:
     off_centre_mm = where.get("off_centre_mm", (0.0, 0.0))
-    return pixel_shares(apple.facing(angle_deg), 0.8, grid=GRID, off_centre_mm=off_centre_mm)
+    return pixel_fractions(apple.facing(angle_deg), 0.8, grid=GRID, off_centre_mm=off_centre_mm)
 
 
 def test_facing_round_sound_apple_equals_its_flesh(ball: Apple) -> None:

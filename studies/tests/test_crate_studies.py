@@ -191,7 +191,7 @@ def test_sorting_command_with_crates_file_writes_crates(
 
 
 def test_measure_crates_returns_grasps_of_each_item(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, kinds in (("CRATE_TAUGHT", ["egg"]), ("CRATE_STRANGERS", ["walnut"])):
+    for name, kinds in (("TRAINED_KINDS", ["egg"]), ("UNTRAINED_KINDS", ["walnut"])):
         monkeypatch.setattr(crates_module, name, dict.fromkeys(kinds))
     found = measure_crates(level="lab", sensor=7, training_items=1, sorted_items=1)
     assert [(i.kind, i.teaches, i.known, len(i.grasps)) for i in found] == [

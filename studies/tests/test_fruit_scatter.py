@@ -11,7 +11,7 @@ import pytest
 from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 
 from palpate.arrays import FloatArray
-from palpate.twin.crate import CRATE_SIDE_LOG_SD, CRATE_TAUGHT, draw_crate
+from palpate.twin.crate import CRATE_SIDE_LOG_SD, TRAINED_KINDS, draw_crate
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
 from palpate_studies.twin_apple import Faces, draw_apple
 from palpate_studies.twin_avocado import draw_avocado
@@ -62,8 +62,8 @@ def test_real_food_relaxation_is_within_range_of_twin_fruit(real_data: Path) -> 
         after = np.interp(time_s[peak] + 20.0, time_s, force_n)
         lost.append(1.0 - after / force_n[peak])
     twin = []
-    for item in draw_crate([kind for kind in CRATE_TAUGHT if kind != "egg"] * 20, seed=1):
-        share, time = np.array(item.mean.relaxing_share), np.array(item.mean.relaxing_time_s)
+    for item in draw_crate([kind for kind in TRAINED_KINDS if kind != "egg"] * 20, seed=1):
+        share, time = np.array(item.mean.relaxing_fractions), np.array(item.mean.relaxing_time_s)
         twin.append(float((share * -np.expm1(-20.0 / time)).sum()))
     low, high = np.quantile(twin, [0.05, 0.95])
     assert low <= min(lost)
@@ -90,7 +90,7 @@ def test_kind_accuracy_ceiling_matches_results_page() -> None:
     """The ceiling stated in docs/results.md."""
 
     def read(items: int, seed: int) -> tuple[FloatArray, list[str]]:
-        drawn = draw_crate(list(CRATE_TAUGHT) * items, seed=seed)
+        drawn = draw_crate(list(TRAINED_KINDS) * items, seed=seed)
         sides = [item.side(0) for item in drawn]
         pressed_mm = [(2.0 / side.force_at_1mm_n) ** (1.0 / side.exponent) for side in sides]
         values = np.log([(s.size_mm, 2.0 / x) for s, x in zip(sides, pressed_mm, strict=True)])

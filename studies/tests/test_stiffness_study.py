@@ -25,8 +25,8 @@ def test_draw_stiffness_object_has_requested_secant_stiffness(stiffness: float) 
         assert force_n == pytest.approx(FIRM_N)
         assert SIZES_MM[0] <= obj.size_mm <= SIZES_MM[1]
     assert {obj.contact for obj in drawn} == {"linear", "hertz"}
-    assert min(sum(obj.relaxing_share) for obj in drawn) < 0.05
-    assert max(sum(obj.relaxing_share) for obj in drawn) > 0.1
+    assert min(sum(obj.relaxing_fractions) for obj in drawn) < 0.05
+    assert max(sum(obj.relaxing_fractions) for obj in drawn) > 0.1
 
 
 def test_scores_count_bounds_including_rigid_objects() -> None:

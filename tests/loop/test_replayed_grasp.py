@@ -14,11 +14,11 @@ from tests.loop.test_dashboard_api import POLL_PERIOD_S, Machine
 
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
-from palpate.grasp.decide_again import decide_again
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import HOLD_S
 from palpate.grasp.planning import plan_grasp
+from palpate.grasp.replay_grasp import replay_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
@@ -147,7 +147,7 @@ def test_replay_of_a_grasp_ended_by_the_user_ends_at_the_same_frame(
     assert result.outcome == outcome
     clock = ManualClock(load_recording(file).time_s[0])
     source = Replay(file, clock=clock)
-    assert decide_again(source, clock=clock) == result
+    assert replay_grasp(source, clock=clock) == result
     source.close()
 
 

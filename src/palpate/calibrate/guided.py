@@ -272,13 +272,13 @@ def _wait(bench: Bench, until_s: float) -> None:
 
 def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     """Measure rest values after the sheet has recovered from the last load."""
-    give_up_s = bench.clock.now_s() + _MAX_RECOVERY_S
+    deadline_s = bench.clock.now_s() + _MAX_RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)
         try:
             rest = rest_baseline(ohm)
         except CalibrationError as refused:
-            if bench.clock.now_s() > give_up_s:
+            if bench.clock.now_s() > deadline_s:
                 raise DeviceError(
                     f"the sensor does not come to rest in {_MAX_RECOVERY_S:g} s with the gripper "
                     f"open: {refused}. `palpate doctor` shows the faulty pixel"

@@ -142,8 +142,8 @@ def _print(made: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if made.origin == "simulated" else ""
     law = made.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
-    seen = made.held_out.get("unloading_seen", False)
-    print(f"hysteresis: {'measured' if seen else 'not measured'}")
+    has_unloading = made.held_out.get("unloading_seen", False)
+    print(f"hysteresis: {'measured' if has_unloading else 'not measured'}")
     print(f"expected error of {made.held_out['of']}, on held-out placements or loads:")
     early = made.held_out.get("early_error_percent", {})
     for force, error in made.held_out["error_percent"].items():
@@ -165,7 +165,7 @@ class WeightSeries:
     def __init__(self, *, tolerance_percent: float) -> None:
         self._tolerance_percent = tolerance_percent
         self._law = ForceLaw()
-        self._known: list[tuple[float, float]] = []
+        self._pairs: list[tuple[float, float]] = []
         self.before = self.after = self._half_widths()
 
     @property
@@ -180,8 +180,8 @@ class WeightSeries:
 
     def add(self, excess: float, load_n: float) -> None:
         """Add a settled reading, refit the law and print the new half-widths."""
-        self._known.append((excess, load_n))
-        readings, loads_n = zip(*self._known, strict=True)
+        self._pairs.append((excess, load_n))
+        readings, loads_n = zip(*self._pairs, strict=True)
         self._law = ForceLaw.fit(readings, force_n=loads_n)
         last, self.after = self.after, self._half_widths()
         each = ", ".join(

@@ -73,7 +73,7 @@ class StoreEntry:
         self._store = store
         self._item_id = item_id
         self._angle_deg = angle_deg
-        self._seen: list[Observation] = []
+        self._observations: list[Observation] = []
         self._closing: ClosingWatch | None = None
         self._record: tuple[Grasp, str] | None = None
 
@@ -86,7 +86,7 @@ class StoreEntry:
 
     def add_observation(self, observation: Observation) -> None:
         """Add the next observation."""
-        self._seen.append(observation)
+        self._observations.append(observation)
 
     def add_result(
         self, result: GraspResult, *, rig: Rig, recording: Path | None
@@ -98,7 +98,7 @@ class StoreEntry:
         grasp = make_grasp_record(
             result,
             item_id=self._item_id,
-            observations=self._seen,
+            observations=self._observations,
             layout=rig.array.layout,
             rig=rig.name,
             drive=rig.gripper.limits.drive,

@@ -172,7 +172,7 @@ def squeeze(gripper: Gripper) -> Generator[None, tuple[float, float], None]:
     while True:
         gripper.release()
         until_s = time_s + _OPEN_S
-        for rate, depth_percent, keep_s in _STEPS:
+        for rate, depth_percent, hold_s in _STEPS:
             while time_s < until_s:
                 time_s, change = yield
             gripper.command(GripperCommand(target=closed, rate=rate * limits.fastest))
@@ -180,8 +180,8 @@ def squeeze(gripper: Gripper) -> Generator[None, tuple[float, float], None]:
             while is_moving and change > depth_percent:
                 time_s, change = yield
                 is_moving = gripper.state().moving
-            if keep_s:
+            if hold_s:
                 gripper.stop()
-            until_s = time_s + keep_s
+            until_s = time_s + hold_s
         while time_s < until_s:
             time_s, change = yield

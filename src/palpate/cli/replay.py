@@ -10,7 +10,7 @@ from palpate.cli.grasp_card import print_card
 from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
 from palpate.cli.output import print_json
 from palpate.clock import ManualClock
-from palpate.grasp.decide_again import decide_again, evaluate_with_paper_method
+from palpate.grasp.replay_grasp import evaluate_with_paper_method, replay_grasp
 from palpate.recording import RecordingReader, Replay
 from palpate.recording.replay import observations
 
@@ -46,7 +46,7 @@ def replay(
             _play(source, as_json=as_json)
             return
         result = (
-            decide_again(source, clock=clock)
+            replay_grasp(source, clock=clock)
             if paper is None
             else evaluate_with_paper_method(source, paper)
         )

@@ -194,6 +194,6 @@ async def _start(
 ) -> Line:
     """Start a station and print its host and port in the format `text`."""
     station = station_of(machine)
-    at = await station.start(host, port)
-    print_message(f"palpate serve: {text.format(host, at)}")
+    actual_port = await station.start(host, port)
+    print_message(f"palpate serve: {text.format(host, actual_port)}")
     return station

@@ -192,9 +192,9 @@ def _print_holds(document: ScoreTable, console: Console) -> None:
 
 def _row_cells(row: Prediction) -> dict[str, str]:
     error_percent = row.error_percent
-    whole = abs(row.settled if np.isfinite(row.settled) else row.predicted)
-    has_interval = np.isfinite(row.low) and whole > 0
-    half_percent = 50 * (row.high - row.low) / whole if has_interval else float("nan")
+    magnitude = abs(row.settled if np.isfinite(row.settled) else row.predicted)
+    has_interval = np.isfinite(row.low) and magnitude > 0
+    half_percent = 50 * (row.high - row.low) / magnitude if has_interval else float("nan")
     return {
         "hold": escape(row.hold_id + (f" {row.channel}" if row.channel else "")),
         "cut-off": f"{row.cutoff_s:.3g} s",
@@ -212,5 +212,5 @@ def _text(figure: float | None) -> str:
     """Format a value with four significant digits, or as an integer from 10 000."""
     if figure is None or not np.isfinite(figure):
         return "-"
-    whole = 1e4 <= abs(figure) < 1e6
-    return f"{figure:.0f}" if whole else f"{figure:#.4g}".rstrip(".")
+    is_integer = 1e4 <= abs(figure) < 1e6
+    return f"{figure:.0f}" if is_integer else f"{figure:#.4g}".rstrip(".")

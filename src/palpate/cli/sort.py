@@ -60,7 +60,7 @@ def sort(
     store: StoreOption = None,
     batch: BatchOption = None,
     items: Annotated[int, opt("--items N", "Size of the simulated crate.", min=1)] = 12,
-    taught: Annotated[
+    training_items: Annotated[
         int,
         opt("--taught N", "Labelled simulated items of each kind, if the store is empty.", min=3),
     ] = 6,
@@ -98,7 +98,12 @@ def sort(
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
         supply = open_supply(
-            rig, seed=seed, items=items, taught=taught, target_force_n=target_force_n, damage=limit
+            rig,
+            seed=seed,
+            items=items,
+            training_items=training_items,
+            target_force_n=target_force_n,
+            damage=limit,
         )
         # Without a crate the command prompts for items, so it shows no progress bar.
         crate = isinstance(supply, SimulatedCrate)

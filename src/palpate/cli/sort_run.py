@@ -30,7 +30,7 @@ from palpate.produce.store import Store
 from palpate.produce.store.writing import calibration_id_of
 from palpate.rig import Rig, open_rig
 from palpate.rig.simulated import calibrate_twin
-from palpate.twin.crate import CRATE_TAUGHT, CrateItem, CrateTable, draw_crate, draw_mixed_crate
+from palpate.twin.crate import TRAINED_KINDS, CrateItem, CrateTable, draw_crate, draw_mixed_crate
 
 #: Grasps of each training item; two grasps measure the variation within an item.
 _TRAINING_GRASPS = 2
@@ -124,8 +124,8 @@ def _learn_kinds(
     if not book.has_condition("class"):
         return None
     identifier = learn_kinds(stored) if guess else None
-    taught = () if identifier is None else identifier.kinds
-    check_kinds(book, known_kinds={*taught, *labelled}, path=rules)
+    known_kinds = () if identifier is None else identifier.kinds
+    check_kinds(book, known_kinds={*known_kinds, *labelled}, path=rules)
     return identifier
 
 
@@ -259,13 +259,13 @@ def open_supply(
     *,
     seed: int,
     items: int,
-    taught: int,
+    training_items: int,
     target_force_n: float | None,
     damage: DamageModel | None,
 ) -> Supply:
     """Open a rig; for the simulated rig, also calibrate it and draw a crate.
 
-    `taught`: number of labelled items of each simulated kind.
+    `training_items`: number of labelled items of each simulated kind.
     Raises `InputError` if the rig does not exist; `DeviceError` if the rig can't be opened.
     """
     if name != _SIMULATED:
@@ -284,7 +284,9 @@ def open_supply(
     crate = draw_mixed_crate(
         items, seed=seed, unknown_fraction=_UNKNOWN_FRACTION, prefix=f"crate-{seed}"
     )
-    training = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
+    training = draw_crate(
+        list(TRAINED_KINDS) * training_items, seed=seed + 1, prefix=f"taught-{seed}"
+    )
     return SimulatedCrate(
         hand=_make_hand(rig, target_force_n, damage),
         calibration=rig.calibration.as_text(),

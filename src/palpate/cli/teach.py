@@ -50,7 +50,7 @@ def teach(
         ),
     ] = None,
     kind: Annotated[str | None, opt("--kind", "Learn from stored items of this kind.")] = None,
-    say: Annotated[
+    labels: Annotated[
         list[str] | None,
         opt("--say ITEM=LABEL", "Label a stored item before learning; may be repeated."),
     ] = None,
@@ -67,12 +67,12 @@ def teach(
     """
     about = _ABOUT[question]
     if table is not None:
-        given = {"--kind": kind, "--say": say and say[0], "--store": store}
+        given = {"--kind": kind, "--say": labels and labels[0], "--store": store}
         refuse_options(given, why=f"can't be combined with --table {table}")
         known = read_labelled(table)
     else:
-        with open_store(store, create=bool(say)) as opened:
-            _label_items(opened, say or [], about=about)
+        with open_store(store, create=bool(labels)) as opened:
+            _label_items(opened, labels or [], about=about)
             known = read_labels_about(opened, about, kind=kind)
     learner = known.learn(allow_unknown=question is Question.KIND)
     score, named = learner.score(), _name_unlabelled(known, learner)

@@ -51,7 +51,7 @@ class GraspRequest(BaseModel):
     )
 
 
-class GraspBegun(BaseModel):
+class GraspStarted(BaseModel):
     """A grasp has been ordered."""
 
     recording: str = Field(description="Name of the recording; the result has the same name.")
@@ -142,10 +142,10 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the command routes, with the same rules as on the page."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
-    async def grasp(body: GraspRequest) -> GraspBegun:
+    async def grasp(body: GraspRequest) -> GraspStarted:
         """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
-            return GraspBegun(recording=await app_state.grasp(DRIVER, **body.model_dump()))
+            return GraspStarted(recording=await app_state.grasp(DRIVER, **body.model_dump()))
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:

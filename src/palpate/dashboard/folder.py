@@ -379,15 +379,15 @@ class RecordingList:
                 found += 1
             elif name.endswith(_SUFFIX):
                 new.append(name)
-        is_any_gone = found < len(self._mtime_s)
-        if is_any_gone:
+        has_deletions = found < len(self._mtime_s)
+        if has_deletions:
             there = set(names)
             self._mtime_s = {n: s for n, s in self._mtime_s.items() if n in there}
         for name in new:
             with suppress(OSError):  # a dangling link, or deleted in the meantime
                 self._mtime_s[name] = (self._folder / name).stat().st_mtime
         # If no file was deleted, only new files can replace the newest ones.
-        candidates = self._mtime_s if is_any_gone else {*self._newest, *new}
+        candidates = self._mtime_s if has_deletions else {*self._newest, *new}
         self._newest = heapq.nlargest(
             LISTED_RECORDINGS,
             (name for name in candidates if name in self._mtime_s),

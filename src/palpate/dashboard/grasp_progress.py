@@ -193,5 +193,5 @@ def _touch_time_s(grasp_state: GraspState) -> float | None:
     """Return the time of first contact, from which the decision time counts."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
-    felt_s = grasp_state.attempt.sweep_contact_s
-    return grasp_state.estimate.contact_s if felt_s is None else felt_s
+    contact_s = grasp_state.attempt.sweep_contact_s
+    return grasp_state.estimate.contact_s if contact_s is None else contact_s

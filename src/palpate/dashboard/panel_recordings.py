@@ -44,8 +44,8 @@ def add_recordings_panel(
         listed = await run.io_bound(_list_recordings, app_state)
         if listed is None or rows.is_deleted:  # the server is closing, or the viewer has left
             return
-        for gone in shown.keys() - {one.file for one in listed}:
-            shown.pop(gone).delete()
+        for removed in shown.keys() - {one.file for one in listed}:
+            shown.pop(removed).delete()
         with rows:
             for one in reversed(listed):
                 if one.file not in shown:

@@ -26,10 +26,10 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.telemetry import Telemetry, frame_columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
-from palpate.grasp.decide_again import plan_of_recording
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.replay_grasp import plan_of_recording
 from palpate.grasp.requests import Requests
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingReader, Replay, ReplayGripper

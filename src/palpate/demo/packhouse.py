@@ -27,7 +27,7 @@ from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.mechanics import pixel_shares
+from palpate.twin.mechanics import pixel_fractions
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
 from palpate.twin.velostat import Environment
@@ -173,17 +173,19 @@ class _BruisedCheek:
 
     sound: TwinObject
 
-    def pixel_shares(
+    def pixel_fractions(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
         """Return each pixel's fraction of its finger's force, shape (pixels,)."""
-        shares = pixel_shares(self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
+        fractions = pixel_fractions(
+            self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm
+        )
         along_mm, across_mm = (
             place - off - _OFF_MM
             for place, off in zip((grid.along_mm, grid.across_mm), off_centre_mm, strict=True)
         )
         depth = np.maximum(1.0 - (along_mm**2 + across_mm**2) / _BRUISE_MM**2, 0.0)
-        return np.asarray(shares * (1.0 - (1.0 - _CARRIED) * depth * (grid.finger == 0)))
+        return np.asarray(fractions * (1.0 - (1.0 - _CARRIED) * depth * (grid.finger == 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

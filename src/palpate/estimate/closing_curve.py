@@ -292,23 +292,23 @@ def _bound_size(
     reading are ignored, because changes of pixels may cancel.
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
-    faint_mm = (curve.faint_n / scales[:, None]) ** power + float(
-        compliance.deflection_mm(curve.faint_n)
+    weak_mm = (curve.weak_n / scales[:, None]) ** power + float(
+        compliance.deflection_mm(curve.weak_n)
     )
-    limit_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + faint_mm
+    limit_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + weak_mm
     return np.asarray(log_ndtr((limit_mm - size_mm) / sd_mm))
 
 
-def compute_lag(force_n: FloatArray, *, faint_n: float) -> FloatArray:
+def compute_lag(force_n: FloatArray, *, weak_n: float) -> FloatArray:
     """Return the lagging rise of ln force at each step, which the sheet underestimates.
 
-    `force_n`, shape (n_steps,): forces of a closing, newtons; at least `faint_n` is used.
+    `force_n`, shape (n_steps,): forces of a closing, newtons; at least `weak_n` is used.
 
-    >>> compute_lag(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
+    >>> compute_lag(np.array([0.1, 0.2, 0.2]), weak_n=0.1).round(3).tolist()
     [0.0, 0.485, 0.34]
     """
-    recovered, found = float(np.log(faint_n)), []
-    for now in np.log(np.maximum(force_n, faint_n)):
+    recovered, found = float(np.log(weak_n)), []
+    for now in np.log(np.maximum(force_n, weak_n)):
         recovered += _RECOVERY * (now - recovered)
         found.append(now - recovered)
     return np.array(found)
@@ -348,20 +348,20 @@ class ClosingSteps:
     floor_n: float
 
     @property
-    def faint_n(self) -> float:
+    def weak_n(self) -> float:
         """Force below which a reading is only an upper bound."""
         return CONTACT_SD * self.floor_n
 
     @property
     def is_certain(self) -> NDArray[np.bool_]:
         """Steps with a force above drift, or with any force if too few."""
-        certain = self.force_n > self.faint_n
+        certain = self.force_n > self.weak_n
         return certain if np.count_nonzero(certain) >= _FEWEST else self.force_n > 0
 
     @property
     def rising(self) -> FloatArray:
         """Lagging rise of ln force at each certain step."""
-        return compute_lag(self.force_n[self.is_certain], faint_n=self.faint_n)
+        return compute_lag(self.force_n[self.is_certain], weak_n=self.weak_n)
 
     @property
     def used_steps(self) -> NDArray[np.int64]:

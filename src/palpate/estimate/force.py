@@ -26,7 +26,7 @@ MIN_LOAD_RATIO = 1.2
 
 #: Candidates for the force below which the scatter is constant in newtons instead of percent, as
 #: multiples of the calibration's weakest force; 0 for a scatter in percent at all forces.
-_FAINT = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+_WEAK_RATIOS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 class StaticLaw(Protocol):
@@ -250,12 +250,12 @@ class PowerForceLaw:
         sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
         freedom = self.pairs - (3 if offset > 0 else 2)
         quantile = float(stdtrit(freedom, 0.5 + level / 2))
-        spread, faint_n = np.exp(quantile * sd), quantile * self.floor_n
-        low = value - np.hypot(value - value / spread, faint_n)
+        spread, weak_n = np.exp(quantile * sd), quantile * self.floor_n
+        low = value - np.hypot(value - value / spread, weak_n)
         return ForceEstimate(
             value=np.where(responds, value, 0.0),
             low=np.where(responds, np.maximum(low, 0.0), 0.0),
-            high=value + np.hypot(value * spread - value, faint_n),
+            high=value + np.hypot(value * spread - value, weak_n),
             in_range=(x >= self.range[0]) & (x <= self.range[1]),
             level=level,
         )
@@ -270,17 +270,17 @@ def _scatter(
 ) -> tuple[FloatArray, float, float]:
     """Return weights of ln force, its scatter for firm forces, and the scatter in newtons.
 
-    The variance of ln force is modelled as sd**2 (1 + (faint / force)**2). The likeliest candidate
-    for `faint` is selected; BIC penalises values above 0.
+    The variance of ln force is modelled as sd**2 (1 + (weak / force)**2). The likeliest candidate
+    for `weak` is selected; BIC penalises values above 0.
     """
     freedom, best = len(left) - used, (np.inf, np.ones_like(left), 0.0, 0.0)
-    for faint_n in np.array(_FAINT) * float(force_n.min()):
-        factor = 1.0 + (faint_n / force_n) ** 2
+    for weak_n in np.array(_WEAK_RATIOS) * float(force_n.min()):
+        factor = 1.0 + (weak_n / force_n) ** 2
         sd = float(np.sqrt(max(float(np.sum(left**2 / factor)) / freedom, 1e-24)))
         badness = len(left) * np.log(sd) + 0.5 * float(np.log(factor).sum())
-        badness += 0.5 * np.log(len(left)) * (faint_n > 0)
+        badness += 0.5 * np.log(len(left)) * (weak_n > 0)
         if badness < best[0]:
-            best = (badness, 1.0 / np.sqrt(factor), sd, sd * float(faint_n))
+            best = (badness, 1.0 / np.sqrt(factor), sd, sd * float(weak_n))
     return best[1:]
 
 

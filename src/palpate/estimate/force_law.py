@@ -31,7 +31,7 @@ INPUTS = 2 + len(TIME_CONSTANTS_S)
 _FARTHEST = 4.0
 #: Largest factor by which the interval of ln force grows below the training set's weakest force
 #: (guess).
-_MOST_FAINT = 4.0
+_MAX_WIDENING = 4.0
 #: Largest weight of the samples of one contact, in independent samples, because they are correlated
 #: (error of strokes at a known place: equal for 15 to 30, larger for 5 and 60).
 MOST_SAMPLES = 25.0
@@ -78,13 +78,13 @@ class Population:
             one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(Population)
         }
 
-    def design(self, inputs: ArrayLike, *, given: bool) -> FloatArray:
+    def design(self, inputs: ArrayLike, *, has_force: bool) -> FloatArray:
         """Return the regressors of samples, shape (n, INPUTS) to (n, INPUTS + 3).
 
-        `given`: whether a force was measured earlier in the same contact.
+        `has_force`: whether a force was measured earlier in the same contact.
         """
         z = standardise(np.asarray(inputs, dtype=float), centre=self.centre, scale=self.scale)
-        return np.column_stack([np.ones(len(z)), z, np.full(len(z), float(given))])
+        return np.column_stack([np.ones(len(z)), z, np.full(len(z), float(has_force))])
 
     def variance(self, design: FloatArray) -> FloatArray:
         """Return the variance of ln force about the law for each sample, shape (n,)."""
@@ -149,7 +149,7 @@ class ForceLaw:
     def __init__(self, population: Population | None = None) -> None:
         self.population = load_population() if population is None else population
         self.mean, self.covariance = self.population.mean, self.population.spread
-        self.known, self.least_n, self._given = 0, self.population.least_n, False
+        self.known, self.least_n, self._has_force = 0, self.population.least_n, False
 
     @classmethod
     def fit(
@@ -197,13 +197,13 @@ class ForceLaw:
         """Return an independent copy of the law."""
         other = type(self)(self.population)
         other.mean, other.covariance = self.mean, self.covariance
-        other.known, other.least_n, other._given = self.known, self.least_n, self._given
+        other.known, other.least_n, other._has_force = self.known, self.least_n, self._has_force
         return other
 
     def begin_contact(self) -> None:
         """Widen the law for a new contact, possibly at another place of the object."""
         self.covariance = self.covariance + self.population.contact_spread
-        self._given = False
+        self._has_force = False
 
     def update(self, reading: Any, *, force_n: ArrayLike, sd_n: float = 0.0) -> Self:
         """Update the law with a force measured in the present contact, and return the law.
@@ -219,16 +219,16 @@ class ForceLaw:
         self._update_weights(
             inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_FRACTION if rising else 1.0
         )
-        self._given = True
+        self._has_force = True
         return self
 
     def log_force(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation of ln force (N) of samples, shape (n, INPUTS)."""
-        design = self.population.design(inputs, given=self._given)
+        design = self.population.design(inputs, has_force=self._has_force)
         mean = design @ self.mean
         spread = np.einsum("ni,ij,nj->n", design, self.covariance, design)
-        faint = np.clip(self.population.least_n / np.exp(mean), 1.0, _MOST_FAINT)
-        return mean, faint * np.sqrt(spread + self.population.variance(design))
+        widening = np.clip(self.population.least_n / np.exp(mean), 1.0, _MAX_WIDENING)
+        return mean, widening * np.sqrt(spread + self.population.variance(design))
 
     def force(
         self, reading: Any, *, level: float = 0.9, touched: bool | None = None
@@ -298,7 +298,7 @@ class ForceLaw:
         `memory`: fraction of the update for weights other than the constant.
         `other_contact`: whether to add the scatter between contacts to the noise.
         """
-        design = self.population.design(inputs, given=self._given)
+        design = self.population.design(inputs, has_force=self._has_force)
         repeats = max(len(log_n) / MOST_SAMPLES, 1.0)
         noise = repeats * (self.population.variance(design) + np.asarray(sd) ** 2)
         gain = scale_memory(self.covariance, memory) @ design.T

@@ -30,7 +30,7 @@ from palpate.estimate.pixel_law import PixelReading
 #: constant of the copy, in which creep is only a few percent.
 _MOVED_FRACTION, _COPY_S = 0.2, 0.5
 #: Smallest difference above the noise at rest.
-_FAINT = 0.02
+_MIN_DIFFERENCE = 0.02
 #: Smallest lower limit, newtons, to keep its logarithm finite.
 _LEAST_N = 1e-3
 #: Largest excess conductance of any pixel of an empty hand, from offset and noise at rest.
@@ -93,7 +93,7 @@ class ForceNow:
         fraction = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
         self._copy += fraction * (seen - self._copy)
         if self._last_s == -math.inf or abs(seen - self._copy) > max(
-            _MOVED_FRACTION * self._copy, _FAINT
+            _MOVED_FRACTION * self._copy, _MIN_DIFFERENCE
         ):
             self._moved_s = time_s
         self._last_s = time_s

@@ -24,7 +24,7 @@ EXPONENTS = (0.1, 0.3, 0.5, 0.75, 1.0, 1.4)
 #: Prior standard deviation of a pixel's ln gain relative to its sheet.
 GAIN_SD = 0.05
 #: Assumed relative error of a pair, and the force below which errors are constant in newtons.
-_USUAL, _FAINT_N = 0.06, 0.3
+_RELATIVE_ERROR, _WEAK_N = 0.06, 0.3
 #: Fewest placements for a cross-validated error.
 _FEWEST_RUNS = 3
 #: Prior standard deviation of the exponent about 1; lag hardly changes it.
@@ -83,14 +83,14 @@ class PixelReading:
         require_pairs(excess.sum(axis=1), np.asarray(force_n, dtype=float))
         force = np.asarray(force_n, dtype=float)
         basis = _basis(excess, EXPONENTS)
-        weight = 1.0 / (force + _FAINT_N)
+        weight = 1.0 / (force + _WEAK_N)
         gains = np.ones(excess.shape[1])
         for _ in range(_ROUNDS):
             design = np.einsum("npk,p->nk", basis, gains)
             scaled = design * weight[:, None]
             weights = nnls(scaled, force * weight, maxiter=_MOST_ITERATIONS)[0]
-            fractions = (basis @ weights) * weight[:, None] / _USUAL
-            left = force * weight / _USUAL - fractions.sum(axis=1)
+            fractions = (basis @ weights) * weight[:, None] / _RELATIVE_ERROR
+            left = force * weight / _RELATIVE_ERROR - fractions.sum(axis=1)
             prior = np.eye(gains.size) / GAIN_SD**2
             gains = 1.0 + np.linalg.solve(fractions.T @ fractions + prior, fractions.T @ left)
         return cls(
@@ -146,7 +146,7 @@ class PixelForceLaw:
         (1.0, [0.87, 1.15])
         """
         x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
-        keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
+        keep = (x > 0.3 * _WEAK_N) & (y > _WEAK_N)
         x, y = require_pairs(x[keep], y[keep])
         of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
         # Readings near the threshold have a small weight, because they would tilt the line.
@@ -155,15 +155,15 @@ class PixelForceLaw:
         middle = np.bincount(of_run, weights=weight * log_x) / weight_of
         offset = np.bincount(of_run, weights=weight * left) / weight_of
         away = log_x - middle[of_run]
-        precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
+        precision = (_RELATIVE_ERROR / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
         slope = float((weight * away * (left - offset[of_run])).sum() / precision)
         # Lag can tilt the line so far that the force falls with the reading.
         slope = max(slope, _LEAST_EXPONENT - 1.0)
         return cls(
             log_scale=float(np.average(offset - slope * middle, weights=weight_of)),
             exponent=1.0 + slope,
-            residual_sd=_USUAL,
-            floor_n=0.1 * _FAINT_N,
+            residual_sd=_RELATIVE_ERROR,
+            floor_n=0.1 * _WEAK_N,
             range=(float(x.min()), float(x.max())),
         )
 

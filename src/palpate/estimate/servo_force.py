@@ -208,7 +208,7 @@ class GearFriction:
         if not runs:
             return None
         travels_mm = [float(np.ptp(width)) for width, _ in runs]
-        long = [way > max(_LONG_MM, 0.5 * max(travels_mm)) for way in travels_mm]
+        long = [travel_mm > max(_LONG_MM, 0.5 * max(travels_mm)) for travel_mm in travels_mm]
         at_mm, shape = _shape([run for run, showing in zip(runs, long, strict=True) if showing])
         levels = [
             float(current.mean() / np.interp(width, at_mm, shape).mean()) for width, current in runs

@@ -112,7 +112,7 @@ def _measure_compliance(
     if first > 0:
         # At the step before the first reading, the force was at most a faint one.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
-        most_n = curve.faint_n + step_mm / softness
+        most_n = curve.weak_n + step_mm / softness
         sd_n = np.hypot(curve.floor_n, compliance.residual_mm / softness)
         likely = likely * ndtr((most_n - then_n) / sd_n)
     if not likely.sum() > 0:

@@ -15,7 +15,7 @@ _HEAD = (
     'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" version="1.1"'
 )
 #: Fill colour, opacity and line colour of each layer in the combined drawing.
-LOOKS: dict[str, tuple[str, float, str]] = {
+LAYER_COLOURS: dict[str, tuple[str, float, str]] = {
     "1-base": ("#f3e3b3", 0.9, "#b59b4c"),
     "2-copper-rows": ("#c8763a", 0.95, "#8a4b1e"),
     "3-velostat": ("#2b333b", 0.78, "#11161a"),
@@ -77,7 +77,7 @@ def draw_combined_svg(pattern: Pattern) -> str:
         f'<rect width="{_mm(pattern.width)}" height="{_mm(pattern.height)}" fill="#ffffff"/>',
     ]
     for layer in pattern.layers():
-        fill, opacity, line = LOOKS[layer.name]
+        fill, opacity, line = LAYER_COLOURS[layer.name]
         parts += [
             _group(layer.name),
             f'<g fill="{fill}" fill-opacity="{opacity:g}" stroke="{line}" stroke-width="0.15">',

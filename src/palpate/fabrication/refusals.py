@@ -23,8 +23,8 @@ def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
     """
     if not (1 <= design.rows <= 16 and 1 <= design.cols <= 16):
         raise InputError(
-            f"{design.rows} x {design.cols} pixels: rows and columns must be 1 to 16 each, as many "
-            "as a multiplexer has channels"
+            f"{design.rows} x {design.cols} pixels: rows and columns must be 1 to 16 each, "
+            "because a multiplexer has 16 channels"
         )
     for owner in (design, cutter):
         for part in fields(owner):
@@ -34,7 +34,7 @@ def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
                 not math.isfinite(value) or value < 0 or (value == 0 and not zero_is_fine)
             ):
                 what = part.name.removesuffix("_mm").replace("_", " ")
-                raise InputError(f"{what} of {value:g} mm: give a positive length")
+                raise InputError(f"{what} of {value:g} mm: must be a positive length")
     largest = min(design.pixel_width_mm, design.pixel_height_mm) / 2
     if design.corner_mm > largest + _TINY_MM:
         raise InputError(
@@ -50,11 +50,11 @@ def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
         ("pad width", design.pad_width_mm),
         ("pad length", design.pad_length_mm),
     ):
-        short_mm = cutter.feature_mm - size_mm
-        if short_mm > _TINY_MM:
+        shortfall_mm = cutter.feature_mm - size_mm
+        if shortfall_mm > _TINY_MM:
             raise InputError(
-                f"{what} {size_mm:.2f} mm is {short_mm:.2f} mm under the {cutter.feature_mm:g} mm "
-                "that the cutter can make; enlarge it, or the pixel it lies in"
+                f"{what} {size_mm:.2f} mm is {shortfall_mm:.2f} mm less than the smallest feature "
+                f"of the cutter ({cutter.feature_mm:g} mm); enlarge it, or enlarge the pixel"
             )
 
 
@@ -63,19 +63,19 @@ def check_pattern(pattern: Pattern, *, cutter: Cutter) -> None:
 
     Raises `InputError` with the first problem and the number of other problems.
     """
-    problems = list(_problems(pattern, cutter=cutter))
+    problems = list(_find_problems(pattern, cutter=cutter))
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InputError(f"this sensor can't work: {problems[0]}{more}")
 
 
-def _problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
-    yield from _tail(pattern)
-    yield from _outside(pattern, cutter=cutter)
-    yield from _pixels_apart(pattern, cutter=cutter)
+def _find_problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    yield from _check_tail(pattern)
+    yield from _check_edges(pattern, cutter=cutter)
+    yield from _check_pixel_gaps(pattern, cutter=cutter)
     yield from _check_layers(pattern.rows, letter="R", cutter=cutter)
     yield from _check_layers(pattern.cols, letter="C", cutter=cutter)
-    yield from _folds(pattern.design, cutter=cutter)
+    yield from _check_folds(pattern.design, cutter=cutter)
     yield from _check_crossings(pattern, cutter=cutter)
     yield from _check_leaks(pattern, cutter=cutter)
     for side, size_mm, most_mm in (
@@ -84,50 +84,51 @@ def _problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     ):
         if size_mm > most_mm:
             yield (
-                f"its sheet is {size_mm:.1f} mm {side}, {size_mm - most_mm:.1f} mm more than the "
+                f"the drawing is {size_mm:.1f} mm {side}, {size_mm - most_mm:.1f} mm more than the "
                 f"cutter's {most_mm:g} mm"
             )
 
 
-def _tail(pattern: Pattern) -> Iterator[str]:
+def _check_tail(pattern: Pattern) -> Iterator[str]:
     missing_mm = pattern.needed_tail_mm - pattern.design.tail_mm
     if missing_mm > _TINY_MM:
         yield (
-            f"tail of {pattern.design.tail_mm:g} mm is {missing_mm:.2f} mm too short to bring "
-            f"{pattern.design.cols} columns to their pads; it takes {pattern.needed_tail_mm:.2f} mm"
+            f"tail of {pattern.design.tail_mm:g} mm is {missing_mm:.2f} mm too short for the "
+            f"traces of {pattern.design.cols} columns; make it {pattern.needed_tail_mm:.2f} mm"
         )
 
 
-def _outside(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
-    short_mm = cutter.gap_mm - pattern.design.margin_mm
-    if short_mm > _TINY_MM:
+def _check_edges(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    shortfall_mm = cutter.gap_mm - pattern.design.margin_mm
+    if shortfall_mm > _TINY_MM:
         yield (
-            f"margin of {pattern.design.margin_mm:g} mm leaves copper and pixels {short_mm:.2f} mm "
-            f"too near to the edge of the tape (least {cutter.gap_mm:g} mm)"
+            f"margin of {pattern.design.margin_mm:g} mm is {shortfall_mm:.2f} mm less than the "
+            "smallest distance of copper and pixels from the edge of the tape "
+            f"({cutter.gap_mm:g} mm)"
         )
         return
     for pixel in pattern.pixels:
-        over_mm = pixel.body.right + cutter.gap_mm - pattern.body.right
-        if over_mm > _TINY_MM:
+        excess_mm = pixel.body.right + cutter.gap_mm - pattern.body.right
+        if excess_mm > _TINY_MM:
             yield (
-                f"pixel {_name(pixel)} comes {over_mm:.2f} mm too near to or over the right edge "
-                f"of base and cover ({pattern.body.width:g} mm wide; {cutter.gap_mm:g} mm of tape "
-                "must be left)"
+                f"pixel {_name(pixel)} extends {excess_mm:.2f} mm too far to the right: base and "
+                f"cover are {pattern.body.width:g} mm wide, and {cutter.gap_mm:g} mm of tape must "
+                "remain at the edge"
             )
     wanted_mm = pattern.design.substrate_width_mm
     if wanted_mm is not None:
-        over_mm = max(x for x, _ in pattern.base) - pattern.body.left - wanted_mm
-        if over_mm > _TINY_MM:
-            yield f"its tail is {over_mm:.2f} mm wider than base and cover ({wanted_mm:g} mm)"
+        excess_mm = max(x for x, _ in pattern.base) - pattern.body.left - wanted_mm
+        if excess_mm > _TINY_MM:
+            yield f"the tail is {excess_mm:.2f} mm wider than base and cover ({wanted_mm:g} mm)"
 
 
-def _pixels_apart(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+def _check_pixel_gaps(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     for one, two in combinations(pattern.pixels, 2):
-        short_mm = cutter.gap_mm - one.body.distance(two.body)
-        if short_mm > _TINY_MM:
+        shortfall_mm = cutter.gap_mm - one.body.distance(two.body)
+        if shortfall_mm > _TINY_MM:
             yield (
                 f"pixels {_name(one)} and {_name(two)} are {one.body.distance(two.body):.2f} mm "
-                f"apart, {short_mm:.2f} mm under the least gap of {cutter.gap_mm:g} mm"
+                f"apart, {shortfall_mm:.2f} mm less than the smallest gap ({cutter.gap_mm:g} mm)"
             )
 
 
@@ -136,22 +137,22 @@ def _check_layers(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Ite
     for (i, one), (k, two) in combinations(enumerate(covered), 2):
         gap_mm = min(a.distance(b) for a in one for b in two)
         if cutter.gap_mm - gap_mm > _TINY_MM:
-            what = "touch: a short" if gap_mm < _TINY_MM else f"are {gap_mm:.2f} mm apart"
+            what = "are shorted" if gap_mm < _TINY_MM else f"are {gap_mm:.2f} mm apart"
             yield (
-                f"copper of {letter}{i} and {letter}{k} {what}, {cutter.gap_mm - gap_mm:.2f} mm "
-                f"under the least gap of {cutter.gap_mm:g} mm; widen the pad pitch or narrow the "
-                "traces and pads"
+                f"traces of {letter}{i} and {letter}{k} {what}, {cutter.gap_mm - gap_mm:.2f} mm "
+                f"less than the smallest gap ({cutter.gap_mm:g} mm); increase the pad pitch, or "
+                "narrow the traces and pads"
             )
 
 
-def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
+def _check_folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
     """Yield a problem if the turns are so close that a trace would touch itself."""
-    beside_mm = design.pad_pitch_mm - design.trace_mm
-    if cutter.gap_mm - beside_mm > _TINY_MM:
+    gap_mm = design.pad_pitch_mm - design.trace_mm
+    if cutter.gap_mm - gap_mm > _TINY_MM:
         yield (
             f"traces of {design.trace_mm:g} mm at a pad pitch of {design.pad_pitch_mm:g} mm leave "
-            f"{max(beside_mm, 0.0):.2f} mm at their turns, {cutter.gap_mm - beside_mm:.2f} mm "
-            f"short of the least gap of {cutter.gap_mm:g} mm"
+            f"a gap of {max(gap_mm, 0.0):.2f} mm at the turns, "
+            f"{cutter.gap_mm - gap_mm:.2f} mm less than the smallest gap ({cutter.gap_mm:g} mm)"
         )
 
 
@@ -170,10 +171,10 @@ def _check_crossings(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
         )
         if cutter.alignment_mm - spare_mm > _TINY_MM:
             yield (
-                f"{_name(pixel).replace(' ', ' and ')} come within {spare_mm:.2f} mm of touching "
-                f"next to their pixel, {cutter.alignment_mm - spare_mm:.2f} mm less than the "
-                f"{cutter.alignment_mm:g} mm that laying the layers by hand needs; raise the "
-                "overhang or the pad pitch"
+                f"{_name(pixel).replace(' ', ' and ')} are {spare_mm:.2f} mm from a short next to "
+                f"their pixel, {cutter.alignment_mm - spare_mm:.2f} mm less than the tolerance of "
+                f"manual alignment ({cutter.alignment_mm:g} mm); increase the overhang or the pad "
+                "pitch"
             )
 
 
@@ -190,8 +191,8 @@ def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
     ):
         out_x = abs(corner_x - x) - (pixel.width / 2 - corner_mm)
         out_y = abs(corner_y - y) - (pixel.height / 2 - corner_mm)
-        beyond = math.hypot(max(out_x, 0.0), max(out_y, 0.0)) + min(max(out_x, out_y), 0.0)
-        least = min(least, corner_mm - beyond)
+        distance_mm = math.hypot(max(out_x, 0.0), max(out_y, 0.0)) + min(max(out_x, out_y), 0.0)
+        least = min(least, corner_mm - distance_mm)
     return least
 
 
@@ -207,7 +208,8 @@ def _check_leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
             if cutter.gap_mm - gap_mm > _TINY_MM:
                 yield (
                     f"copper of {name} is {gap_mm:.2f} mm from pixel {_name(pixel)}, "
-                    f"{cutter.gap_mm - gap_mm:.2f} mm under the least gap of {cutter.gap_mm:g} mm"
+                    f"{cutter.gap_mm - gap_mm:.2f} mm less than the smallest gap "
+                    f"({cutter.gap_mm:g} mm)"
                 )
 
 

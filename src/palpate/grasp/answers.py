@@ -67,7 +67,7 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
             strict=True,
         )
     )
-    reading = _keep_plausible(reading, now=estimate.now.reading)
+    reading = _replace_implausible(reading, now=estimate.now.reading)
     if plan.creep is not None:
         reading = plan.creep.combine(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
         relative = _relative_forecast(reading, relative, now=estimate.now)
@@ -111,7 +111,7 @@ def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     )
 
 
-def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
+def _replace_implausible(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading if the forecast is implausible."""
     least, most = now / SETTLE.max_change_ratio, now * SETTLE.max_change_ratio
     if now <= 0 or least <= reading.middle <= most:
@@ -120,17 +120,17 @@ def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
 
 
 def is_certain(settled: Settled, *, plan: Plan) -> bool:
-    """Return whether the interval of the settled reading is narrow enough for a decision.
+    """Return whether the interval of the settled reading is narrow limit for a decision.
 
     Waiting helps only while the forecast's uncertainty exceeds half of the force law's uncertainty.
     """
     reading = settled.reading
     half = max(reading.high - reading.middle, reading.middle - reading.low)
     of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
-    enough = max(plan.decide_half_width, of_law)
+    limit = max(plan.decide_half_width, of_law)
     # An unproven curve shape is acceptable: the interval includes the whole predicted change.
     known = reading.status in (Status.OK, Status.UNPROVEN)
-    return known and half <= enough * abs(reading.middle)
+    return known and half <= limit * abs(reading.middle)
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:

@@ -98,8 +98,8 @@ def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     estimate = state.estimate
     if state.phase_time_s < plan.confirm_s:
         return None
-    faint = estimate.now.strongest_percent > 0.5 * plan.epsilon_percent
-    if faint and not _has_grip_force(estimate, plan):
+    is_weak = estimate.now.strongest_percent > 0.5 * plan.epsilon_percent
+    if is_weak and not _has_grip_force(estimate, plan):
         state.enter(Activity.TOUCH)
         return None
     # The end of the sweep may have recorded this contact already.
@@ -165,8 +165,8 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     most_n = math.inf
     if rows is not None:
         # With contact at one finger, the law for two fingers reads half of the force.
-        faint = estimate.now.strongest_percent > plan.hint_percent
-        most_n = plan.no_push_n if faint else 0.5 * plan.no_push_n
+        is_weak = estimate.now.strongest_percent > plan.hint_percent
+        most_n = plan.no_push_n if is_weak else 0.5 * plan.no_push_n
     estimate.sweep = Sweep(
         rate=rate,
         begin=estimate.closure,

@@ -50,13 +50,13 @@ class RestMonitor:
     """Rejects new rest values that are implausible for this sheet."""
 
     def __init__(self, plan: Plan) -> None:
-        self._plan, self._known = plan, False
+        self._plan, self._has_rest = plan, False
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return an alarm if the rest values of this attempt are implausible."""
         rest_ohm = state.estimate.rest_ohm
-        known, self._known = self._known, rest_ohm is not None
-        if rest_ohm is None or known:
+        is_checked, self._has_rest = self._has_rest, rest_ohm is not None
+        if rest_ohm is None or is_checked:
             return None
         message = explain_implausible_rest(rest_ohm, plan=self._plan)
         return None if message is None else Alarm(danger=Danger.SENSOR_LOST, message=message)

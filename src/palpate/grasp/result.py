@@ -17,10 +17,10 @@ class Outcome(StrEnum):
     """
 
     #: The hold is over; release was requested after the force was measured (`controller`); or the
-    #: paper's method has measured a recorded grasp (`decide_again`).
+    #: paper's method has measured a recorded grasp (`replay_grasp`).
     HELD = "held"
     #: No contact in any of the planned attempts (`approach`), or no measurement with the paper's
-    #: method in a recording (`decide_again`).
+    #: method in a recording (`replay_grasp`).
     NOTHING_THERE = "nothing_there"
     #: The reading of the hold has disappeared (`monitors`).
     SLIPPED = "slipped"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 #: Fewest steps with contact to locate its start, and the largest force of the search, newtons.
 _FEWEST_TOUCHED, _MOST_N = 2, 200.0
 #: Smallest force, newtons, for the logarithm of the sheet's force.
-_FAINTEST_N = 0.05
+_MIN_FORCE_N = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +102,7 @@ def _force_from_pressure(
 def _remove_lag(force_n: FloatArray, plan: Plan) -> FloatArray:
     """Correct the sheet's forces at the closing steps for its lag."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
-    rising = compute_lag(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
+    rising = compute_lag(force_n, weak_n=max(float(nothing.high), _MIN_FORCE_N))
     return np.asarray(force_n * np.exp(LAG * rising))
 
 

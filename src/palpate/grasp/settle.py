@@ -145,8 +145,8 @@ def is_above_target(force: Measurement, plan: Plan) -> bool:
         return False
     wanted_n = goal_n(plan)
     low_n = force.low * wanted_n / max(force.middle, wanted_n)
-    enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
-    return enough and force.middle > (1.0 + plan.target_tolerance) * wanted_n
+    can_lift = plan.lift_force_n is None or low_n >= plan.lift_force_n
+    return can_lift and force.middle > (1.0 + plan.target_tolerance) * wanted_n
 
 
 def is_lift_certain(force: Measurement, plan: Plan) -> bool:
@@ -212,8 +212,8 @@ def reduce_force(
     """
     estimate, correction = state.estimate, state.correction
     estimate.set_force(force.middle, force.high)
-    slope, over_n = slope_n(estimate, plan), estimate.force_n - goal_n
-    closure = estimate.closure - max(over_n / slope, plan.smallest_step)
+    slope, excess_n = slope_n(estimate, plan), estimate.force_n - goal_n
+    closure = estimate.closure - max(excess_n / slope, plan.smallest_step)
     opened = max(closure - SETTLE.easing_fraction * goal_n / slope - plan.backlash, 0.0)
     left = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
     estimate.set_force(left * estimate.force_n, left * estimate.force_high_n)

@@ -58,9 +58,9 @@ class BoardLoadCell:
 
         Raises `DeviceError` if the board or a cell is silent, or a cell is saturated.
         """
-        give_up_s = self._clock.now_s() + _SILENT_S
+        deadline_s = self._clock.now_s() + _SILENT_S
         while not (found := self._read_fresh_samples()):
-            if self._clock.now_s() > give_up_s:
+            if self._clock.now_s() > deadline_s:
                 self._raise_silence()
             self._clock.sleep_s(POLL_S)
         raw = np.array([_check_sample(found, cell) for cell in self._used])

@@ -34,7 +34,7 @@ _DRIFT_PERCENT = 2.0
 #: A pixel is stuck if a healthy pixel would be constant with a smaller probability than this.
 _STUCK_PROBABILITY, _MIN_OTHERS = 1e-6, 3
 #: Rest resistance relative to the median of all pixels, and to the calibration.
-_FAINT_RATIO, _CHANGED_PERCENT = 10.0, 30.0
+_REST_RATIO, _CHANGED_PERCENT = 10.0, 30.0
 #: 90 % quantile of the absolute difference of two normal readings, in standard deviations.
 _Q90_OF_DIFFERENCES = 1.6449 * math.sqrt(2.0)
 
@@ -97,7 +97,7 @@ def judge_pixels(
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
     alive = np.isfinite(readings.noise_percent)
     ratio = np.where(alive, readings.rest_ohm, 0.0) / _median_of_working_pixels(readings.rest_ohm)
-    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the other pixels", ratio
+    yield "faint", ratio > _REST_RATIO, "reads {} times the resistance of the other pixels", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
         (noise > _NOISY_RATIO * _median_of_working_pixels(noise)) & (noise > _QUIET_PERCENT)

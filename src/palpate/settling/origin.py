@@ -15,7 +15,7 @@ from palpate.signal.transient import find_peak
 #: samples. The change then reaches the larger fraction within three quarters of the baseline's
 #: duration or within one sample. A curve that relaxes from the start needs three times as long.
 _FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 2
-_LEFT, _SUDDEN = 0.4, 0.75
+_DEPARTED, _SUDDEN = 0.4, 0.75
 #: A contact is a change of a positive reading by a fifth, or of a signed reading by nearly its
 #: total change, within this time (s). Samples with ringing are skipped, but time is still measured
 #: from the contact.
@@ -88,7 +88,7 @@ def _find_baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.int
         return np.zeros(len(values), dtype=np.intp)
     is_off = change > _FLAT * total
     flat = is_off.argmax(axis=1) - 1
-    left = (change > _LEFT * total).argmax(axis=1)
+    left = (change > _DEPARTED * total).argmax(axis=1)
     duration_s = time_s[flat] - time_s[0]
     is_sudden = (time_s[left] - time_s[flat] <= _SUDDEN * duration_s) | (left == flat + 1)
     # Excludes constant holds, which never leave the baseline.

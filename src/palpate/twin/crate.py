@@ -52,7 +52,7 @@ CRATE_POISSON, CRATE_SIDE_LOG_SD = 0.35, 0.08
 #: Animal Materials, 1986): a few tenths of an MPa for ripe fruit, a few MPa for crisp fruit. The
 #: kiwi matches recorded robot grasps; shells match hens' eggs pressed across. All values were fixed
 #: before any measurement on them. Several kinds overlap, as in a shop.
-CRATE_TAUGHT: dict[str, CrateKind] = {
+TRAINED_KINDS: dict[str, CrateKind] = {
     "cherry-tomato": CrateKind("flesh", (22, 31), (0.8, 2.2), (9, 22), 0.04, (8, 18)),
     "strawberry": CrateKind("flesh", (27, 40), (0.25, 0.8), (6, 14), 0.08, (10, 32), (0.15, 0.35)),
     "lime": CrateKind("flesh", (41, 50), (1.5, 3.5), (60, 120), 0.03, (45, 75)),
@@ -65,7 +65,7 @@ CRATE_TAUGHT: dict[str, CrateKind] = {
 }
 
 #: Untrained kinds in a crate. Some resemble a trained kind.
-CRATE_STRANGERS: dict[str, CrateKind] = {
+UNTRAINED_KINDS: dict[str, CrateKind] = {
     "grape": CrateKind("flesh", (16, 22), (0.4, 1.2), (6, 14), 0.08, (4, 9)),
     "walnut": CrateKind("shell", (29, 37), (120, 300), (150, 400), 0.05, (9, 15), (0, 0.01)),
     "mushroom": CrateKind("flesh", (36, 50), (0.08, 0.25), (8, 20), 0.08, (12, 35), (0.2, 0.4)),
@@ -113,7 +113,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
     >>> [item.kind for item in draw_crate(["egg", "walnut"], seed=3)]
     ['egg', 'walnut']
     """
-    known = {**CRATE_TAUGHT, **CRATE_STRANGERS}
+    known = {**TRAINED_KINDS, **UNTRAINED_KINDS}
     items = []
     for number, kind in enumerate(kinds):
         if kind not in known:
@@ -123,7 +123,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
             CrateItem(
                 item_id=f"{prefix}-{number + 1:03d}",
                 kind=kind,
-                is_trained=kind in CRATE_TAUGHT,
+                is_trained=kind in TRAINED_KINDS,
                 mean=_draw_item(rng, kind, known[kind]),
                 out_of_round=known[kind].out_of_round,
                 seed=int(rng.integers(2**31)),
@@ -138,7 +138,7 @@ def draw_mixed_crate(
     """Draw a shuffled crate of trained kinds and a fraction of untrained kinds."""
     rng = np.random.default_rng([seed, 31])
     strangers = round(items * unknown_fraction)
-    trained, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)
+    trained, unknown = list(TRAINED_KINDS), list(UNTRAINED_KINDS)
     kinds = [trained[k % len(trained)] for k in range(items - strangers)]
     kinds += [unknown[k % len(unknown)] for k in range(strangers)]
     return draw_crate(rng.permutation(kinds).tolist(), seed=seed, prefix=prefix)
@@ -150,13 +150,13 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
     stiffness = draw_log_uniform(rng, kind.stiffness)
     if kind.law == "flesh":
         stiffness = hertz_force_at_1mm_n(stiffness, size_mm=size_mm)
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
+    fractions = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
     return TwinObject(
         name=name,
         size_mm=size_mm,
         contact="hertz" if kind.law == "flesh" else "linear",
         force_at_1mm_n=stiffness,
-        relaxing_share=tuple(float(part) for part in share),
+        relaxing_fractions=tuple(float(part) for part in fractions),
         relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in RELAXING_S),
         flat=False,
         yield_n=rupture_n * draw_uniform(rng, YIELD_FRACTION),

@@ -2,7 +2,7 @@
 
 A relaxing object and a compliant gripper share the closure. A fraction s_k of every change of the
 object's elastic force E(x) decays with the time constant tau_k. Over one step in which E is linear
-in time, the force is a linear function of the new E, F = kept E + carried. The balance with the
+in time, the force is a linear function of the new E, F = retained E + carried. The balance with the
 gripper is then one equation in the deformation x. Consequently, an object between stiff fingers
 relaxes, and an object between fingers of constant force creeps.
 """
@@ -120,12 +120,12 @@ def series_force_n(
     *,
     compliance: HandCompliance,
     ruptured: bool = False,
-    kept: float = 1.0,
+    retained: float = 1.0,
     carried_n: float = 0.0,
 ) -> float:
     """Return the object's elastic force in series with the gripper at a closure.
 
-    The force on the gripper is kept * elastic + carried_n (`palpate.twin.mechanics`), at least 0.
+    The force on the gripper is retained * elastic + carried_n (see the module), at least 0.
     Solves deformation + deflection(force(deformation)) = closure. The left side is monotonic and is
     solved with Newton steps inside a shrinking bracket.
     """
@@ -135,12 +135,12 @@ def series_force_n(
     deformation, law = 0.5 * closure_mm, _force_law(obj, ruptured=ruptured)
     for _ in range(60):
         elastic_n, slope = law(deformation)
-        grip_n = max(kept * elastic_n + carried_n, 0.0)
+        grip_n = max(retained * elastic_n + carried_n, 0.0)
         excess = deformation + compliance.deflection_mm(grip_n) - closure_mm
         if abs(excess) < 1e-10:
             return elastic_n
         low, high = (low, deformation) if excess > 0 else (deformation, high)
-        grip_slope = kept * slope if grip_n > 0 else 0.0
+        grip_slope = retained * slope if grip_n > 0 else 0.0
         step = excess / (1.0 + compliance.slope_mm_per_n(grip_n) * grip_slope)
         newton = deformation - step
         deformation = newton if low < newton < high else 0.5 * (low + high)
@@ -168,7 +168,7 @@ class Motion:
         return self.from_mm + math.copysign(travel, length_mm)
 
 
-def pixel_shares(
+def pixel_fractions(
     obj: TwinObject, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
 ) -> NDArray[np.float64]:
     """Return each pixel's fraction of its finger's force, shape (pixels,).
@@ -177,27 +177,27 @@ def pixel_shares(
     loads a parabolic patch whose radius grows as in Hertz contact (each side is indented by half).
     """
     if obj.faces is not None:
-        return obj.faces.pixel_shares(deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
+        return obj.faces.pixel_fractions(deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
     along, across = grid.along_mm - off_centre_mm[0], grid.across_mm - off_centre_mm[1]
     if obj.flat:
         tilt = grid.along_mm * off_centre_mm[0] + grid.across_mm * off_centre_mm[1]
         weight = 1.0 + 0.3 * tilt / grid.pitch_mm**2
     else:
-        reach_mm = patch_reach_mm(obj, deformation_mm, pitch_mm=grid.pitch_mm)
-        weight = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
+        radius_mm = contact_radius_mm(obj, deformation_mm, pitch_mm=grid.pitch_mm)
+        weight = np.maximum(1.0 - (along**2 + across**2) / radius_mm**2, 0.0)
     total = np.bincount(grid.finger, weights=weight)
-    share: NDArray[np.float64] = weight / np.maximum(total, 1e-12)[grid.finger]
-    return share
+    fraction: NDArray[np.float64] = weight / np.maximum(total, 1e-12)[grid.finger]
+    return fraction
 
 
-def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -> float:
+def contact_radius_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -> float:
     """Return the radius over which a contact's force spreads, mm: pad cover and Hertz contact.
 
     Each side of a round object is indented by half; the contact of a flat object does not grow.
 
     >>> from palpate.twin.objects import draw_object
     >>> ball = draw_object(np.random.default_rng(1), "ball-33lbs")
-    >>> [round(patch_reach_mm(ball, deep_mm, pitch_mm=10.0)) for deep_mm in (0.0, 2.0)]
+    >>> [round(contact_radius_mm(ball, deep_mm, pitch_mm=10.0)) for deep_mm in (0.0, 2.0)]
     [8, 13]
     """
     hertz_mm = 0.0 if obj.flat else math.sqrt(0.25 * obj.size_mm * max(deformation_mm, 0.0))
@@ -215,7 +215,7 @@ class RelaxingForce:
     @classmethod
     def none(cls, obj: TwinObject | None) -> Self:
         """Return the state of an object before any contact."""
-        return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_share))
+        return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_fractions))
 
     def close_to(
         self,
@@ -230,14 +230,14 @@ class RelaxingForce:
         parts = _relaxation_steps(obj, step_s)
         if closure_mm <= 0:
             return self._change(obj, parts, elastic_n=0.0, touching=False)
-        fresh = sum([share * mean for share, _, mean in parts])
+        fresh = sum([fraction * mean for fraction, _, mean in parts])
         carried_n = sum([n * part[1] for n, part in zip(self.relaxing_n, parts, strict=True)])
         elastic_n = series_force_n(
             obj,
             closure_mm,
             compliance=compliance,
             ruptured=ruptured,
-            kept=1.0 - sum(obj.relaxing_share) + fresh,
+            retained=1.0 - sum(obj.relaxing_fractions) + fresh,
             carried_n=carried_n - self.elastic_n * fresh,
         )
         return self._change(obj, parts, elastic_n=elastic_n, touching=True)
@@ -261,19 +261,19 @@ class RelaxingForce:
         rise_n = elastic_n - self.elastic_n
         relaxing_n = tuple(
             [
-                before * decay + share * rise_n * mean
-                for before, (share, decay, mean) in zip(self.relaxing_n, parts, strict=True)
+                before * decay + fraction * rise_n * mean
+                for before, (fraction, decay, mean) in zip(self.relaxing_n, parts, strict=True)
             ]
         )
-        force_n = elastic_n * (1.0 - sum(obj.relaxing_share)) + sum(relaxing_n)
+        force_n = elastic_n * (1.0 - sum(obj.relaxing_fractions)) + sum(relaxing_n)
         return RelaxingForce(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)
 
 
 def _relaxation_steps(obj: TwinObject, step_s: float) -> list[tuple[float, float, float]]:
     """Return fraction, decay and mean decay over a step of every relaxing part."""
     parts = []
-    for share, time_s in zip(obj.relaxing_share, obj.relaxing_time_s, strict=True):
+    for fraction, time_s in zip(obj.relaxing_fractions, obj.relaxing_time_s, strict=True):
         rate = max(step_s / time_s, 1e-12)
         fall = math.expm1(-rate)
-        parts.append((share, 1.0 + fall, -fall / rate))
+        parts.append((fraction, 1.0 + fall, -fall / rate))
     return parts

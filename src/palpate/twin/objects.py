@@ -32,7 +32,7 @@ RELAXING_S: tuple[Pair, ...] = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 class Faces(Protocol):
     """Contact faces of an object that is neither flat nor round."""
 
-    def pixel_shares(
+    def pixel_fractions(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
         """Return each pixel's fraction of its finger's force, shape (pixels,)."""
@@ -56,7 +56,7 @@ class TwinObject:
     #: Elastic force at 1 mm of deformation.
     force_at_1mm_n: float
     #: Fractions of the force that relax, and their time constants.
-    relaxing_share: tuple[float, ...]
+    relaxing_fractions: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
     #: Whether the object covers the whole pad; otherwise its contact patch grows with deformation.
     flat: bool
@@ -171,14 +171,14 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
     if name not in OBJECTS:
         raise ValueError(f"no twin object {name!r}; available: {', '.join(OBJECTS)}")
     kind = OBJECTS[name]
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
+    fractions = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, kind.relaxing)
     rupture_n = draw_uniform(rng, kind.rupture_n) if kind.rupture_n else float("inf")
     return TwinObject(
         name=name,
         size_mm=draw_uniform(rng, kind.size_mm),
         contact=kind.contact,
         force_at_1mm_n=draw_log_uniform(rng, kind.force_at_1mm_n),
-        relaxing_share=tuple(float(part) for part in share),
+        relaxing_fractions=tuple(float(part) for part in fractions),
         relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in RELAXING_S),
         flat=kind.flat,
         yield_n=rupture_n * draw_uniform(rng, YIELD_FRACTION),

@@ -48,8 +48,8 @@ class Placements:
         ranges, pixels = self._ranges, self._sheet.gain.size
         where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
         rng = np.random.default_rng([self._seed, 2, placed, contacts])
-        share = _FIXTURE_OFF_CENTRE if placed in self.fixtures else ranges.off_centre
-        spot = share * self._grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
+        fraction = _FIXTURE_OFF_CENTRE if placed in self.fixtures else ranges.off_centre
+        spot = fraction * self._grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
         common = ranges.place_common_log_sd * rng.standard_normal()
         own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
         since = 0 if environment.cycles_are_all else contacts

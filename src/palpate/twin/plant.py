@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
-from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce, pixel_shares
+from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce, pixel_fractions
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid, Placement, Placements
 from palpate.twin.ranges import Ranges
@@ -184,22 +184,22 @@ class Plant:
         """Return the state at a time between a node and the following node."""
         if time_s >= following.time_s:
             return following
-        share = (time_s - state.time_s) / (following.time_s - state.time_s)
+        fraction = (time_s - state.time_s) / (following.time_s - state.time_s)
         placement = self.placement(following.placed, following.contacts)
         width_mm = state.motion.width_mm(time_s)
-        closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
+        closure_mm = state.closure_mm + fraction * (following.closure_mm - state.closure_mm)
         squeeze, before_n = RelaxingForce(), state.squeeze.elastic_n
         if state.obj is not None:
             squeeze = state.squeeze.change_to(
                 state.obj,
-                elastic_n=before_n + share * (following.squeeze.elastic_n - before_n),
-                step_s=share * (following.time_s - state.time_s),
+                elastic_n=before_n + fraction * (following.squeeze.elastic_n - before_n),
+                step_s=fraction * (following.time_s - state.time_s),
                 touching=closure_mm > 0,
             )
         sheet_at = partial(
             state.pixels.interpolate,
             following.pixels,
-            share,
+            fraction,
             step_s=time_s - state.time_s,
             travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
             sheet=self.sheet,
@@ -278,15 +278,15 @@ class Plant:
         if state.obj is None or max(force_n, pushed_n) <= 0:
             return self._unloaded_n
         along_mm, across_mm = placement.off_centre_mm
-        share = pixel_shares(
+        fraction = pixel_fractions(
             state.obj,
             closure_mm - self.compliance.deflection_mm(force_n),
             grid=self.grid,
             off_centre_mm=(along_mm + state.slide.slid_mm, across_mm),
         )
         if force_n <= 0:
-            return np.where(self.grid.finger == placement.first_finger, pushed_n * share, 0.0)
-        return force_n * share
+            return np.where(self.grid.finger == placement.first_finger, pushed_n * fraction, 0.0)
+        return force_n * fraction
 
     def _push_force_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return the force of the first finger while it pushes the object to the middle."""

@@ -75,16 +75,16 @@ class SheetState:
     def interpolate(
         self,
         following: SheetState,
-        share: float,
+        fraction: float,
         *,
         step_s: float,
         travel_mm: float,
         sheet: Sheet,
         creep: Creep,
     ) -> SheetState:
-        """Return the state within a step, a fraction `share` of `step_s` towards its end."""
-        sensed_n = self.sensed_n + share * (following.sensed_n - self.sensed_n)
-        target = self.target + share * (following.target - self.target)
+        """Return the state within a step, after a fraction of `step_s`."""
+        sensed_n = self.sensed_n + fraction * (following.sensed_n - self.sensed_n)
+        target = self.target + fraction * (following.target - self.target)
         return self._step(step_s, sensed_n, target, travel_mm, sheet, creep)
 
     def resistance_ohm(self, sheet: Sheet, *, creep: Creep, rest_factor: float = 1.0) -> FloatArray:

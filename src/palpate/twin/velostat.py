@@ -70,11 +70,11 @@ def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
     return Creep(tau_s, scale * weight)
 
 
-def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
+def slow_power_creep(fraction: float, *, exponent: float, start_s: float) -> Creep:
     """Return creep with the remainder (1 + t/start_s) ** -exponent, as a sum of exponentials."""
     ratio = 3.0
     s = ratio ** np.arange(-9.0, 3.0)
-    weight = share * np.log(ratio) / gamma(exponent) * s**exponent * np.exp(-s)
+    weight = fraction * np.log(ratio) / gamma(exponent) * s**exponent * np.exp(-s)
     return Creep(start_s / s, weight)
 
 
@@ -91,8 +91,8 @@ class Family:
         if not self.relative:
             return np.log1p(excess)
         low = np.minimum(excess, _LOG_START)
-        beyond = np.log(np.maximum(excess, _LOG_START) / _LOG_START)
-        return low / (1.0 + low) + _LOG_START / (1.0 + _LOG_START) ** 2 * beyond
+        log_ratio = np.log(np.maximum(excess, _LOG_START) / _LOG_START)
+        return low / (1.0 + low) + _LOG_START / (1.0 + _LOG_START) ** 2 * log_ratio
 
     def excess_conductance(self, coordinate: FloatArray) -> FloatArray:
         """Return the excess conductance of a coordinate: the inverse of `coordinate`."""
@@ -110,14 +110,16 @@ def _draw_two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
 
 
 def _draw_slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
-    share = draw_uniform(rng, ranges.slow_power_fraction)
+    fraction = draw_uniform(rng, ranges.slow_power_fraction)
     exponent = draw_uniform(rng, ranges.slow_power_exponent)
     start_s = draw_log_uniform(rng, ranges.slow_power_start_s_log)
     sd = ranges.creep_place_log_sd
 
     def draw(grasp: np.random.Generator) -> Creep:
         jitter = np.exp(sd * grasp.standard_normal(2))
-        return slow_power_creep(share * jitter[0], exponent=exponent, start_s=start_s * jitter[1])
+        return slow_power_creep(
+            fraction * jitter[0], exponent=exponent, start_s=start_s * jitter[1]
+        )
 
     return Family(name="slow-power", relative=False, draw=draw)
 

@@ -18,7 +18,7 @@ from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
-from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateTable, draw_crate
+from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateTable, draw_crate
 from palpate_studies.second.things import other_item
 
 #: Grasps per training item and per sorted item.
@@ -93,8 +93,8 @@ def measure_crates(
         calibration_id=calibration.sensor_id,
         now=lambda: _BEGAN_AT + timedelta(seconds=table.clock.now_s()),
     )
-    training = draw_crate(list(CRATE_TAUGHT) * training_items, seed=sensor, prefix="taught")
-    sorting = [*CRATE_TAUGHT] * sorted_items + [*CRATE_STRANGERS] * ((sorted_items + 1) // 2)
+    training = draw_crate(list(TRAINED_KINDS) * training_items, seed=sensor, prefix="taught")
+    sorting = [*TRAINED_KINDS] * sorted_items + [*UNTRAINED_KINDS] * ((sorted_items + 1) // 2)
     crate = draw_crate(sorting, seed=sensor + 250_007)
     found = []
     for drawn in (*training, *crate):

@@ -108,7 +108,7 @@ def draw_random_object(
         size_mm=draw_uniform(rng, size_mm),
         contact="hertz" if contact == "hertz" else "linear",
         force_at_1mm_n=force_at_1mm_n,
-        relaxing_share=tuple(
+        relaxing_fractions=tuple(
             (rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, relaxing)).tolist()
         ),
         relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 #: Grid points in a line across a contact, and range of the grid in radii of a sound contact: a flat
 #: contact with a dent of 0.8 of the flattening is 2.2 times as wide.
 _PLACES, _RANGE_RADII = 21, 2.4
-#: Spread of a load by pad and sheet, mm, as in `mechanics.pixel_shares` for the paper's pixels. It
-#: also limits the resolution of finer pixels.
+#: Spread of a load by pad and sheet, mm, as in `mechanics.pixel_fractions` for the paper's pixels.
+#: It also limits the resolution of finer pixels.
 _SPREAD_MM = 8.0
 #: Half of the pads' deflection in the middle of their range, by which they conform to a surface.
 _PAD_MM = 0.15
@@ -126,7 +126,7 @@ class Faces:
         """Stiffness relative to a round, sound fruit."""
         return float((sum(_side_deflections(self)) / 2.0) ** -1.5)
 
-    def pixel_shares(
+    def pixel_fractions(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
         """Return each pixel's fraction of its finger's force, shape (pixels,).

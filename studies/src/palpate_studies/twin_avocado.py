@@ -48,7 +48,7 @@ class Avocado:
     #: Progress of ripening from each day to the next, days.
     days_of_room: tuple[float, ...]
     #: As in `TwinObject`.
-    relaxing_share: tuple[float, ...]
+    relaxing_fractions: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
     #: Rupture force / sqrt(force at 1 mm): soft fruit bursts at lower forces.
     rupture_per_root: float
@@ -92,7 +92,7 @@ class Avocado:
             size_mm=self.size_mm + self.waist_sd_mm * float(rng.normal()),
             contact="hertz",
             force_at_1mm_n=firmness_n,
-            relaxing_share=self.relaxing_share,
+            relaxing_fractions=self.relaxing_fractions,
             relaxing_time_s=self.relaxing_time_s,
             flat=False,
             yield_n=rupture_n * draw_uniform(rng, _YIELD_FRACTION),
@@ -112,7 +112,7 @@ def draw_avocado(rng: np.random.Generator, *, ranges: AvocadoRanges = AVOCADOS) 
         pace_days=draw_uniform(rng, ranges.pace_days),
         skew=draw_uniform(rng, ranges.skew),
         days_of_room=tuple(np.exp(ranges.room_log_sd * rng.standard_normal(_DAYS)).tolist()),
-        relaxing_share=tuple(share.tolist()),
+        relaxing_fractions=tuple(share.tolist()),
         relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in _RELAXING_S),
         rupture_per_root=draw_uniform(rng, ranges.rupture_per_root),
         spot_log_sd=ranges.spot_log_sd,

@@ -50,7 +50,7 @@ def test_paper_method_extra_closing_increases_force(palpate: Command) -> None:
     assert forces_n[1] > 1.2 * forces_n[0]
 
 
-def test_decide_again_repeats_recorded_paper_grasp(tmp_path: Path, palpate: Command) -> None:
+def test_replay_grasp_repeats_recorded_paper_grasp(tmp_path: Path, palpate: Command) -> None:
     file = tmp_path / "run.mcap"
     live = grasped(palpate, "--cutoff", "1.5", "--record", file)
     again = palpate("replay", file, "--json").document

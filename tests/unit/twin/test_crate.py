@@ -7,8 +7,8 @@ import pytest
 
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.crate import (
-    CRATE_STRANGERS,
-    CRATE_TAUGHT,
+    TRAINED_KINDS,
+    UNTRAINED_KINDS,
     CrateTable,
     draw_crate,
     draw_mixed_crate,
@@ -16,7 +16,7 @@ from palpate.twin.crate import (
 )
 from palpate.twin.world import OPEN_MM
 
-ALL = {**CRATE_TAUGHT, **CRATE_STRANGERS}
+ALL = {**TRAINED_KINDS, **UNTRAINED_KINDS}
 
 
 @pytest.mark.parametrize("kind", ALL)
@@ -27,7 +27,7 @@ def test_crate_item_sides_are_within_ranges_and_gripper(kind: str) -> None:
         sides = [item.side(turn).size_mm / item.mean.size_mm for turn in range(5)]
         assert max(abs(np.array(sides) - 1)) <= ranges.out_of_round
         assert max(sides) * item.mean.size_mm < OPEN_MM - 3
-        assert item.is_trained == (kind in CRATE_TAUGHT)
+        assert item.is_trained == (kind in TRAINED_KINDS)
         assert item.mean.yield_n <= item.mean.rupture_n
 
 

@@ -11,7 +11,7 @@ from palpate.twin.mechanics import (
     Motion,
     PixelGrid,
     object_force_n,
-    pixel_shares,
+    pixel_fractions,
     series_force_n,
 )
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
@@ -23,7 +23,7 @@ def make_object(**changes: object) -> TwinObject:
         "size_mm": 40.0,
         "contact": "linear",
         "force_at_1mm_n": 4.0,
-        "relaxing_share": (),
+        "relaxing_fractions": (),
         "relaxing_time_s": (),
         "flat": True,
     }
@@ -76,7 +76,7 @@ def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
 def test_pixel_shares_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
     grid = PixelGrid.of(layout)
     for spot in [(0.0, 0.0), (6.0, -6.0)]:
-        share = pixel_shares(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
+        share = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
         assert np.all(share >= 0)
         for finger in range(layout.fingers):
             assert share[layout.finger_mask(finger).ravel()].sum() == pytest.approx(1.0)
@@ -84,9 +84,9 @@ def test_pixel_shares_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> 
 
 def test_pixel_shares_off_centre_fruit_leaves_pixels_unloaded() -> None:
     grid = PixelGrid.of(RIGID_LAYOUT)
-    aside = pixel_shares(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
+    aside = pixel_fractions(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
     assert np.sum(aside == 0) >= 2
-    deeper = pixel_shares(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))
+    deeper = pixel_fractions(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))
     assert np.sum(deeper == 0) < np.sum(aside == 0)
 
 
@@ -101,7 +101,7 @@ def test_draw_object_values_are_within_ranges() -> None:
         berry = draw_object(np.random.default_rng(seed), "strawberry")
         assert 31 <= berry.size_mm <= 41
         assert 0 < berry.yield_n < berry.rupture_n
-        assert sum(berry.relaxing_share) < 0.5
+        assert sum(berry.relaxing_fractions) < 0.5
     assert draw_object(np.random.default_rng(3)) == draw_object(np.random.default_rng(3))
     with pytest.raises(ValueError, match="strawberry"):
         draw_object(np.random.default_rng(0), "cucumber")

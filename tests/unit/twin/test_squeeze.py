@@ -25,7 +25,7 @@ def fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
         size_mm=50.0,
         contact="linear",
         force_at_1mm_n=4.0,
-        relaxing_share=(fraction,),
+        relaxing_fractions=(fraction,),
         relaxing_time_s=(tau_s,),
         flat=True,
     )

@@ -17,8 +17,8 @@ from palpate.arrays import FloatArray
 from palpate.calibrate.laws import force_now
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
-from palpate.grasp.decide_again import decide_again
 from palpate.grasp.estimator import Observation
+from palpate.grasp.replay_grasp import replay_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState
@@ -141,7 +141,7 @@ def read_grasp(path: Path) -> GraspTrack:
     source = Replay(path, clock=clock)
     try:
         recorder = _CommandRecorder(source)
-        result = decide_again(
+        result = replay_grasp(
             source,
             clock=clock,
             gripper=recorder,

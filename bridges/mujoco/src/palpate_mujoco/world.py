@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
-from palpate.twin.mechanics import Motion, patch_reach_mm
+from palpate.twin.mechanics import Motion, contact_radius_mm
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.world import OPEN_MM
 from palpate_mujoco.hand import WIDOWX, Hand, Servo
@@ -251,7 +251,7 @@ class MujocoWorld:
         self._servo.move_towards(self._motion.width_mm(ends_s), within_s=ends_s - self.data.time)
         if self._object is not None:
             self._object.apply_force()
-            self.sensor.reach_mm = patch_reach_mm(
+            self.sensor.reach_mm = contact_radius_mm(
                 self._object.obj, self._object.flattening_mm, pitch_mm=self.layout.pitch_mm
             )
         mujoco.mj_step(self.model, self.data, steps)

@@ -77,7 +77,7 @@ def _elastic_force_n(fruit: TwinObject, deformed_mm: FloatArray) -> FloatArray:
 def _relax(elastic_n: FloatArray, *, fruit: TwinObject, step_s: float) -> FloatArray:
     """Return the force with relaxation."""
     relaxed_n = elastic_n.copy()
-    for fraction, time_s in zip(fruit.relaxing_share, fruit.relaxing_time_s, strict=True):
+    for fraction, time_s in zip(fruit.relaxing_fractions, fruit.relaxing_time_s, strict=True):
         gain, lagging = -np.expm1(-step_s / time_s), 0.0
         for k, now in enumerate(elastic_n.tolist()):
             lagging += gain * (now - lagging)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem
+from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateItem
 from palpate.twin.objects import TwinObject
 
 #: Thickness of the skin, mm, and its stiffness relative to the flesh; depth of the core, mm, and
@@ -46,7 +46,7 @@ def other_item(item: CrateItem) -> OtherItem:
     >>> sum(47.5 < size < 52.5 for size in sizes) < 80
     True
     """
-    low, high = {**CRATE_TAUGHT, **CRATE_STRANGERS}[item.kind].size_mm
+    low, high = {**TRAINED_KINDS, **UNTRAINED_KINDS}[item.kind].size_mm
     place = (item.mean.size_mm - low) / (high - low)
     size_mm = low + (high - low) * float(np.sin(0.5 * np.pi * place) ** 2)
     known = {field.name: getattr(item, field.name) for field in fields(CrateItem)}
@@ -80,7 +80,7 @@ def make_foam(obj: TwinObject) -> TwinObject:
 def make_dough(obj: TwinObject) -> TwinObject:
     """Return the object with a relaxation of half of its force, mostly at once."""
     return replace(
-        obj, name="dough", relaxing_share=_DOUGH_FRACTIONS, relaxing_time_s=_DOUGH_TIMES_S
+        obj, name="dough", relaxing_fractions=_DOUGH_FRACTIONS, relaxing_time_s=_DOUGH_TIMES_S
     )
 
 

@@ -25,7 +25,7 @@ from palpate.recording import RecordingInfo, Replay, ReplayGripper
 from palpate.sensor.calibration import Calibration
 
 
-def decide_again(
+def replay_grasp(
     source: Replay,
     *,
     clock: Clock,
@@ -88,7 +88,7 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
     Contact is the first standstill at which the mean change passes the threshold. The prediction
     uses the readings up to the cutoff after the last movement. The recorded extra closing is used.
 
-    Raises `RecordingError` or `CalibrationError` as `decide_again`.
+    Raises `RecordingError` or `CalibrationError` as `replay_grasp`.
     """
     gripper = ReplayGripper(source)
     plan = plan_of_recording(replace(source.info, paper=paper.as_text()), gripper=gripper)
