@@ -1,4 +1,4 @@
-"""Distribution of the load on two facing fingers as eight numbers, and contrasts to a reference.
+"""Load distribution on two facing fingers as eight numbers, and contrasts to a reference.
 
 On a sound, round side the load on a finger is nearly a product of one factor along and one factor
 across the finger. The item's position shifts the load equally on both fingers. A bruise changes the
