@@ -203,8 +203,8 @@ def test_operator_page_fits_every_possible_text(browser: Browser, address: str, 
     pixels = {**SIZES, **LARGE, **LOW}[size]
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
     reason = (
-        "held and released: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), the rule in line "
-        "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · below the target of 12.5 N · "
+        "held and released: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4); closest rule in "
+        "line 13 (large): 55 %, 80 % required; 3 grasps · below the target of 12.5 N · "
         "answer 12.7 s after contact"
     )
     again = "Turn the item, then press Grasp again: the bin is provisional"

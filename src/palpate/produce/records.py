@@ -103,7 +103,7 @@ class Grasp:
     Raises `InputError` if a value is not allowed or not finite, or a time has no time zone.
 
     >>> from datetime import UTC
-    >>> felt = Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm")
+    >>> stiffness = Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm")
     >>> grasp = Grasp(
     ...     item_id="A17",
     ...     taken_at=datetime(2026, 5, 1, 8, tzinfo=UTC),
@@ -111,7 +111,7 @@ class Grasp:
     ...     drive="width",
     ...     origin="twin",
     ...     outcome=Outcome.HELD,
-    ...     measurements={"stiffness_n_per_mm": felt},
+    ...     measurements={"stiffness_n_per_mm": stiffness},
     ... )
     >>> grasp.measurements["stiffness_n_per_mm"].value, grasp.is_simulated
     (2.1, True)

@@ -15,7 +15,13 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
-from palpate.produce.qualify.agreement import FIGURES, Demand, Estimate, measure, measure_agreement
+from palpate.produce.qualify.agreement import (
+    FIGURES,
+    Demand,
+    Estimate,
+    calculate_agreement,
+    measure_agreement,
+)
 from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import Scatter
 from palpate.rig.simulated import calibrate_twin
@@ -200,7 +206,7 @@ def _true_figures(
 ) -> dict[str, float]:
     """Return the figures of a very large sample; the ceiling from the known scatter."""
     exact = Scatter(between=float(pool.truth.std()), within=side_sd)
-    figures = measure(large, demand).figures
+    figures = calculate_agreement(large, demand).figures
     return {name: figure.value for name, figure in figures.items()} | {
         "r_squared_ceiling": exact.repeatability,
         "share_within_ceiling": exact.fraction_within(demand.tolerance),

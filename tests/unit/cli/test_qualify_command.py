@@ -77,4 +77,4 @@ def test_qualify_too_few_items_reports_the_required_number(
     tmp_path: Path, palpate: Command
 ) -> None:
     error = palpate("qualify", write_readings(tmp_path / "few.csv", items=5), status=2).err
-    assert "needs at least 8" in error
+    assert "at least 8 are required" in error

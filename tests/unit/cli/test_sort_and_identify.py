@@ -217,7 +217,7 @@ def test_sort_rules_on_verdicts_use_stored_verdicts(
     ("change", "said"),
     [
         (("kiwi", "pear"), "line 7: class 'pear' has fewer than 3 labelled items"),
-        (('class = "kiwi"', 'class = "kiwi"\nweight = 3'), "line 10: no key 'weight' here"),
+        (('class = "kiwi"', 'class = "kiwi"\nweight = 3'), "line 10: unknown key 'weight'"),
     ],
 )
 def test_sort_invalid_rules_are_refused(

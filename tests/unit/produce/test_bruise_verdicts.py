@@ -214,5 +214,5 @@ def test_fingers_with_too_few_pixels_are_refused() -> None:
         fit_load_shape(np.zeros((2, 2)))
     dead = pixels()
     dead[0, 0] = np.nan
-    with pytest.raises(InputError, match="finger 1: only 3 of 4 pixels read"):
+    with pytest.raises(InputError, match="finger 1: only 3 of 4 pixels are in use"):
         fit_load_shape(dead)

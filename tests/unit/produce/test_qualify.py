@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from palpate.produce.qualify.agreement import (
     Demand,
+    calculate_agreement,
     count_grades,
     estimate_effort,
-    measure,
     measure_agreement,
 )
 from palpate.produce.qualify.readings import PairedReadings
@@ -34,7 +34,9 @@ def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
 
 
 def test_measure_many_items_recovers_the_simulated_agreement() -> None:
-    measured = measure(made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,)))
+    measured = calculate_agreement(
+        made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,))
+    )
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     assert measured.slope == pytest.approx(1.0 / SLOPE, rel=0.02)
     assert measured.offset == pytest.approx(2.0, abs=0.1)
@@ -110,7 +112,7 @@ def test_confusion_counts_every_pair_once() -> None:
 def test_cost_weights_each_wrong_grade_by_its_price() -> None:
     readings = made_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
-    found = measure(readings, demand)
+    found = calculate_agreement(readings, demand)
     table = count_grades(found, demand.limits)
     priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
     cost = found.figures["cost"].value

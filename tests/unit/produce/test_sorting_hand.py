@@ -117,7 +117,7 @@ def test_hand_waits_until_the_sheet_has_recovered(hand: SortingHand) -> None:
     waited_s = []
     for _ in range(2):
         began_s = slow.clock.now_s()
-        there._wait_for_rest()
+        there._wait_until_stable()
         waited_s.append(slow.clock.now_s() - began_s)
         slow.array.skip_until(slow.clock.now_s() + 60)
     assert 4 < waited_s[0] < 23

@@ -62,7 +62,7 @@ def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
     last = decide(BOOK, Evidence(identity=torn, grasps=3))
     assert (last.bin, last.needs_regrasp, last.probability) == ("by hand", False, None)
     assert "kiwi 55 % or lime 40 %" in last.why
-    assert "line 3 (kiwi) comes nearest: 55 %, 80 % needed" in last.why
+    assert "closest rule in line 3 (kiwi): 55 %, 80 % required" in last.why
 
 
 def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
@@ -91,7 +91,7 @@ def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
     assert not found.needs_regrasp
-    assert "the rule in line 2 asks how ripe it is, which is not known" in found.why
+    assert "the rule in line 2 requires a ripeness verdict" in found.why
     known = Evidence(identity=looks(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
     assert decide(book, known).bin == "ripe"
 
@@ -115,7 +115,7 @@ def test_item_without_a_rule_says_so() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
     assert (found.bin, found.needs_regrasp) == ("by hand", False)
-    assert "which no rule takes" in found.why
+    assert "no rule matches" in found.why
 
 
 def test_item_without_a_rule_lists_all_evidence() -> None:
@@ -123,7 +123,7 @@ def test_item_without_a_rule_lists_all_evidence() -> None:
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
     known = Evidence(identity=looks(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)
-    assert "lime 98 %, hard 97 %, bruised 10 %, which no rule takes" in decide(book, known).why
+    assert "lime 98 %, hard 97 %, bruised 10 %: no rule matches" in decide(book, known).why
 
 
 def test_nothing_is_decided_before_the_first_grasp() -> None:

@@ -25,8 +25,8 @@ _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
     """Learn all kinds with enough labelled items in the store.
 
-    `store`: items whose `kind`, or identity, a person gave, with their grasps.
-    `without`: item to identify; its own label is excluded from the training set.
+    `store`: items with a `kind` or an identity label by a person, and their grasps.
+    `without`: item to identify; excluded from the training set.
     Raises `InputError` if no kind has enough labelled items; `MissingExtraError` if scikit-learn is
     not installed.
     """
@@ -46,9 +46,9 @@ def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
 
 
 def item_features(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
-    """Return the points of grasps that held the item and measured size and stiffness."""
+    """Return the features of completed grasps that measured size and stiffness."""
     found = (grasp_features(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
-    return tuple(touch for touch in found if touch is not None)
+    return tuple(features for features in found if features is not None)
 
 
 def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) -> Verdict:
@@ -78,13 +78,16 @@ def explain_identity(identity: Identity) -> str:
     'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of training items are as atypical.'
     """
     count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
-    unusual = f"{100 * identity.usual:.2g} % of training items are as atypical"
+    atypical = f"{100 * identity.usual:.2g} % of training items are as atypical"
     if identity.rejected:
-        return f"Unlike every trained kind: {unusual}; most like {identity.best_guess}; {count}."
+        return (
+            f"Unlike every trained kind: {atypical}; most similar kind {identity.best_guess}; "
+            f"{count}."
+        )
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     named = ", ".join(
         f"{'something else' if kind == UNKNOWN else kind} with {100 * p:.0f} %"
         for kind, p in ranked[:3]
         if p >= 0.01
     )
-    return f"{named}, from {count}; {unusual}."
+    return f"{named}, from {count}; {atypical}."

@@ -27,13 +27,13 @@ class Demand:
     Attributes
     ----------
     tolerance : float
-        Difference from the reference that is accepted, in the reference's unit.
+        Accepted difference from the reference, in the reference's unit.
     limits : tuple of float
-        Limits between grades, rising, in the reference's unit; empty for none.
+        Limits between grades, ascending, in the reference's unit; empty without grades.
     level : float
-        Probability of every interval, and share of items that must be within the tolerance.
+        Probability of each interval, and fraction of items that must be within the tolerance.
     cost_high, cost_low : float
-        Cost of an item that is graded too high, or too low, for each grade that it is off.
+        Cost per grade of error for an item graded too high, and for an item graded too low.
     """
 
     tolerance: float
@@ -59,14 +59,14 @@ class Agreement:
     Attributes
     ----------
     figures : mapping of str to Estimate
-        By name: see `FIGURES`.
+        Figures by the names in `FIGURES`.
     reference, grasp : Scatter
-        Of the reference, in its unit; of grasps, converted to the reference's unit.
+        Scatter of the reference and of the grasps, both in the reference's unit.
     slope, offset : float
-        Reference = offset + slope x grasp, by Deming regression.
+        Reference = offset + slope x grasp, from Deming regression.
     read, converted : ndarray, shape (n_pairs,)
-        The two instruments at each pair; grasps are converted by the line of the other items, so
-        that the differences have no bias.
+        Reference reading and converted grasp of each pair. The conversion uses the line of the
+        other items, which avoids a bias of the differences.
     """
 
     figures: Mapping[str, Estimate]
@@ -79,7 +79,7 @@ class Agreement:
 
     @property
     def difference(self) -> FloatArray:
-        """Grasp less reference at each pair, shape (n_pairs,)."""
+        """Converted grasp minus reference for each pair, shape (n_pairs,)."""
         return self.converted - self.read
 
 
@@ -87,14 +87,14 @@ class Agreement:
 FIGURES = {
     "limit_of_agreement": "limit of agreement: 95 % of differences are smaller",
     "r_squared": "R squared of single readings",
-    "r_squared_ceiling": "R squared that no instrument can pass, from the reference's own scatter",
+    "r_squared_ceiling": "maximum R squared of any instrument, from the reference's own scatter",
     "share_within": "grasps within the tolerance of the reference",
     "share_within_ceiling": "error-free instrument within the tolerance of the reference",
     "share_within_reference": "second reference reading within the tolerance of the first",
     "same_grade": "grasps in the grade of the reference",
     "same_grade_reference": "second reference reading in the grade of the first",
-    "cost": "cost of wrong grades by grasps, an item",
-    "cost_reference": "cost of wrong grades by a second reference reading, an item",
+    "cost": "cost of wrong grades per item, by grasps",
+    "cost_reference": "cost of wrong grades per item, by a second reference reading",
 }
 
 
@@ -126,13 +126,13 @@ def measure_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
     >>> round(found.figures["r_squared_ceiling"].value, 1), round(found.slope)
     (0.8, 2)
     """
-    measured = measure(readings, demand)
+    measured = calculate_agreement(readings, demand)
     random = np.random.default_rng(_SEED)
     draws = []
     for _ in range(_DRAWS):
         drawn = readings.select(random.integers(readings.items, size=readings.items))
         if np.unique(drawn.item[drawn.has_both]).size >= FEWEST_ITEMS // 2:
-            draws.append(measure(drawn, demand).figures)
+            draws.append(calculate_agreement(drawn, demand).figures)
     tail = (1.0 - demand.level) / 2.0
     figures = {}
     for name, estimate in measured.figures.items():
@@ -145,19 +145,19 @@ def measure_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
     return replace(measured, figures=figures)
 
 
-def measure(readings: PairedReadings, demand: Demand) -> Agreement:
-    """Return the figures of the agreement without intervals; arguments as `measure_agreement`."""
+def calculate_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
+    """Return the agreement without intervals; arguments as in `measure_agreement`."""
     reference = estimate_scatter(readings.reference, readings.item)
     raw = estimate_scatter(readings.grasp, readings.item)
     paired = readings.has_both
     grasp, read = readings.grasp[paired], readings.reference[paired]
-    # Number of each pair's item among those with both readings.
-    _, place, count = np.unique(readings.item[paired], return_inverse=True, return_counts=True)
-    means = [np.bincount(place, weights=values) / count for values in (grasp, read)]
+    # Index of each pair's item among the items with both readings.
+    _, index, count = np.unique(readings.item[paired], return_inverse=True, return_counts=True)
+    means = [np.bincount(index, weights=values) / count for values in (grasp, read)]
     ratio = (reference.within / raw.within) ** 2 if raw.within > 0 else math.nan
     slope, offset = (float(one) for one in deming_lines(*means, ratio=ratio))
     slopes, offsets = deming_lines(*means, ratio=ratio, leave_out=True)
-    converted = offsets[place] + slopes[place] * grasp
+    converted = offsets[index] + slopes[index] * grasp
     difference = converted - read
     first, second = _pair_repeats(readings)
     figures = {
@@ -172,10 +172,10 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
         grades = [np.digitize(one, demand.limits) for one in (converted, read, first, second)]
         figures["same_grade"] = _fraction(grades[0] == grades[1])
         figures["same_grade_reference"] = _fraction(grades[2] == grades[3])
-        figures["cost"] = _cost(grades[0] - grades[1], demand)
-        # Either of two readings may be the first.
-        off = np.concatenate([grades[3] - grades[2], grades[2] - grades[3]])
-        figures["cost_reference"] = _cost(off, demand)
+        figures["cost"] = _mean_cost(grades[0] - grades[1], demand)
+        # The order of the two readings is arbitrary, so both orders count.
+        errors = np.concatenate([grades[3] - grades[2], grades[2] - grades[3]])
+        figures["cost_reference"] = _mean_cost(errors, demand)
     return Agreement(
         figures={name: Estimate(value=value) for name, value in figures.items()},
         reference=reference,
@@ -188,14 +188,14 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
 
 
 def count_grades(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int64]:
-    """Return pairs by the grade of the reference (rows) and of the grasp (columns)."""
+    """Count pairs by the grades of the reference (rows) and the grasp (columns)."""
     table = np.zeros((len(limits) + 1, len(limits) + 1), dtype=np.int64)
     np.add.at(table, (np.digitize(found.read, limits), np.digitize(found.converted, limits)), 1)
     return table if limits else table[:0, :0]
 
 
 def _pair_repeats(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
-    """Return the first two readings of the reference on each item that has two."""
+    """Return the first two reference readings of each item with at least two."""
     read = np.isfinite(readings.reference)
     item, value = readings.item[read], readings.reference[read]
     order = np.argsort(item, kind="stable")
@@ -211,11 +211,11 @@ def _r_squared(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1] ** 2)
 
 
-def _cost(grades_off: NDArray[np.int64], demand: Demand) -> float:
-    """Return the mean cost of items graded too high (above 0) or too low."""
-    if not grades_off.size:
+def _mean_cost(grade_errors: NDArray[np.int64], demand: Demand) -> float:
+    """Return the mean cost of items graded too high (error above 0) or too low."""
+    if not grade_errors.size:
         return math.nan
-    costs = np.where(grades_off > 0, demand.cost_high, demand.cost_low) * np.abs(grades_off)
+    costs = np.where(grade_errors > 0, demand.cost_high, demand.cost_low) * np.abs(grade_errors)
     return float(costs.mean())
 
 
@@ -225,19 +225,19 @@ def _fraction(values: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """The number of readings, grasps and items that a demand needs.
+    """Number of readings, grasps and items required by a demand.
 
     Attributes
     ----------
     reference_readings, grasps : int or None
-        Readings of an item whose mean is within the tolerance of what the item is; None where no
-        number of them is.
+        Number of readings per item for a mean within the tolerance of the item's true value; None
+        if no number is sufficient.
     mismatch : float
-        Standard deviation that repeats do not reduce: the two quantities differ.
+        Standard deviation from the difference of the two quantities; repeats do not reduce it.
     items_per_hour : float or None
-        At that number of grasps.
+        Rate with this number of grasps.
     items_to_test : int
-        Items that show each limit of agreement to within half the tolerance.
+        Number of items for an uncertainty of each limit of agreement of half the tolerance.
     """
 
     reference_readings: int | None
@@ -250,16 +250,16 @@ class Effort:
 def estimate_effort(
     found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float
 ) -> Effort:
-    """Return the number of readings, grasps and items that a demand needs.
+    """Return the number of readings, grasps and items required by a demand.
 
     Parameters
     ----------
     found : Agreement
-        Of the readings.
+        Agreement of the readings.
     demand : Demand
         Tolerance and level.
     grasp_s, handling_s : float
-        Seconds of each grasp, and of the handling of an item.
+        Duration of each grasp, and handling time per item, in seconds.
 
     References
     ----------
@@ -282,17 +282,17 @@ def estimate_effort(
     >>> effort.reference_readings, effort.grasps, effort.items_per_hour
     (3, 1, 180.0)
     """
-    reach = float(norm.ppf(0.5 + demand.level / 2.0))
+    quantile = float(norm.ppf(0.5 + demand.level / 2.0))
     spread = float(found.difference.std(ddof=1))
-    # The differences hold the scatter of both instruments and their mismatch.
+    # The differences contain the scatter of both instruments and their mismatch.
     known = sum(s.within**2 for s in (found.reference, found.grasp) if math.isfinite(s.within))
     mismatch = math.sqrt(max(0.0, spread**2 - known))
 
     def count_needed_readings(within: float, fixed: float) -> int | None:
-        left = (demand.tolerance / reach) ** 2 - fixed**2
-        if left <= 0 or not math.isfinite(within):
+        allowed = (demand.tolerance / quantile) ** 2 - fixed**2
+        if allowed <= 0 or not math.isfinite(within):
             return None
-        return max(1, math.ceil(within**2 / left))
+        return max(1, math.ceil(within**2 / allowed))
 
     grasps = count_needed_readings(found.grasp.within, mismatch)
     return Effort(
@@ -300,5 +300,5 @@ def estimate_effort(
         grasps=grasps,
         mismatch=mismatch,
         items_per_hour=None if grasps is None else 3600.0 / (grasps * grasp_s + handling_s),
-        items_to_test=math.ceil(3.0 * (reach * spread / (demand.tolerance / 2.0)) ** 2),
+        items_to_test=math.ceil(3.0 * (quantile * spread / (demand.tolerance / 2.0)) ** 2),
     )

@@ -12,20 +12,20 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds.strict import read_table
 
-#: Fewest items whose scatter is worth a figure: with fewer an interval covers anything (guess).
+#: Minimum number of items; with fewer, the intervals are too wide to be useful (assumed).
 FEWEST_ITEMS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedReadings:
-    """Readings, one row for each side of an item or each repeat.
+    """Readings, one row for each side or repeat of an item.
 
     Attributes
     ----------
     item : ndarray of int, shape (n_rows,)
-        Number of the item, from 0 on.
+        Number of the item, from 0.
     reference, grasp : ndarray, shape (n_rows,)
-        In units of their own; NaN where that instrument did not read.
+        Readings of the two instruments, each in its own unit; NaN without a reading.
     """
 
     item: NDArray[np.intp]
@@ -39,7 +39,7 @@ class PairedReadings:
 
     @property
     def has_both(self) -> NDArray[np.bool_]:
-        """Rows that both instruments read, shape (n_rows,)."""
+        """Whether both instruments have a reading in each row, shape (n_rows,)."""
         return np.isfinite(self.reference) & np.isfinite(self.grasp)
 
     def select(self, chosen: NDArray[np.intp]) -> PairedReadings:
@@ -48,14 +48,15 @@ class PairedReadings:
         starts = np.searchsorted(self.item[order], np.arange(self.items + 1))
         rows = [order[starts[item] : starts[item + 1]] for item in chosen]
         item = np.repeat(np.arange(chosen.size), [part.size for part in rows])
-        at = np.concatenate(rows)
-        return PairedReadings(item=item, reference=self.reference[at], grasp=self.grasp[at])
+        row = np.concatenate(rows)
+        return PairedReadings(item=item, reference=self.reference[row], grasp=self.grasp[row])
 
 
 def read_pairs(path: str | os.PathLike[str]) -> PairedReadings:
     """Read paired readings from a table with columns ``item_id``, ``reference`` and ``grasp``.
 
-    A column ``side`` is for people; each row is a side or a repeat. Either reading may be empty.
+    Each row is a side or a repeat. Either reading may be empty. Other columns, such as ``side``,
+    are ignored.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def read_pairs(path: str | os.PathLike[str]) -> PairedReadings:
     both = np.unique(item[readings.has_both]).size
     if both < FEWEST_ITEMS:
         raise InputError(
-            f"{os.fspath(path)}: {both} item(s) with both a reference and a grasp; agreement needs "
-            f"at least {FEWEST_ITEMS}"
+            f"{os.fspath(path)}: {both} item(s) with both a reference and a grasp; at least "
+            f"{FEWEST_ITEMS} are required"
         )
     return readings

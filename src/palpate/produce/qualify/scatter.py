@@ -19,7 +19,8 @@ class Scatter:
     Attributes
     ----------
     between, within : float
-        Between items, and between readings of one item; NaN where no item was read twice.
+        Standard deviation between items, and between readings of one item. `within` is NaN if no
+        item has two readings.
     """
 
     between: float
@@ -29,8 +30,8 @@ class Scatter:
     def repeatability(self) -> float:
         """Intraclass correlation.
 
-        No instrument can explain a larger fraction of the variance of a single reading of this one
-        (R squared), however well it reads each item.
+        It is the upper limit of R squared between single readings of this instrument and any other
+        instrument, even an error-free one.
         """
         total = self.between**2 + self.within**2
         return self.between**2 / total if total > 0 else math.nan
@@ -43,14 +44,14 @@ class Scatter:
 
 
 def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
-    """Return the scatter of readings; NaN ones are left out.
+    """Return the scatter of readings, without NaN readings.
 
     Parameters
     ----------
     values : ndarray, shape (n_rows,)
         Readings of one instrument.
     item : ndarray of int, shape (n_rows,)
-        Number of the item of each.
+        Item of each reading.
 
     References
     ----------
@@ -65,8 +66,8 @@ def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
     >>> round(scatter.between, 1), round(scatter.within, 1)
     (1.8, 1.0)
     """
-    kept = np.isfinite(values)
-    read, groups = values[kept], item[kept]
+    is_read = np.isfinite(values)
+    read, groups = values[is_read], item[is_read]
     present, group = np.unique(groups, return_inverse=True)
     count = np.bincount(group)
     n, k = read.size, present.size
@@ -86,17 +87,18 @@ def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
 def deming_lines(
     x: FloatArray, y: FloatArray, *, ratio: float, leave_out: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return slope and offset of the line of `y` over `x`, both with errors.
+    """Return slope and offset of `y` over `x` by Deming regression (errors in both).
 
     Parameters
     ----------
     x, y : ndarray, shape (n_items,)
-        Means of the two instruments on each item.
+        Mean of each instrument for each item.
     ratio : float
-        Variance of the errors of `y` over that of `x`; NaN or 0 where it is not known, and then
-        the ratio of the whole variances.
+        Error variance of `y` divided by the error variance of `x`. For NaN or 0 the ratio of the
+        total variances is used.
     leave_out : bool
-        Whether to return, for each item, the line of all others: two arrays of shape (n_items,).
+        Whether to return, for each item, the line through all other items: two arrays of shape
+        (n_items,).
 
     References
     ----------
@@ -115,9 +117,9 @@ def deming_lines(
     syy = np.maximum(yy - sy * sy / n, 0.0)
     sxy = xy - sx * sy / n
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = ratio if math.isfinite(ratio) and ratio > 0 else syy / sxx
-        lead = syy - share * sxx
-        slope = (lead + np.sqrt(lead**2 + 4.0 * share * sxy**2)) / (2.0 * sxy)
-    # Items all alike, or unrelated readings: the best line is level.
+        error_ratio = ratio if math.isfinite(ratio) and ratio > 0 else syy / sxx
+        difference = syy - error_ratio * sxx
+        slope = (difference + np.sqrt(difference**2 + 4.0 * error_ratio * sxy**2)) / (2.0 * sxy)
+    # For equal items or uncorrelated readings the slope is 0.
     slope = np.where(np.isfinite(slope), slope, 0.0)
     return slope, (sy - slope * sx) / n

@@ -1,8 +1,8 @@
 """Conditions of a sorting rule, and the evidence on an item.
 
-A condition asks for one of several names (kind, stage, bruise) or for a value within a range (size,
-firmness). A new one is a row of `CONDITIONS`; what it asks about is a field of `Evidence`, filled
-by `run.evidence_of`.
+A condition requires one of several names (kind, stage, bruise) or a value within a range (size,
+firmness). To add a condition, add a row to `CONDITIONS` and a field to `Evidence`, and fill the
+field in `run.combine_evidence`.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from palpate.produce.learning import UNKNOWN
 class Evidence:
     """The evidence on an item when it is sorted."""
 
-    #: What it is; None before anything was measured.
+    #: Kind of the item; None before the first measurement.
     identity: Identity | None = None
-    #: Its size, and its firmness from 0 to 100.
+    #: Size, and firmness from 0 to 100.
     size_mm: Measurement | None = None
     firmness: Measurement | None = None
-    #: Probability of each stage that a verdict names; empty without a verdict.
+    #: Probability of each stage in the verdict; empty without a verdict.
     ripeness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     #: Probability of a bruise; None without a verdict.
     bruised: float | None = None
-    #: Grasps so far.
+    #: Number of grasps so far.
     grasps: int = 0
 
-    def chances(self, key: str) -> Mapping[str, float]:
-        """Return the probability of each possible name of the item; empty if none is known."""
+    def probabilities(self, key: str) -> Mapping[str, float]:
+        """Return the probability of each name for a condition key; empty if unknown."""
         if key == "ripeness":
             return self.ripeness
         if key == "bruised":
@@ -44,17 +44,17 @@ class Evidence:
             return {}
         if self.identity.rejected:
             return {UNKNOWN: self.identity.confidence}
-        # Short of a rejection, "something else" is no finding.
+        # Only a rejection makes an item unknown.
         return {kind: p for kind, p in self.identity.probability.items() if kind != UNKNOWN}
 
     def describe(self, key: str) -> str:
-        """Return the evidence in words; empty if a verdict is missing."""
+        """Return the evidence for a condition key as text; empty without a verdict."""
         if key == "class":
             return "not measured" if self.identity is None else _describe_kind(self.identity)
         if key == "bruised":
             return "" if self.bruised is None else f"bruised {percent(self.bruised)}"
         if key == "ripeness":
-            return _likeliest_text(self.ripeness)
+            return _most_probable_text(self.ripeness)
         known: Measurement | None = getattr(self, key)
         if known is None:
             return f"{key.removesuffix('_mm')} not measured"
@@ -65,21 +65,21 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """Names that a rule takes: kinds (perhaps ``"unknown"``), stages, or ``"true"`` if bruised."""
+    """Accepted names: kinds (including ``"unknown"``), stages, or ``"true"`` for bruised."""
 
     key: str
     names: frozenset[str]
 
     def probability(self, evidence: Evidence) -> float | None:
         """Return the probability that an item has one of the names; None if unknown."""
-        chances = evidence.chances(self.key)
-        return sum(chances.get(name, 0.0) for name in self.names) if chances else None
+        known = evidence.probabilities(self.key)
+        return sum(known.get(name, 0.0) for name in self.names) if known else None
 
     def reason(self, evidence: Evidence) -> str:
-        """Return the evidence that an item has one of the names."""
+        """Return the evidence for one of the names as text."""
         if self.key != "ripeness":
             return evidence.describe(self.key)
-        return _likeliest_text({name: evidence.ripeness.get(name, 0.0) for name in self.names})
+        return _most_probable_text({name: evidence.ripeness.get(name, 0.0) for name in self.names})
 
     def covers(self, other: OneOf | Within) -> bool:
         """Whether every item that meets the other, of the same key, meets this one."""
@@ -93,16 +93,16 @@ class OneOf:
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """Values that a rule takes: from `low` up to, and without, `high`."""
+    """Accepted values: from `low` (included) to `high` (excluded)."""
 
     key: str
     low: float
     high: float
 
     def probability(self, evidence: Evidence) -> float | None:
-        """Return the probability that the item's value is within; None if it was not measured.
+        """Return the probability that the item's value is in the range; None if not measured.
 
-        The error is taken as normal, with a spread for each side of the interval.
+        The error distribution is assumed normal, with a separate spread on each side.
 
         >>> size = Measurement(value=50.0, low=49.0, high=52.0, unit="mm")
         >>> Within("size_mm", 50.0, 90.0).probability(Evidence(size_mm=size))
@@ -118,7 +118,7 @@ class Within:
         )
 
     def reason(self, evidence: Evidence) -> str:
-        """Return the evidence that the value is within."""
+        """Return the measured value and the range as text."""
         return f"{evidence.describe(self.key)} within {self.low:g} to {self.high:g}"
 
     def covers(self, other: OneOf | Within) -> bool:
@@ -160,8 +160,8 @@ def _read_truth(key: str, stated: Any) -> OneOf:
     return OneOf(key, frozenset({"true" if stated else "false"}))
 
 
-#: Conditions by their names in a rules file, in the order in which reasons are given -> reader of
-#: the stated value, which raises `ValueError` that names what the value should be.
+#: Name of a condition in a rules file -> reader of its value, in the order of the reasons. A reader
+#: raises `ValueError` with the expected form.
 CONDITIONS: Mapping[str, Callable[[str, Any], Condition]] = {
     "class": _read_names,
     "size_mm": _read_range,
@@ -169,13 +169,13 @@ CONDITIONS: Mapping[str, Callable[[str, Any], Condition]] = {
     "ripeness": _read_names,
     "bruised": _read_truth,
 }
-#: Conditions that only an earlier verdict answers, and what they ask in words.
-VERDICT_CONDITIONS = {"ripeness": "how ripe it is", "bruised": "whether it is bruised"}
+#: Conditions that require a stored verdict, with the name of the verdict.
+VERDICT_CONDITIONS = {"ripeness": "a ripeness verdict", "bruised": "a bruise verdict"}
 
 
-def percent(share: float) -> str:
-    """Return a fraction in words, small ones with two digits."""
-    return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:.0f} %"
+def percent(fraction: float) -> str:
+    """Return a fraction as text in percent, below 1 % with two digits."""
+    return f"{100 * fraction:.2g} %" if fraction < 0.01 else f"{100 * fraction:.0f} %"
 
 
 def _describe_kind(identity: Identity) -> str:
@@ -189,16 +189,16 @@ def _describe_kind(identity: Identity) -> str:
     )
 
 
-def _likeliest_text(chances: Mapping[str, float]) -> str:
-    best = max(chances, key=lambda name: chances[name], default=None)
-    return "" if best is None else f"{best} {percent(chances[best])}"
+def _most_probable_text(probabilities: Mapping[str, float]) -> str:
+    best = max(probabilities, key=lambda name: probabilities[name], default=None)
+    return "" if best is None else f"{best} {percent(probabilities[best])}"
 
 
 def _probability_below(bound: float, measured: Measurement) -> float:
-    far = NormalDist().inv_cdf(0.5 + measured.level / 2)
-    side = (
+    quantile = NormalDist().inv_cdf(0.5 + measured.level / 2)
+    half_width = (
         measured.middle - measured.low
         if bound < measured.middle
         else measured.high - measured.middle
     )
-    return NormalDist().cdf(far * (bound - measured.middle) / max(side, 1e-9))
+    return NormalDist().cdf(quantile * (bound - measured.middle) / max(half_width, 1e-9))

@@ -1,11 +1,11 @@
-"""One item in the hand, and again: measured, with the time that it took.
+"""Timed grasps of an item for sorting.
 
-A sheet recovers from a load in seconds, a bad one in half a minute. Its recovery while the fingers
-approach would hide the first contact, or resemble one; so each grasp waits until the sheet stands
-still.
+A sheet recovers from a load within seconds, a poor sheet within half a minute. Recovery during the
+approach could hide the first contact or resemble a contact. Each grasp therefore waits until the
+readings are stable.
 
-The second grasp of an item has its approximate size, so the fingers approach at full speed.
-Another side of it may be thicker, so they stay well clear.
+For a second grasp the size is approximately known, so the fingers approach at full speed. Another
+side may be thicker; a clearance allows for this.
 """
 
 from __future__ import annotations
@@ -29,18 +29,17 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 
-#: An item may be thicker by this share from another side than its known size: produce is not more
-#: out of round.
-_CLEAR_SHARE = 0.15
-#: The sheet stands still where two averages of this length differ by this little (as for
-#: re-zeroing); it is given this much time.
-_AVERAGE_S, _STILL_PERCENT, _LONGEST_S = 1.0, 0.3, 20.0
-_FRAME_S = 2.0
+#: Clearance as a fraction of the known size: the largest out-of-roundness of produce.
+_CLEARANCE_FRACTION = 0.15
+#: The sheet is stable if two successive averages of this duration differ by at most this percentage
+#: (as for re-zeroing). The wait has a time limit.
+_AVERAGE_S, _STABLE_PERCENT, _TIMEOUT_S = 1.0, 0.3, 20.0
+_FRAME_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimedGrasp:
-    """One grasp, and the time from its first movement until the hand was open again."""
+    """A grasp and its duration, from the first movement until the hand is open."""
 
     grasp: Grasp
     lasted_s: float
@@ -48,31 +47,32 @@ class TimedGrasp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SortingHand:
-    """Devices of one rig, and the plan by which every item is grasped."""
+    """Devices of one rig, and the plan of every grasp."""
 
     #: The devices.
     array: PressureArray
     gripper: Gripper
     clock: Clock
-    #: By default a gentle squeeze.
+    #: Plan of each grasp.
     plan: Plan
-    #: As they stand in the records of grasps.
+    #: Fields of the grasp records.
     rig: str
     origin: Origin
     calibration_id: str
-    #: Returns the time that records get, aware.
+    #: Returns the time for the records, with time zone.
     now: Callable[[], datetime]
 
     def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:
-        """Grasp the item; `expected`: its size by an earlier grasp.
+        """Grasp the item and return the timed record.
 
+        `expected`: size from an earlier grasp.
         Raises `DeviceError` if a device fails before the grasp begins; later failures are outcomes.
         """
-        began_s, taken_at = self.clock.now_s(), self.now()
+        start_s, taken_at = self.clock.now_s(), self.now()
         plan = self.plan
         if expected is not None:
-            plan = replace(plan, expect_size_mm=expected.high * (1.0 + _CLEAR_SHARE))
-        self._wait_for_rest()
+            plan = replace(plan, expect_size_mm=expected.high * (1.0 + _CLEARANCE_FRACTION))
+        self._wait_until_stable()
         result = run_grasp(plan, array=self.array, gripper=self.gripper, clock=self.clock)
         grasp = Grasp(
             item_id=item_id,
@@ -86,28 +86,28 @@ class SortingHand:
             peak_force_n=result.peak_force_n,
             calibration_id=self.calibration_id,
         )
-        return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - began_s)
+        return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - start_s)
 
-    def _wait_for_rest(self) -> None:
-        """Wait until the sheet has recovered, or time is up."""
-        give_up_s = self.clock.now_s() + _LONGEST_S
+    def _wait_until_stable(self) -> None:
+        """Wait until the sheet has recovered, with a time limit."""
+        deadline_s = self.clock.now_s() + _TIMEOUT_S
         before = self._mean_ohm(_AVERAGE_S)
-        while self.clock.now_s() < give_up_s:
+        while self.clock.now_s() < deadline_s:
             now = self._mean_ohm(_AVERAGE_S)
             change = mean_change(relative_change_percent(now, rest_ohm=before))
-            if not abs(float(change)) > _STILL_PERCENT:
+            if not abs(float(change)) > _STABLE_PERCENT:
                 return
             before = now
 
     def _mean_ohm(self, duration_s: float) -> NDArray[np.float64]:
-        """Read frames for a duration, leaving none queued for the grasp; return the mean."""
+        """Read frames for a duration and return each pixel's mean resistance."""
         until_s = self.clock.now_s() + duration_s
-        found: list[NDArray[np.float64]] = []
-        while self.clock.now_s() < until_s or not found:
-            frame = self.array.read(timeout_s=_FRAME_S)
-            found.append(
+        ohm: list[NDArray[np.float64]] = []
+        while self.clock.now_s() < until_s or not ohm:
+            frame = self.array.read(timeout_s=_FRAME_TIMEOUT_S)
+            ohm.append(
                 pixel_resistance_ohm(
                     frame.counts, layout=self.array.layout, oversampling=frame.oversampling
                 )
             )
-        return np.asarray(np.mean(found, axis=0))
+        return np.asarray(np.mean(ohm, axis=0))

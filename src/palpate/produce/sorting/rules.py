@@ -1,8 +1,8 @@
-"""Sorting rules, the bin that they choose for an item, and the reason.
+"""Sorting rules, and the choice of the bin with its reason.
 
-Each condition of a rule has a probability, and the rule's probability is their product. Without a
-verdict that a rule requires, only a range of the probability is known, starting at 0. A rule
-therefore applies, does not apply, or is undecided. The item goes to the first rule that applies.
+The probability of a rule is the product of the probabilities of its conditions. If a required
+verdict is missing, only a range from 0 is known. A rule therefore applies, does not apply, or is
+undecided. The first rule that applies determines the bin.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ class Rule:
     conditions: tuple[Condition, ...] = ()
     #: Minimum probability that all conditions hold.
     confidence: float = CONFIDENCE
-    #: Its line in the file.
+    #: Line in the rules file.
     line: int = 0
 
     def has_condition(self, key: str) -> bool:
-        """Whether one of its conditions is of this key."""
+        """Return whether the rule has a condition with this key."""
         return any(condition.key == key for condition in self.conditions)
 
     def probability(self, evidence: Evidence) -> tuple[float, float]:
-        """Return the least and the largest probability that every condition holds.
+        """Return the smallest and the largest possible probability of the rule.
 
         >>> from palpate.produce.sorting.conditions import OneOf
         >>> sound = OneOf("bruised", frozenset({"false"}))
@@ -57,11 +57,10 @@ class Rule:
         return round(low, 12), round(high, 12)
 
     def describe_missing(self, evidence: Evidence) -> str:
-        """Return a description of the conditions that need a missing verdict."""
-        asked = (one for one in self.conditions if one.key in VERDICT_CONDITIONS)
-        return next(
-            (VERDICT_CONDITIONS[one.key] for one in asked if one.probability(evidence) is None), ""
-        )
+        """Return the name of the first missing verdict; empty if none is missing."""
+        with_verdict = (one for one in self.conditions if one.key in VERDICT_CONDITIONS)
+        missing = (one.key for one in with_verdict if one.probability(evidence) is None)
+        return next((VERDICT_CONDITIONS[key] for key in missing), "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,12 +75,12 @@ class RuleBook:
     most_grasps: int = MOST_GRASPS
 
     def has_condition(self, key: str) -> bool:
-        """Whether any rule has a condition of this key."""
+        """Return whether any rule has a condition with this key."""
         return any(rule.has_condition(key) for rule in self.rules)
 
     @property
     def bins(self) -> tuple[str, ...]:
-        """Every bin, the default one last."""
+        """All bins, with the default bin last."""
         return tuple(dict.fromkeys([*(rule.bin for rule in self.rules), self.default_bin]))
 
 
@@ -89,7 +88,7 @@ class RuleBook:
 class BinDecision:
     """The bin of an item, with the reason."""
 
-    #: The bin; the default one where no rule decides.
+    #: The bin; the default bin if no rule applies.
     bin: str
     #: Rule that applies; None for the default bin.
     rule: Rule | None
@@ -97,18 +96,18 @@ class BinDecision:
     probability: float | None
     #: Whether another grasp may change the decision; the bin is then provisional.
     needs_regrasp: bool
-    #: The reason, for people.
+    #: The reason as text.
     why: str
 
 
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
-    """Apply the rules: the first whose conditions are probable enough wins.
+    """Choose the bin: the first rule with sufficient probability applies.
 
-    Where an earlier rule can't decide yet, or none decides, another grasp is asked for, as long as
-    it can help and there are grasps left. An item unknown at its first grasp is grasped again
-    too, as one bad grasp proves no untrained kind.
+    Another grasp is requested if an earlier rule is undecided, or no rule applies, and more grasps
+    can change this and are allowed. An item that is unknown after its first grasp is also grasped
+    again, because one poor grasp does not prove an untrained kind.
 
-    `evidence`: all that is known, every grasp so far together.
+    `evidence`: combined evidence of all grasps and verdicts.
 
     >>> from palpate.estimate.measurement import Measurement
     >>> from palpate.produce.sorting.conditions import Within
@@ -121,48 +120,48 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     >>> decide(book, Evidence(size_mm=size, grasps=1)).needs_regrasp
     True
     """
-    is_open, sure, probability = False, None, None
+    is_undecided, applied, probability = False, None, None
     for rule in book.rules:
         low, high = rule.probability(evidence)
         if low >= rule.confidence:
-            sure, probability = rule, low
+            applied, probability = rule, low
             break
-        # A grasp measures some of what is asked. A verdict that was never given stays unknown.
-        by_touch = any(condition.key not in VERDICT_CONDITIONS for condition in rule.conditions)
-        is_open |= high > 1.0 - rule.confidence and by_touch and not rule.describe_missing(evidence)
+        # Another grasp helps only if it measures a condition and no verdict is missing.
+        is_measurable = any(one.key not in VERDICT_CONDITIONS for one in rule.conditions)
+        is_possible = high > 1.0 - rule.confidence
+        is_undecided |= is_possible and is_measurable and not rule.describe_missing(evidence)
     rejected = evidence.identity is not None and evidence.identity.rejected
-    is_open |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
-    if sure is None:
-        found, why = (
-            book.default_bin,
-            f"{book.default_bin} (default): {_explain_no_rule(book, evidence)}",
-        )
+    is_undecided |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
+    if applied is None:
+        bin_name = book.default_bin
+        why = f"{bin_name} (default): {_explain_no_rule(book, evidence)}"
     else:
-        reasons = ", ".join(condition.reason(evidence) for condition in sure.conditions)
-        found, met = sure.bin, f"rule in line {sure.line} met with {percent(probability or 0.0)}"
-        why = f"{sure.bin}: {reasons}; {met}"
+        bin_name = applied.bin
+        reasons = ", ".join(condition.reason(evidence) for condition in applied.conditions)
+        met = f"rule in line {applied.line} met with {percent(probability or 0.0)}"
+        why = f"{bin_name}: {reasons}; {met}"
     return BinDecision(
-        bin=found,
-        rule=sure,
+        bin=bin_name,
+        rule=applied,
         probability=probability,
-        needs_regrasp=evidence.grasps < book.most_grasps and is_open,
+        needs_regrasp=evidence.grasps < book.most_grasps and is_undecided,
         why=f"{why}; {evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}",
     )
 
 
 def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
-    """Return why no rule applies: the nearest one, and its missing probability."""
-    nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
-    low, high = nearest.probability(evidence)
-    # All that is known of what any rule asks for; a known kind in any case.
+    """Return why no rule applies, with the most probable rule."""
+    closest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
+    low, high = closest.probability(evidence)
+    # The evidence for all conditions of the rules, and the kind if known.
     has_kind = evidence.identity is not None
     names = [key for key in CONDITIONS if book.has_condition(key) or (key == "class" and has_kind)]
     known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
-    if high <= 1.0 - nearest.confidence:
-        return f"{known}, which no rule takes"
-    if lacking := nearest.describe_missing(evidence):
-        return f"{known}; the rule in line {nearest.line} asks {lacking}, which is not known"
+    if high <= 1.0 - closest.confidence:
+        return f"{known}: no rule matches"
+    if missing := closest.describe_missing(evidence):
+        return f"{known}; the rule in line {closest.line} requires {missing}"
     return (
-        f"{known}; the rule in line {nearest.line} ({nearest.bin}) comes nearest: "
-        f"{percent(low)}, {percent(nearest.confidence)} needed"
+        f"{known}; closest rule in line {closest.line} ({closest.bin}): "
+        f"{percent(low)}, {percent(closest.confidence)} required"
     )

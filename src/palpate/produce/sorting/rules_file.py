@@ -25,13 +25,13 @@ _HEADER = re.compile(r"\s*\[\[\s*rule\s*\]\]")
 def read_rules(path: str | Path) -> RuleBook:
     """Read a rules file.
 
-    At the top are ``default``, the bin of items without a rule, and optionally ``confidence`` and
-    ``most_grasps``. Each ``[[rule]]`` has a ``bin`` and at least one of ``class`` and ``ripeness``
-    (a name or a list of names), ``size_mm`` and ``firmness`` (``[from, to]``), ``bruised`` (true or
-    false), and perhaps a ``confidence`` of its own.
+    Top-level keys are ``default``, the bin of items without a rule, and optionally ``confidence``
+    and ``most_grasps``. Each ``[[rule]]`` has a ``bin`` and at least one condition: ``class`` or
+    ``ripeness`` (a name or a list of names), ``size_mm`` or ``firmness`` (``[from, to]``), or
+    ``bruised`` (true or false). A rule may override ``confidence``.
 
-    Raises `InputError` if the file can't be read, a key is not known or a value not possible, or a
-    rule can never decide anything; one line with the number of the line.
+    Raises `InputError` with the line number if the file can't be read, a key is unknown, a value is
+    invalid, or a rule can never apply.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -49,14 +49,14 @@ def read_rules(path: str | Path) -> RuleBook:
     tables = stated.get("rule")
     is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
     if not is_list or not tables:
-        raise top.fault("has no [[rule]]; give at least one, with `bin` and a condition")
+        raise top.fault("has no [[rule]]; add at least one, with `bin` and a condition")
     if "default" not in stated:
-        raise top.fault('has no default; give one, e.g. default = "by hand"')
+        raise top.fault('has no default; add one, such as default = "by hand"')
     default = top.read("default", _read_name)
     confidence = top.read("confidence", _read_confidence)
     most = top.read("most_grasps", _read_most_grasps)
     spans = list(map(range, starts, ends[1:]))
-    if len(spans) != len(tables):  # an inline array has no headers
+    if len(spans) != len(tables):  # an inline array has no [[rule]] headers
         spans = [range(1, len(lines) + 1)] * len(tables)
     rules = tuple(
         _read_rule(_Section(str(path), lines, span, {"confidence": confidence} | table))
@@ -67,29 +67,29 @@ def read_rules(path: str | Path) -> RuleBook:
 
 
 def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Path) -> None:
-    """Refuse a rule for a kind without labels: it would never apply.
+    """Refuse a rule for a kind without enough labels, which would never apply.
 
-    Raises `InputError`: with the rule's line, and the kinds that are known.
+    Raises `InputError` with the rule's line and the known kinds.
     """
     for rule in book.rules:
         kinds = (one for one in rule.conditions if isinstance(one, OneOf) and one.key == "class")
         for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *known_kinds}):
             raise InputError(
                 f"rules file {path} line {rule.line}: class {kind!r} has fewer than "
-                f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(known_kinds))} and "
-                f"{UNKNOWN}"
+                f"{FEWEST_ITEMS} labelled items; choose one of: "
+                f"{', '.join([*sorted(known_kinds), UNKNOWN])}"
             )
 
 
 def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
-    """Refuse a rule that an earlier one hides or partly overlaps.
+    """Refuse a rule that an earlier rule hides or partly overlaps.
 
-    The first match wins, so an exception comes before the general rule, and that is welcome. A
-    rule is unreachable where an earlier one takes all that it takes, as easily. It overlaps where
-    both state the same conditions, each takes something the other does not, and what both take
-    would go to another bin only by the order of the lines.
+    The first match applies, so an exception may precede a general rule. A rule is unreachable if an
+    earlier rule accepts all its items with the same or a lower confidence. Two rules overlap if
+    they have the same conditions and different bins, and each accepts items that the other does
+    not. The bin of a common item would then depend only on the order of the lines.
 
-    Raises `InputError`: one line with the numbers of both lines.
+    Raises `InputError` with both line numbers.
 
     >>> from palpate.produce.sorting.conditions import Within
     >>> small = Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=3)
@@ -97,66 +97,69 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
     >>> try:
     ...     refuse_hidden([small, large], path="r.toml")
     ... except InputError as error:
-    ...     print(str(error).split(", and")[0])
-    rules file r.toml line 7: overlaps the rule of line 3 (size_mm 40 to 45 fits both
+    ...     print(str(error).split(";")[0])
+    rules file r.toml line 7: overlaps the rule in line 3 with a different bin (size_mm 40 to 45)
     """
     for later, rule in enumerate(rules):
         for earlier in rules[:later]:
             if earlier.confidence <= rule.confidence and _is_wider(earlier, rule):
                 raise InputError(
-                    f"rules file {path} line {rule.line}: no item reaches this rule, because that "
-                    f"of line {earlier.line} takes them all; move it up or remove it"
+                    f"rules file {path} line {rule.line}: this rule never applies, because the "
+                    f"rule in line {earlier.line} accepts all its items; move it up or remove it"
                 )
             if common := _partial_overlap(earlier, rule):
                 raise InputError(
-                    f"rules file {path} line {rule.line}: overlaps the rule of line {earlier.line} "
-                    f"({common} fits both, and they name different bins); set their ranges apart"
+                    f"rules file {path} line {rule.line}: overlaps the rule in line {earlier.line} "
+                    f"with a different bin ({common}); separate the conditions"
                 )
 
 
 def _is_wider(one: Rule, other: Rule) -> bool:
-    """Whether every item that meets the other's conditions meets this one's."""
-    theirs = {condition.key: condition for condition in other.conditions}
-    return all(ours.key in theirs and ours.covers(theirs[ours.key]) for ours in one.conditions)
+    """Return whether one rule accepts every item that the other accepts."""
+    by_key = {condition.key: condition for condition in other.conditions}
+    return all(mine.key in by_key and mine.covers(by_key[mine.key]) for mine in one.conditions)
 
 
 def _partial_overlap(one: Rule, other: Rule) -> str | None:
     """Return the overlap of two rules on the same keys, if neither contains the other."""
-    ours = {condition.key: condition for condition in one.conditions}
-    if one.bin == other.bin or set(ours) != {condition.key for condition in other.conditions}:
+    by_key = {condition.key: condition for condition in one.conditions}
+    if one.bin == other.bin or set(by_key) != {condition.key for condition in other.conditions}:
         return None
     if _is_wider(one, other) or _is_wider(other, one):
         return None
-    common = [ours[theirs.key].describe_overlap(theirs) for theirs in other.conditions]
+    common = [by_key[second.key].describe_overlap(second) for second in other.conditions]
     return None if None in common else ", ".join(filter(None, common))
 
 
 @dataclass(frozen=True, slots=True)
 class _Section:
-    """The top of a rules file or one rule, with its lines for errors."""
+    """The top-level keys or one rule of a rules file, with line numbers for errors."""
 
     path: str
     lines: Sequence[str]
-    #: Numbers of its lines.
+    #: Line numbers of the section.
     span: range
     stated: Mapping[str, Any]
 
     def fault(self, text: str, *, key: str = "") -> InputError:
-        """Return the error, with the line of a key or else the first line."""
-        wanted = re.compile(
+        """Return an error with the line of a key, or else of the section."""
+        pattern = re.compile(
             rf"""\s*["']?{re.escape(key)}["']?\s*[=.\]]|\s*\[+\s*{re.escape(key)}"""
         )
-        found = (number for number in self.span if key and wanted.match(self.lines[number - 1]))
+        found = (number for number in self.span if key and pattern.match(self.lines[number - 1]))
         return InputError(f"rules file {self.path} line {next(found, self.span.start)}: {text}")
 
     def check_keys(self, known: Sequence[str]) -> None:
-        """Refuse a key that is not known."""
+        """Refuse an unknown key."""
         for key in self.stated:
             if key not in known:
-                raise self.fault(f"no key {key!r} here; known are {', '.join(known)}", key=key)
+                raise self.fault(f"unknown key {key!r}; choose one of: {', '.join(known)}", key=key)
 
     def read(self, key: str, reader: Callable[[Any], _Value]) -> _Value:
-        """Return a value; its reader raises `ValueError` with the expected form."""
+        """Return the value of a key.
+
+        `reader`: converts the value; raises `ValueError` with the expected form.
+        """
         try:
             return reader(self.stated[key])
         except ValueError as error:
@@ -166,10 +169,10 @@ class _Section:
 def _read_rule(section: _Section) -> Rule:
     section.check_keys(_RULE_KEYS)
     if "bin" not in section.stated:
-        raise section.fault("this rule has no bin; state where its items go")
+        raise section.fault('this rule has no bin; add one, such as bin = "large"')
     keys = [key for key in CONDITIONS if key in section.stated]
     if not keys:
-        raise section.fault(f"this rule has no condition; give one of {', '.join(CONDITIONS)}")
+        raise section.fault(f"this rule has no condition; add one of: {', '.join(CONDITIONS)}")
     return Rule(
         bin=section.read("bin", _read_name),
         conditions=tuple(section.read(key, partial(CONDITIONS[key], key)) for key in keys),
@@ -186,11 +189,11 @@ def _read_name(stated: Any) -> str:
 
 def _read_confidence(stated: Any) -> float:
     if not isinstance(stated, float | int) or not 0.5 <= stated < 1:
-        raise ValueError("from 0.5 up to below 1")
+        raise ValueError("a number from 0.5 to below 1")
     return float(stated)
 
 
 def _read_most_grasps(stated: Any) -> int:
     if not isinstance(stated, int) or isinstance(stated, bool) or not 1 <= stated <= 20:
-        raise ValueError("1 to 20")
+        raise ValueError("a whole number from 1 to 20")
     return stated

@@ -1,4 +1,4 @@
-"""One item from the first grasp to its bin, grasped again while that helps."""
+"""Sorting of one item, from the first grasp to its bin."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from palpate.produce.sorting.rules import BinDecision, RuleBook, decide
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sorted:
-    """One item, sorted."""
+    """A sorted item."""
 
-    #: Which item.
+    #: Name of the item.
     item_id: str
-    #: Its bin and the reason.
+    #: Bin and reason.
     decision: BinDecision
-    #: What it is; None if no grasp showed it.
+    #: Kind of the item; None without a suitable grasp.
     identity: Identity | None
-    #: Its size, from all grasps.
+    #: Size from all grasps.
     size_mm: Measurement | None
-    #: In order, those that failed included.
+    #: All grasps in order, including failed grasps.
     grasps: tuple[Grasp, ...]
-    #: Time that the hand spent on it.
+    #: Total duration of the grasps.
     grasping_s: float
 
 
@@ -43,13 +43,13 @@ def sort_item(
     kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
 ) -> Sorted:
-    """Grasp an item until the rules decide, or grasps are used up.
+    """Grasp an item until the rules decide or the grasps are used up.
 
-    `identifier`: the trained identifier; None for rules that ask for no class.
-    `grasp`: given the number of the grasp and the size known so far, turns the item, grasps it and
+    `identifier`: the trained identifier; None for rules without a class condition.
+    `grasp`: called with the number of the grasp and the size so far; turns and grasps the item and
         returns the grasp.
-    `kind`: what it is, if a person stated it: then nothing is guessed.
-    `verdicts`: what is known already: the last ones on ripeness and bruises count.
+    `kind`: kind stated by a person; replaces the identification.
+    `verdicts`: stored verdicts; the latest ripeness and bruise verdicts are used.
     """
     done: list[TimedGrasp] = []
     while True:
@@ -98,7 +98,7 @@ def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
 
 
 def _stages(verdict: Verdict) -> dict[str, float]:
-    """Return each stage's probability, or the verdict's stage alone if no others exist."""
+    """Return the probability of each stage, or of the verdict's stage alone."""
     stages = verdict.details.get("probabilities")
     if isinstance(stages, Mapping):
         return {str(stage): float(p) for stage, p in stages.items()}
@@ -106,13 +106,13 @@ def _stages(verdict: Verdict) -> dict[str, float]:
 
 
 def _bruise_probability(verdict: Verdict) -> float:
-    """Return the probability of a bruise, for either text of the verdict."""
-    sure = 1.0 if verdict.probability is None else verdict.probability
-    return sure if verdict.text == "bruised" else 1.0 - sure
+    """Return the probability of a bruise, from a verdict of "bruised" or "sound"."""
+    probability = 1.0 if verdict.probability is None else verdict.probability
+    return probability if verdict.text == "bruised" else 1.0 - probability
 
 
 def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:
-    """Return a decision as a verdict of the store."""
+    """Return the verdict for the store."""
     return Verdict(
         item_id=done.item_id,
         about=About.BIN,
