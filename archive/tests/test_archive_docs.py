@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.unit.test_docs_commands import test_every_block_of_the_page_runs as run_page
+from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
 
 
 @pytest.mark.slow

@@ -81,7 +81,7 @@ class Bench:
 
     def prompt(self, what: str, **_: object) -> str:
         self.asked.append(what)
-        if laid := re.match(r"lay (\S+) N on the pad", what):
+        if laid := re.match(r"place (\S+) N on the pad", what):
             self._press(float(laid[1]))
             return ""
         name = FACES[len(self.asked) % len(FACES)]

@@ -53,7 +53,7 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
     with open_board_bench(Path(rig)) as (bench, cell):
 
         def prompt_and_tare(instruction: str) -> None:
-            prompt_user(f"{instruction}, then Enter")
+            prompt_user(f"{instruction}, then press Enter")
             cell.tare()
 
         def prompt_to_place(item: str) -> None:

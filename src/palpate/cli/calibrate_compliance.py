@@ -43,36 +43,38 @@ def compliance(
     """
     path = resolve_calibration_file(rig, out)
     with open_bench(rig, seed=seed) as guided:
-        made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
-    block = made.block
+        calibration = _measure(guided, block_mm=block_mm, rig=rig, out=path)
+    block = calibration.block
     compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    made.save(path)
+    calibration.save(path)
     if as_json:
         print_json(
             {
                 "file": str(path),
-                "simulated": made.origin == "simulated",
+                "simulated": calibration.origin == "simulated",
                 "readings": len(block.force_n),
                 "fingers_mm_per_n": compliance.slope_mm_per_n,
                 "pads_mm": float(sum(compliance.pad_mm)),
                 "zero_mm": compliance.zero_mm,
                 "residual_mm": compliance.residual_mm,
                 "largest_force_n": compliance.largest_force_n,
-                "current_readings": None if made.current is None else len(made.current.force_n),
+                "current_readings": None
+                if calibration.current is None
+                else len(calibration.current.force_n),
             }
         )
         return
-    simulated = " (simulated)" if made.origin == "simulated" else ""
+    simulated = " (simulated)" if calibration.origin == "simulated" else ""
     print(
         f"{path}{simulated}: {len(block.force_n)} closings up to {compliance.largest_force_n:.1f} N"
     )
     slope_mm_per_n, pads_mm = compliance.slope_mm_per_n, sum(compliance.pad_mm)
     print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
     print(f"width offset {compliance.zero_mm:+.2f} mm, residual {compliance.residual_mm:.3f} mm")
-    if made.current is None:
+    if calibration.current is None:
         print("servo current: not reported by this gripper")
     else:
-        print(f"servo current: {len(made.current.force_n)} readings")
+        print(f"servo current: {len(calibration.current.force_n)} readings")
 
 
 def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:

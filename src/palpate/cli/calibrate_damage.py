@@ -55,12 +55,14 @@ def damage(
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
     check_not_input(out, inputs=(curves, index))
-    made = _learn(read_closings(curves, index), files=(curves, index), rate=rate_percent / 100)
-    made.save(out)
+    damage_file = _learn(
+        read_closings(curves, index), files=(curves, index), rate=rate_percent / 100
+    )
+    damage_file.save(out)
     if as_json:
-        print_json(_document(made, path=out))
+        print_json(_document(damage_file, path=out))
     else:
-        _print(made, path=out)
+        _print(damage_file, path=out)
 
 
 def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float) -> DamageFile:
@@ -83,53 +85,53 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
     )
 
 
-def _limit_n(made: DamageFile, kind: str) -> float:
+def _limit_n(damage_file: DamageFile, kind: str) -> float:
     """Return the force limit of a grasp at the kind's median stiffness."""
-    middle = math.exp(made.model.strengths[kind].log_stiffness)
+    middle = math.exp(damage_file.model.strengths[kind].log_stiffness)
     stiffness = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
-    return made.model.bound_n(stiffness, kind=kind)
+    return damage_file.model.bound_n(stiffness, kind=kind)
 
 
-def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
+def _document(damage_file: DamageFile, *, path: Path) -> dict[str, Any]:
     return {
         "file": str(path),
-        "closings": dict(made.closings),
-        "left_out": dict(made.left_out),
-        "kinds": list(made.kinds),
-        "held_out": {kind: asdict(one) for kind, one in made.held_out.items()},
-        "rate": made.model.rate,
+        "closings": dict(damage_file.closings),
+        "left_out": dict(damage_file.left_out),
+        "kinds": list(damage_file.kinds),
+        "held_out": {kind: asdict(one) for kind, one in damage_file.held_out.items()},
+        "rate": damage_file.model.rate,
         "limit_at_middle_stiffness_n": {
-            kind: _limit_n(made, kind) for kind in made.model.strengths
+            kind: _limit_n(damage_file, kind) for kind in damage_file.model.strengths
         },
-        "verdict": _verdict(made),
+        "verdict": _verdict(damage_file),
     }
 
 
-def _print(made: DamageFile, *, path: Path) -> None:
-    counts = ", ".join(f"{count} {kind}" for kind, count in made.closings.items())
-    print(f"{path}: learned from {sum(made.closings.values())} closings ({counts})")
-    for name, why in made.left_out.items():
+def _print(damage_file: DamageFile, *, path: Path) -> None:
+    counts = ", ".join(f"{count} {kind}" for kind, count in damage_file.closings.items())
+    print(f"{path}: learned from {sum(damage_file.closings.values())} closings ({counts})")
+    for name, why in damage_file.left_out.items():
         print(f"excluded: {name}, {why}")
     print("held-out closings: error of the predicted rupture force, error of the kind's median")
     print("rupture force, and fraction that withstood the lower bound (target 95 %):")
-    width = max(len("unknown"), *map(len, made.held_out))
-    for kind, one in made.held_out.items():
+    width = max(len("unknown"), *map(len, damage_file.held_out))
+    for kind, one in damage_file.held_out.items():
         print(
             f"  {kind or 'unknown':<{width}}  {one.error_percent:3.0f} %  "
             f"{one.median_error_percent:3.0f} %  {100 * one.above_low:3.0f} % of {one.closings}"
         )
-    percent = 100 * made.model.rate
+    percent = 100 * damage_file.model.rate
     print(f"force limit at median stiffness (at most {percent:g} % of produce damaged):")
-    for kind in made.model.strengths:
-        print(f"  {kind or 'unknown':<{width}}  {_limit_n(made, kind):5.2f} N")
-    for line in _verdict(made):
+    for kind in damage_file.model.strengths:
+        print(f"  {kind or 'unknown':<{width}}  {_limit_n(damage_file, kind):5.2f} N")
+    for line in _verdict(damage_file):
         print(line)
 
 
-def _verdict(made: DamageFile) -> list[str]:
+def _verdict(damage_file: DamageFile) -> list[str]:
     """Return the caveats of the limit."""
     remarks = []
-    for kind, one in made.held_out.items():
+    for kind, one in damage_file.held_out.items():
         who = kind or "produce of any kind"
         if one.error_percent >= one.median_error_percent:
             remarks.append(
@@ -140,11 +142,11 @@ def _verdict(made: DamageFile) -> list[str]:
             remarks.append(
                 f"{who}: too few closings withstood the lower bound; check the rupture forces"
             )
-    for kind, count in made.closings.items():
-        if kind not in made.kinds:
+    for kind, count in damage_file.closings.items():
+        if kind not in damage_file.kinds:
             remarks.append(f"{kind}: too few closings for a separate limit ({count})")
-        elif kind not in made.held_out:
+        elif kind not in damage_file.held_out:
             remarks.append(f"{kind}: too few closings for held-out validation ({count})")
     return remarks or [
-        f"usable: stiffness predicts the strength of {', '.join(made.kinds) or 'these'}"
+        f"usable: stiffness predicts the strength of {', '.join(damage_file.kinds) or 'these'}"
     ]

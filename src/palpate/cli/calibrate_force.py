@@ -69,30 +69,32 @@ def force(
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 
-    With a load cell, use --rig sim-rigid or a rig file with [load_cells]. Without a load cell, lay
-    at least three dead weights on the pad, spread over the range; the command prompts for each
-    weight, or reads the list given by --loads.
+    With a load cell, use --rig sim-rigid or a rig file with [load_cells]. Without a load cell,
+    place at least three dead weights on the pad, spread over the range; the command prompts for
+    each weight, or reads the list given by --loads.
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
     path = resolve_calibration_file(rig, out)
     check_plot(plot)
     if loads is None and has_load_cell(rig):
-        made, series = _calibrate_by_cell(rig, seed=seed, out=path), None
+        calibration, series = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
-        made, series = _weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
+        calibration, series = _weigh_loads(
+            rig, loads=loads, out=path, tolerance_percent=tolerance_percent
+        )
     if law == "line":
-        made = with_line_law(made)
-    made.save(path)
+        calibration = with_line_law(calibration)
+    calibration.save(path)
     if plot is not None:
-        save_figure(force_calibration_figure(made), plot)
+        save_figure(force_calibration_figure(calibration), plot)
     if as_json:
-        document = _document(made, path=path)
+        document = _document(calibration, path=path)
         if series is not None:
             document["half_interval_percent"] = series.to_dict()
         print_json(document)
     else:
-        _print(made, path=path)
+        _print(calibration, path=path)
         if plot is not None:
             print(f"Written: {plot}")
 
@@ -121,32 +123,32 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             horizon_s=HORIZON_S,
         )
         base = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
-    made = add_force_law(replace(base, force=pairs))
-    return replace(made, made_at=format_now())
+    calibration = add_force_law(replace(base, force=pairs))
+    return replace(calibration, made_at=format_now())
 
 
-def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
+def _document(calibration: Calibration, *, path: Path) -> dict[str, Any]:
     return {
         "file": str(path),
-        "simulated": made.origin == "simulated",
-        "pairs": len(made.force.force_n),
-        "force_law": made.force_law,
-        "hysteresis_seen": bool(made.held_out.get("unloading_seen", False)),
-        "expected_error_percent": made.held_out.get("error_percent", {}),
-        "expected_early_error_percent": made.held_out.get("early_error_percent", {}),
-        "expected_error_of": made.held_out.get("of"),
+        "simulated": calibration.origin == "simulated",
+        "pairs": len(calibration.force.force_n),
+        "force_law": calibration.force_law,
+        "hysteresis_seen": bool(calibration.held_out.get("unloading_seen", False)),
+        "expected_error_percent": calibration.held_out.get("error_percent", {}),
+        "expected_early_error_percent": calibration.held_out.get("early_error_percent", {}),
+        "expected_error_of": calibration.held_out.get("of"),
     }
 
 
-def _print(made: Calibration, *, path: Path) -> None:
-    simulated = " (simulated)" if made.origin == "simulated" else ""
-    law = made.force_law["law"]
-    print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
-    has_unloading = made.held_out.get("unloading_seen", False)
+def _print(calibration: Calibration, *, path: Path) -> None:
+    simulated = " (simulated)" if calibration.origin == "simulated" else ""
+    law = calibration.force_law["law"]
+    print(f"{path}{simulated}: force law {law}, {len(calibration.force.force_n)} pairs")
+    has_unloading = calibration.held_out.get("unloading_seen", False)
     print(f"hysteresis: {'measured' if has_unloading else 'not measured'}")
-    print(f"expected error of {made.held_out['of']}, on held-out placements or loads:")
-    early = made.held_out.get("early_error_percent", {})
-    for force, error in made.held_out["error_percent"].items():
+    print(f"expected error of {calibration.held_out['of']}, on held-out placements or loads:")
+    early = calibration.held_out.get("early_error_percent", {})
+    for force, error in calibration.held_out["error_percent"].items():
         soon = f", {_percent(early[force])} shortly after a movement" if force in early else ""
         print(f"  {force.removesuffix('_n'):>4} N  {_percent(error)}{soon}")
 
@@ -232,7 +234,7 @@ def _weigh_loads(
 
         def place(load_n: float) -> None:
             if listed is not None:
-                prompt_user(f"lay {load_n:g} N on the pad, then Enter")
+                prompt_user(f"place {load_n:g} N on the pad, then press Enter")
 
         weighing = measure_loads(
             source.array,
@@ -245,12 +247,12 @@ def _weigh_loads(
         )
     for load_n in weighing.refused_n:
         print_message(f"excluded: {load_n:g} N did not settle")
-    made = add_force_law(replace(earlier, force=weighing.pairs))
+    calibration = add_force_law(replace(earlier, force=weighing.pairs))
     held_out = {
-        **made.held_out,
+        **calibration.held_out,
         "unloading_seen": has_unloading(weighing.pairs.force_n),
     }
-    return replace(made, held_out=held_out, made_at=format_now()), series
+    return replace(calibration, held_out=held_out, made_at=format_now()), series
 
 
 def _iterate_until_tolerance(loads_n: Sequence[float], series: WeightSeries) -> Iterator[float]:
@@ -264,7 +266,9 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
     """Prompt for weights, suggesting the most useful one, until an empty line."""
     loads_n: list[float] = []
     while not series.is_within_tolerance:
-        ask = f"lay a weight near {series.next_n:g} N on the pad, type its newtons (Enter: done)"
+        ask = (
+            f"place about {series.next_n:g} N on the pad; type its weight in newtons (Enter: done)"
+        )
         typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
         if not typed:
             break
@@ -306,7 +310,7 @@ def cell(
         prompt_user(f"remove everything from load cell {cell}, then press Enter")
         (empty,) = measure_mean_counts(board, cells=(cell,), clock=clock)
         prompt_user(
-            f"lay {known_n:g} N on load cell {cell}, wait until it is still, then press Enter"
+            f"place {known_n:g} N on load cell {cell}, wait until it is still, then press Enter"
         )
         (loaded,) = measure_mean_counts(board, cells=(cell,), clock=clock)
     if abs(loaded - empty) < _MIN_COUNTS:

@@ -374,7 +374,7 @@ def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForceP
         fraction = next(placements) / len(loads_n)
         instruction = "Take every weight away"
         if load_n:
-            instruction = f"Lay {load_n:g} N on the pad"
+            instruction = f"Place {load_n:g} N on the pad"
         context.confirmed.clear()
         context.show_guide(instruction, fraction=fraction, needs_confirmation=True)
         while not context.confirmed.is_set():

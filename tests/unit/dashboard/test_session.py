@@ -264,7 +264,7 @@ def test_session_reports_finished_grasps_with_their_item_but_no_replays(
 def test_session_confirm_is_refused_without_a_step_to_confirm(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="no step to confirm"):
         rehearsal.session.request("a", Confirm())
-    rehearsal.receive(Guide(text="Lay 2 N on the pad", needs_confirmation=True))
+    rehearsal.receive(Guide(text="Place 2 N on the pad", needs_confirmation=True))
     with pytest.raises(InputError, match="take over"):
         rehearsal.session.request("b", Confirm())
     rehearsal.session.request("a", Confirm())
@@ -329,11 +329,11 @@ def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
 ) -> None:
     order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
     rehearsal.receive(
-        OrderStarted(order=order), Guide(text="Lay 2 N on the pad", needs_confirmation=True)
+        OrderStarted(order=order), Guide(text="Place 2 N on the pad", needs_confirmation=True)
     )
     rehearsal.receive(OrderEnded(order=order, trouble="stopped on request", stopped=True))
     failure = rehearsal.session.devices.calibration_failure
-    assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
+    assert (failure.stopped, failure.step) == (True, "Place 2 N on the pad")
     assert rehearsal.session.devices.trouble == ""
     rehearsal.receive(OrderStarted(order=order))
     assert rehearsal.session.devices.calibration_failure is None

@@ -58,7 +58,7 @@ class PadAndUser:
             if self.gives_up_at and self.gives_up_at in note.text:
                 self.context.requests.stop.set()
             if note.needs_confirmation:
-                self.load_n = float(note.text.removeprefix("Lay ").removesuffix(" N on the pad"))
+                self.load_n = float(note.text.removeprefix("Place ").removesuffix(" N on the pad"))
                 self.context.confirmed.set()
 
     def state(self) -> GripperState:
@@ -110,7 +110,7 @@ def test_calibrate_force_with_weights_requests_every_load_and_recovers_the_law(
     assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     made = calibrate_force(order, context=pad.context)
-    asked = [float(text.split()[1]) for text in pad.seen if text.startswith("Lay ")]
+    asked = [float(text.split()[1]) for text in pad.seen if text.startswith("Place ")]
     assert asked == list(LOADS)
     saved = Calibration.load(order.file)
     assert saved.force.force_n == LOADS
@@ -124,7 +124,7 @@ def test_calibrate_force_stopped_between_weights_leaves_the_file_unchanged(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
     before = pad.context.rig.calibration
-    pad.gives_up_at = "Lay 2 N"
+    pad.gives_up_at = "Place 2 N"
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     with pytest.raises(StoppedByUserError, match="stopped on request"):
         calibrate_force(order, context=pad.context)
