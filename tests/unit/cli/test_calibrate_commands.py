@@ -48,7 +48,7 @@ def test_calibrate_force_advises_omitting_loads_only_if_given(
 ) -> None:
     said = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
     assert "can't be loaded with weights" in said
-    assert ("leave --loads out" in said) == bool(loads)
+    assert ("omit --loads" in said) == bool(loads)
 
 
 def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
@@ -202,7 +202,7 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]
     assert abs(row["error_percent"]) < 0.2
     error = palpate("calibrate", "settling", new, "--rig", "sim-rigid", status=2).err
-    assert "simulated rigs keep no holds" in error
+    assert "simulated rigs have no holds file" in error
 
 
 def recorded(folder: Path) -> Path:
