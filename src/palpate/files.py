@@ -75,9 +75,9 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     final = Path(path)
     if final.exists():
-        raise InputError(f"{final}: exists already and is not overwritten; choose another name")
+        raise InputError(f"{final}: already exists and is not overwritten; choose another name")
     if not final.parent.is_dir():
-        raise InputError(f"{final}: there is no folder {final.parent}; make it first")
+        raise InputError(f"{final}: the folder {final.parent} does not exist; create it first")
     partial = Path(tempfile.mkdtemp(prefix=f".{final.name}-", dir=final.parent))
     try:
         yield partial
@@ -133,14 +133,14 @@ def check_writable(output: Path) -> None:
 
     >>> check_writable(Path("no-such-folder/pad.json"))
     Traceback (most recent call last):
-    palpate.errors.InputError: no-such-folder/pad.json: there is no folder no-such-folder; \
-make it first
+    palpate.errors.InputError: no-such-folder/pad.json: the folder no-such-folder does not exist; \
+create it first
     """
     folder = output.parent
     if output.is_dir():
         raise InputError(f"{output} is a folder; name a file")
     if not folder.is_dir():
-        raise InputError(f"{output}: there is no folder {folder}; make it first")
+        raise InputError(f"{output}: the folder {folder} does not exist; create it first")
     if not os.access(folder, os.W_OK):
         raise InputError(f"{output}: no permission to write to {folder}; choose another folder")
 
@@ -153,7 +153,7 @@ def check_new(output: Path, *, option: str = "--out") -> None:
     check_writable(output)
     if output.exists():
         raise InputError(
-            f"{output}: exists already and is not overwritten; choose another {option}"
+            f"{output}: already exists and is not overwritten; choose another {option}"
         )
 
 
@@ -196,7 +196,7 @@ def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
     needed = (n for n, f in there.items() if f.default is f.default_factory is MISSING)
     faults = {
         "lacks {}": sorted(set(needed) - set(stored)),
-        "has {}, which is not known": sorted(set(stored) - set(there)),
+        "has unknown keys: {}": sorted(set(stored) - set(there)),
     }
     if any(faults.values()):
         fault = " and ".join(
@@ -227,7 +227,7 @@ def _convert(kind: Any, stored: Any, where: str) -> Any:
             for name, value in table.items()
         }
     if origin is Literal and stored not in parts:
-        raise InputError(f"{where} is {stored!r:.40}, none of {', '.join(parts)}")
+        raise InputError(f"{where} is {stored!r:.40}; it must be one of {', '.join(parts)}")
     if kind is float:
         # Rejects NaN, infinity, and integers too large for a float.
         if type(stored) not in (int, float) or not abs(stored) <= _LARGEST:

@@ -24,7 +24,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("presses", {"recordings": TOUCH + "\na,0,10,0\na,0,10,0\n"}, "doesn't increase"),
     ("presses", {"recordings": TOUCH + "\na,0,0,1\na,1,10,1\n"}, "0 ohm or less"),
     ("presses", {"recordings": TOUCH + "\na,0,10,0\na,1,10,0\n"}, "no press found"),
-    ("presses", {"recordings": TOUCH + "\na,0,10\n"}, "3 fields where the header has 4"),
+    ("presses", {"recordings": TOUCH + "\na,0,10\n"}, "3 fields, but the header has 4"),
     ("strokes", {"recordings": TOUCH + ",touch,phase\na,0,10,0,0,rest\n"}, "sensor-pin-attempt"),
     ("soft-sensor", {"train": SOFT}, "no rows below the header"),
     ("soft-sensor", {"train": SOFT + "1,0,0.5,0.04,2\n1,0,0.5,0.05,3\n"}, "one depth only"),

@@ -437,7 +437,7 @@ def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: P
     tab(driver, "Calibrate")
     can_press(driver, "#calibrate-rest")
     driver.locator("#calibrate-rest").click()
-    expect(driver.locator("#guide")).to_contain_text("Leave the sensor alone")
+    expect(driver.locator("#guide")).to_contain_text("Do not touch the sensor")
     driver.evaluate("scrollTo(0, 0)")
     stop = driver.locator("#stop").bounding_box()
     assert stop["y"] + stop["height"] <= WIDE["height"]

@@ -102,7 +102,7 @@ def test_sensor_page_rest_calibration_requires_still_readings(page: Page) -> Non
     verdict(page, "calibration failed")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
     expect(page.locator("#calibrated .finding")).to_contain_text("% at rest (at most")
-    expect(page.locator("#calibrated")).to_contain_text("Last step: Leave the sensor alone")
+    expect(page.locator("#calibrated")).to_contain_text("Last step: Do not touch the sensor")
 
 
 def test_sensor_page_stop_is_confirmed_without_a_hand(page: Page) -> None:

@@ -95,7 +95,9 @@ def test_serial_array_configures_the_board_as_requested(
 def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
 ) -> None:
-    with pytest.raises(WireError, match=rf"can't do {rate_hz:g} frames/s .*; at most") as refused:
+    with pytest.raises(
+        WireError, match=rf"does not support {rate_hz:g} frames/s .*; at most"
+    ) as refused:
         Rig(layout=layout, rate_hz=rate_hz, oversampling=oversampling)
     found = re.search(r"at most ([\d.]+)$", str(refused.value))
     highest_hz = float(found[1])

@@ -302,7 +302,7 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationR
 
 
 def _measure_rest_with_gripper(rig: Rig, context: JobContext) -> RestValues:
-    context.show_guide("The hand opens. Leave the sensor alone")
+    context.show_guide("The hand opens. Do not touch the sensor")
     bench = Bench(
         array=context.watch_array(),
         gripper=rig.gripper,
@@ -372,17 +372,17 @@ def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForceP
     def place(load_n: float) -> None:
         """Ask for a weight and wait until the user confirms its placement."""
         fraction = next(placements) / len(loads_n)
-        instruction = "Take every weight away"
+        instruction = "Remove all weights"
         if load_n:
             instruction = f"Place {load_n:g} N on the pad"
         context.confirmed.clear()
         context.show_guide(instruction, fraction=fraction, needs_confirmation=True)
         while not context.confirmed.is_set():
             array.read(timeout_s=FRAME_TIMEOUT_S)
-        settles = f"{load_n:g} N settles: leave it alone for 20 s"
+        settles = f"{load_n:g} N settles: do not touch it for 20 s"
         context.show_guide(settles, fraction=fraction)
 
-    context.show_guide("Reading the rest values. Leave the sensor alone")
+    context.show_guide("Reading the rest values. Do not touch the sensor")
     return measure_loads(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
@@ -429,7 +429,7 @@ def _read_at_rest(duration_s: float, context: JobContext) -> FrameColumns:
     array = context.watch_array()
     frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while (lasted_s := frames[-1].time_s - frames[0].time_s) < duration_s:
-        context.show_guide("Leave the sensor alone", fraction=lasted_s / duration_s)
+        context.show_guide("Do not touch the sensor", fraction=lasted_s / duration_s)
         try:
             frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:

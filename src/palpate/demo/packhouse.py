@@ -84,7 +84,7 @@ most_grasps = 2         # how often an item is grasped before it goes to the def
 
 [[rule]]
 bin = "small"
-size_mm = [0, 45]       # from 0 up to, and without, 45
+size_mm = [0, 45]       # at least 0 and less than 45
 
 [[rule]]
 bin = "large"

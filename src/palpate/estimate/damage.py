@@ -72,7 +72,7 @@ class DamageModel:
 
     def __post_init__(self) -> None:
         if not 0 < self.rate < 1:
-            raise ValueError(f"rate is {self.rate}; it must lie between 0 and 1")
+            raise ValueError(f"rate is {self.rate}; it must be between 0 and 1")
 
     def predict(self, state: ClosingState, *, kind: str = "") -> RupturePrediction:
         """Predict the rupture force from one state of a closing curve (kind ``""``: unknown)."""

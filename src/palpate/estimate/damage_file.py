@@ -20,7 +20,9 @@ from palpate.files import atomic_path, load_dataclass
 FORMAT, VERSION = "palpate-damage-model", 2
 #: Rate of all files of version 1.
 _RATE_1 = 0.001
-_BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
+_BROKEN = (
+    "incomplete or invalid JSON ({}); restore a backup or run `palpate calibrate damage` again"
+)
 #: Decimal places: more than closings justify, but readable.
 _DIGITS = 5
 _STRENGTH = tuple(f.name for f in fields(Strength))
@@ -58,7 +60,9 @@ class DamageFile:
         known = ", ".join(self.kinds) or "none"
         few = self.closings.get(name)
         why = f"only {few} closings of {name!r}" if few else f"no kind {name!r}"
-        raise InputError(f"{where} has {why}; its kinds are {known}; omit --kind for any other")
+        raise InputError(
+            f"{where} has {why}; available kinds: {known}; for other kinds omit --kind"
+        )
 
     def as_text(self) -> str:
         """Return the content of the file."""
@@ -169,7 +173,7 @@ def _read(document: Any) -> DamageFile:
         _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
     )
     if not 0 < read.rate < 1:
-        raise CalibrationError(f"rate is {read.rate:g}; it must lie between 0 and 1")
+        raise CalibrationError(f"rate is {read.rate:g}; it must be between 0 and 1")
     kinds = {"": read.any_kind, **read.kinds}
     for kind, stored in kinds.items():
         _check(stored, where=f"kinds.{kind}" if kind else "any_kind")
@@ -196,7 +200,7 @@ def _check(kind: _StoredKind, *, where: str) -> None:
             raise CalibrationError(f"{where}.{name} is {getattr(kind, name):g}; it must be above 0")
     if kind.objects < FEWEST_CLOSINGS:
         raise CalibrationError(
-            f"{where} rests on {kind.objects} closings; {FEWEST_CLOSINGS} are needed"
+            f"{where} has {kind.objects} closings; at least {FEWEST_CLOSINGS} are needed"
         )
 
 

@@ -102,7 +102,7 @@ def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, Flo
     """Return readings and forces as finite float arrays of equal length."""
     x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
-        raise ValueError(f"readings and forces must be of one length, not {x.shape} and {y.shape}")
+        raise ValueError(f"readings and forces must have equal shapes, not {x.shape} and {y.shape}")
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise CalibrationError("force calibration: a reading or force is not a finite number")
     return x, y

@@ -335,7 +335,7 @@ def population_from_dict(stored: Mapping[str, Any]) -> Population:
 def _shape(values: Any, shape: tuple[int, ...]) -> FloatArray:
     array = np.asarray(values, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"an array of shape {array.shape} in place of finite numbers {shape}")
+        raise ValueError(f"expected finite numbers of shape {shape}, got shape {array.shape}")
     return array
 
 

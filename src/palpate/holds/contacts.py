@@ -226,7 +226,7 @@ class Cut:
     def reason(self) -> str:
         """Return the reason why no hold was found."""
         if not self.contacts and self.moves:
-            return "fast movements, but no contact lasts"
+            return "fast movements, but no lasting contact"
         if not self.contacts:
             return (
                 "no contact found: the reading never changes by a tenth of its range, and by more "
@@ -360,7 +360,7 @@ def _explain_unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) 
     third = path.size // 3
     early, late = abs(float(path[:third].sum())), abs(float(path[-third:].sum()))
     if late > max(still, SLOWING_FRACTION * early):
-        return "the reading keeps moving instead of settling"
+        return "the reading keeps changing instead of settling"
     if min(path[path > 0].sum(), -path[path < 0].sum()) > 2.0 * still:
-        return "the reading wanders up and down instead of settling"
+        return "the reading rises and falls instead of settling"
     return ""

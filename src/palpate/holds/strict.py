@@ -154,7 +154,7 @@ def _read_text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> It
                 yield _check_cells(cells, numbers, kinds, name=name, word="line", places=lines)
             if odd is not None:
                 raise InputError(
-                    f"{name} line {places[odd]}: {len(rows[odd])} fields where the header has "
+                    f"{name} line {places[odd]}: {len(rows[odd])} fields, but the header has "
                     f"{len(names)} ({','.join(names)}); fix or remove the line"
                 )
 

@@ -31,7 +31,7 @@ def open_table(path: Path) -> BufferedReader:
 
     Raises `InputError` if the file doesn't exist or can't be read.
     """
-    wanted = "give the file of a table (CSV or other text, Excel or Parquet)"
+    wanted = "give a table file (CSV or other text, Excel or Parquet)"
     if path.is_dir():
         raise InputError(f"{path}: a folder; {wanted}")
     try:

@@ -182,7 +182,9 @@ class OpcUaStation:
                     _argument("TargetForceN", number, "0 for a gentle squeeze"),
                     _argument("Item", text, "empty for none"),
                     _argument("Kind", text, "of produce, for its damage limit; empty for none"),
-                    _argument("Stops", ua.VariantType.Int64, "Stops as last seen; -1 to ignore"),
+                    _argument(
+                        "Stops", ua.VariantType.Int64, "Last known number of stops; -1 to ignore"
+                    ),
                 ],
                 [_argument("Recording", text, "name of the recording")],
             ),

@@ -210,7 +210,7 @@ def _check_plot_path(path: Path) -> None:
     if path.suffix.lower() not in PLOT_ENDINGS:
         raise InputError(f"{path}: a plot ends in .png, .svg or .pdf")
     if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}; make it first")
+        raise InputError(f"{path}: no folder {path.parent}; create it first")
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int | None = None) -> None:

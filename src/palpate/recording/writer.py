@@ -193,7 +193,7 @@ def _create_file(path: Path) -> int:
         return os.open(path, os.O_WRONLY | new | os.O_CLOEXEC, 0o666)
     except FileExistsError as error:
         raise RecordingError(
-            f"{path}: exists already and is not overwritten; choose another name"
+            f"{path}: already exists and is not overwritten; choose another name"
         ) from error
     except OSError as error:
         raise RecordingError(f"{path}: can't be created: {error.strerror}") from error

@@ -118,7 +118,7 @@ def check_layout(
     """
     if difference := calibration.layout.describe_difference(array.layout):
         raise CalibrationError(
-            f"calibration {file}: it is of another sensor ({difference}); fix [array] in "
+            f"calibration {file}: it belongs to another sensor ({difference}); fix [array] in "
             f"{rig_file}, or calibrate again"
         )
 

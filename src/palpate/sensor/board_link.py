@@ -146,7 +146,7 @@ class BoardLink:
                 f"{command.rate_hz:g} frames/s" if isinstance(command, SetRate) else "the set rate"
             )
             raise WireError(
-                f"{self.stream.name}: the board can't do {rate} with this layout and "
+                f"{self.stream.name}: the board does not support {rate} with this layout and "
                 f"oversampling; at most {ack.highest_rate_hz:.1f}"
             )
         if ack.result != Result.OK:

@@ -27,7 +27,7 @@ VERSION = 3
 _READABLE_VERSIONS = (1, 2, VERSION)
 _OBSOLETE_KEYS = ("traces", "observer", "temperature_c", "humidity_percent")
 
-_INVALID_JSON = "not whole JSON ({}); restore the file from a backup or calibrate again"
+_INVALID_JSON = "incomplete or invalid JSON ({}); restore a backup or calibrate again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +146,7 @@ class Calibration:
     >>> Calibration.load("no-such-file.json")
     Traceback (most recent call last):
     palpate.errors.CalibrationError: calibration no-such-file.json: No such file or directory; \
-`palpate calibrate rest` makes one
+`palpate calibrate rest` creates one
     """
 
     sensor_id: str
@@ -203,7 +203,7 @@ class Calibration:
             text = Path(path).read_text(encoding="utf-8-sig")
         except OSError as error:
             absent = isinstance(error, FileNotFoundError)
-            remedy = "; `palpate calibrate rest` makes one" if absent else ""
+            remedy = "; `palpate calibrate rest` creates one" if absent else ""
             raise CalibrationError(f"calibration {path}: {error.strerror}{remedy}") from error
         except UnicodeDecodeError as error:
             raise CalibrationError(f"calibration {path}: {_INVALID_JSON.format(error)}") from error

@@ -131,7 +131,7 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
     [('row R0', 'answers as row R1'), ('row R1', 'answers as row R0')]
     """
     findings = [
-        Finding("silent", "did not answer its press", pixel_name(*press.expected))
+        Finding("silent", "did not respond when pressed", pixel_name(*press.expected))
         for press in presses
         if press.answered is None
     ]

@@ -88,7 +88,7 @@ def cut_in_half(path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
-    [(of_other_sensor, "give another --out"), (cut_in_half, "not whole JSON")],
+    [(of_other_sensor, "give another --out"), (cut_in_half, "incomplete or invalid JSON")],
 )
 def test_calibrate_other_sensors_file_is_left_unchanged(
     tmp_path: Path, spoil: object, message: str, palpate: Command
@@ -143,7 +143,7 @@ def test_calibrate_unwritable_output_is_refused_before_measuring(
     monkeypatch.setattr("palpate.cli.calibrate_bench.open_bench", measure)
     path = tmp_path / "none" / "pad.json"
     error = palpate("calibrate", step, "--rig", "sim-rigid", "--out", path, status=2).err
-    assert f"there is no folder {path.parent}" in error
+    assert f"the folder {path.parent} does not exist" in error
 
 
 def test_resolve_calibration_file_prefers_option_then_rig_file(tmp_path: Path) -> None:

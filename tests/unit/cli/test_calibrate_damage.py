@@ -148,10 +148,10 @@ def test_grasp_damage_limit_is_higher_for_a_stronger_kind(
         (["--kind", "kiwi"], "--kind kiwi: requires --damage FILE, which defines the kinds"),
         (
             ["--damage", "{file}", "--kind", "plum"],
-            "no kind 'plum'; its kinds are kiwi, melon; omit",
+            "no kind 'plum'; available kinds: kiwi, melon; for",
         ),
         (["--damage", "nowhere.json"], "damage file nowhere.json: No such file or directory"),
-        (["--damage", "{folder}/index.csv"], "not whole JSON"),
+        (["--damage", "{folder}/index.csv"], "incomplete or invalid JSON"),
     ],
 )
 def test_grasp_unusable_damage_file_is_refused_in_one_line(

@@ -147,7 +147,10 @@ def test_grasp_local_store_failure_exits_with_3(
         (("--store", "x.sqlite"), "--store x.sqlite: name the item with --item NAME"),
         (("--angle-deg", "90"), "--angle-deg 90.0: name the item"),
         (("--item", " "), "item ' ': must be 1 to 200 printable characters"),
-        (("--item", "A", "--store", "no/x.sqlite"), "there is no folder no; make it first"),
+        (
+            ("--item", "A", "--store", "no/x.sqlite"),
+            "the folder no does not exist; create it first",
+        ),
     ],
 )
 def test_grasp_invalid_store_is_refused_before_the_gripper_moves(
@@ -241,7 +244,7 @@ def test_items_say_option_stores_a_label(palpate: Command) -> None:
         (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
         (("--day", "yesterday"), "--day yesterday: not a date; use the form 2026-05-01"),
         (("--export", "all.csv"), "--export all.csv: the file must end in .parquet"),
-        (("--export", "no/all.parquet"), "there is no folder no; make it first"),
+        (("--export", "no/all.parquet"), "the folder no does not exist; create it first"),
         (("--store", "none.sqlite"), "no such file"),
     ],
 )

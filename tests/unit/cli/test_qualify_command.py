@@ -55,7 +55,7 @@ def test_qualify_report_does_not_overwrite_an_existing_file(
     text = page.read_text()
     assert text.count("<svg") == 2
     assert "signature" in text
-    assert "exists already" in palpate.refused("qualify", file, "--report", page)
+    assert "already exists" in palpate.refused("qualify", file, "--report", page)
 
 
 @pytest.mark.parametrize(

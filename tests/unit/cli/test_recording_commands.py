@@ -159,7 +159,7 @@ def test_folder_as_recording_is_refused(
 
 def test_export_to_a_missing_folder_is_refused(recorded: Path, palpate: Command) -> None:
     out = recorded.parent / "gone" / "run.csv"
-    said = f"palpate: {out}: there is no folder {out.parent}; make it first\n"
+    said = f"palpate: {out}: the folder {out.parent} does not exist; create it first\n"
     assert palpate.refused("export", recorded, "--out", out) == said
 
 

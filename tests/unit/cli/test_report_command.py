@@ -222,7 +222,7 @@ def test_report_file_is_named_after_its_item_or_batch(palpate: Command) -> None:
 def test_report_does_not_overwrite_an_existing_file(palpate: Command) -> None:
     page = Path("report-i0.html")
     page.write_text("mine")
-    assert "report-i0.html: exists already" in palpate("report", "i0", status=2).err
+    assert "report-i0.html: already exists" in palpate("report", "i0", status=2).err
     assert page.read_text() == "mine"
 
 
@@ -236,7 +236,7 @@ def test_report_does_not_overwrite_an_existing_file(palpate: Command) -> None:
         (("--batch", "Tuesday"), "has no items of this batch"),
         (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
         (("--day", "May"), "--day May: not a date"),
-        (("i0", "--out", "no/page.html"), "there is no folder no; make it first"),
+        (("i0", "--out", "no/page.html"), "the folder no does not exist; create it first"),
     ],
 )
 def test_report_invalid_input_is_refused_in_one_line(

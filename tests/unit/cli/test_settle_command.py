@@ -267,7 +267,7 @@ def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
         (["--plot", "plot.bmp"], "a plot ends in"),
         (["--plot", "nowhere/plot.png"], "no folder nowhere"),
         (["--out", "rows.txt"], ".json, .csv or .parquet"),
-        (["--out", "nowhere/rows.csv"], "there is no folder nowhere"),
+        (["--out", "nowhere/rows.csv"], "the folder nowhere does not exist"),
         (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
         (["--bogus"], "--bogus"),
     ],

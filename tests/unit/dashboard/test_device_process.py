@@ -366,7 +366,7 @@ def test_grasp_order_with_an_existing_recording_is_refused(opened: Page, tmp_pat
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"something else")
     ended = opened.done(GraspOrder(target_force_n=None, recording=taken))
-    assert "exists already" in ended.trouble
+    assert "already exists" in ended.trouble
     assert taken.read_bytes() == b"something else"
 
 

@@ -98,8 +98,8 @@ BAD_TEXT = {
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
     "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time goes backwards in hold a"),
     "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time is repeated in hold a"),
-    "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields where the header has 3"),
-    "too few fields": (HEADER + "a,0,1\na,1\n", "line 3: 2 fields where the header has 3"),
+    "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields, but the header has 3"),
+    "too few fields": (HEADER + "a,0,1\na,1\n", "line 3: 2 fields, but the header has 3"),
     "comes back": (
         HEADER + "a,0,1\nb,0,1\na,1,1\n",
         "line 4: the rows of hold a are not contiguous",

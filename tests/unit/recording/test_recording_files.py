@@ -237,7 +237,7 @@ def test_writer_full_device_at_start_is_refused(info: RecordingInfo) -> None:
 
 
 def test_writer_existing_file_is_refused(recorded: Path, info: RecordingInfo) -> None:
-    with pytest.raises(RecordingError, match="exists already"):
+    with pytest.raises(RecordingError, match="already exists"):
         RecordingWriter(recorded, info=info)
 
 

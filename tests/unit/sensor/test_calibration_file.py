@@ -43,7 +43,9 @@ def test_calibration_save_and_load_roundtrips(calibration: Calibration, tmp_path
 def test_calibration_text_from_a_recording_reads_back_equal(calibration: Calibration) -> None:
     text = calibration.as_text()
     assert Calibration.from_text(text) == calibration
-    with pytest.raises(CalibrationError, match=r"grasp\.mcap: not whole JSON") as caught:
+    with pytest.raises(
+        CalibrationError, match=r"grasp\.mcap: incomplete or invalid JSON"
+    ) as caught:
         Calibration.from_text(text[:200], where="grasp.mcap")
     assert "\n" not in str(caught.value)
     with pytest.raises(CalibrationError, match="calibration: not a calibration file"):
@@ -56,7 +58,7 @@ def test_calibration_load_of_a_truncated_file_raises(
     path = tmp_path / "pad.json"
     text = calibration.as_text()
     path.write_text(text[: len(text) // 2])
-    with pytest.raises(CalibrationError, match=r"pad\.json: not whole JSON") as caught:
+    with pytest.raises(CalibrationError, match=r"pad\.json: incomplete or invalid JSON") as caught:
         Calibration.load(path)
     assert "\n" not in str(caught.value)
 
@@ -64,7 +66,7 @@ def test_calibration_load_of_a_truncated_file_raises(
 def test_calibration_load_of_binary_data_raises(tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(CalibrationError, match="not whole JSON"):
+    with pytest.raises(CalibrationError, match="incomplete or invalid JSON"):
         Calibration.load(path)
 
 
@@ -86,7 +88,7 @@ def write_changed(calibration: Calibration, path: Path, **changes: object) -> Pa
         ({"version": 4}, r"file version 4, this one reads up to 3\); update palpate"),
         ({"format": "other"}, "not a calibration file"),
         ({"rest": None}, "lacks rest"),
-        ({"colour": "red"}, "has colour"),
+        ({"colour": "red"}, "has unknown keys: colour"),
         ({"block": {"block_cm": [4], "width_mm": [3], "force_n": [1]}}, "lacks block_mm.*block_cm"),
         ({"block": {"block_mm": [4], "width_mm": ["x"], "force_n": [1]}}, "finite number"),
         ({"block": {"block_mm": [4, 4], "width_mm": [3], "force_n": [1]}}, "unequal length"),

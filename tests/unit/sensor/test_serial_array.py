@@ -432,7 +432,7 @@ def test_serial_array_timeout_message_contains_the_frame_period(bench: Bench) ->
 def test_serial_array_with_too_high_rate_raises_with_the_highest_rate(bench: Bench) -> None:
     board = bench.board()
     board.highest_rate_hz = 123.4
-    with pytest.raises(WireError, match=r"can't do 250 frames/s .* at most 123\.4"):
+    with pytest.raises(WireError, match=r"does not support 250 frames/s .* at most 123\.4"):
         connect(bench, board)
 
 

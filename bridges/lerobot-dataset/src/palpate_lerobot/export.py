@@ -20,7 +20,7 @@ def export_lerobot(files: list[Path], *, folder: Path, task: str | None, fps: in
     `RecordingError` if a file is not of a grasp or has too few frames.
     """
     if folder.exists():
-        raise InputError(f"--lerobot {folder}: exists already; name a new folder")
+        raise InputError(f"--lerobot {folder}: already exists; choose a new folder")
     grasps = [read_grasp(file) for file in files]
     fps = round(grasps[0].rate_hz) if fps is None else fps
     episodes = [(grasp, task or _task(grasp)) for grasp in grasps]

@@ -291,7 +291,7 @@ def _check_file(path: Path, *, name: str, create: bool) -> None:
     if path.is_dir():
         raise StoreError(f"{name}: a folder; name a file in it")
     if not path.parent.is_dir():
-        raise StoreError(f"{name}: there is no folder {path.parent}; make it first")
+        raise StoreError(f"{name}: the folder {path.parent} does not exist; create it first")
     if not create and not path.exists():
         raise StoreError(
             f"{name}: no such file; `palpate grasp --item NAME --store FILE` makes one, or name "
