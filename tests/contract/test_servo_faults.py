@@ -532,7 +532,7 @@ def test_grasp_detects_lost_torque_from_the_width(
     path = tmp_path / "limp.mcap"
     result = _recorded(plan, gripper, world, path, limp)
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "is it blocked, locked or without supply?" in result.faults[0]
+    assert "check for a blockage, a locked servo or a missing supply" in result.faults[0]
     # The stop first looks like a contact. It is detected after four half steps without movement.
     assert world.clock.now_s() - struck_s[0] <= 0.7 + 4 * 0.55
     assert len(load_recording(path).time_s) == result.frames

@@ -85,8 +85,8 @@ class CurrentMonitor:
         if self._absent < CURRENT.equal_readings:
             return None
         message = (
-            "the gripper reports no current while it moves, although its calibration has one: the "
-            "current shows no force; check the driver, or calibrate without a current"
+            "the gripper reports no current while it moves, but its calibration includes the "
+            "current; check the driver, or calibrate without the current"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
@@ -112,8 +112,8 @@ class CurrentMonitor:
         if least_n <= ceiling_n:
             return None
         message = (
-            f"the servo's current shows a grip of at least {least_n:.1f} N, and {ceiling_n:g} N is "
-            "the most allowed"
+            f"the servo's current shows a grip of at least {least_n:.1f} N; the limit is "
+            f"{ceiling_n:g} N"
         )
         return Alarm(danger=Danger.FORCE_LIMIT, message=message)
 
@@ -121,8 +121,8 @@ class CurrentMonitor:
         if len(self._moving_ma) < CURRENT.equal_readings or len(set(self._moving_ma)) > 1:
             return None
         message = (
-            f"the servo's current has read {self._moving_ma[0]:.0f} mA {CURRENT.equal_readings} "
-            "times while the hand closed: it is stuck, and shows no force"
+            f"the servo's current was {self._moving_ma[0]:.0f} mA in {CURRENT.equal_readings} "
+            "successive readings while the hand closed; the reading is stuck"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
@@ -138,8 +138,8 @@ class CurrentMonitor:
         ):
             return None
         message = (
-            f"the servo's current is {mean_ma:.0f} mA while the hand closes: its driver must "
-            "report it positive then"
+            f"the servo's current is {mean_ma:.0f} mA while the hand closes; its driver must "
+            "report closing currents as positive"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
@@ -195,7 +195,7 @@ class CurrentMonitor:
             return None
         message = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
-            f"{shown_n:.1f} N: does the object lie next to the sheet? Run `palpate doctor`"
+            f"{shown_n:.1f} N; check that the object lies on the sheet, and run `palpate doctor`"
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 

@@ -73,9 +73,7 @@ class CeilingMonitor:
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None
-        message = (
-            f"the sheet shows {estimate.force_n:.1f} N, and {ceiling_n:g} N is the most allowed"
-        )
+        message = f"the sheet measures {estimate.force_n:.1f} N; the limit is {ceiling_n:g} N"
         return Alarm(danger=Danger.FORCE_LIMIT, message=message)
 
 
@@ -122,9 +120,8 @@ class FingersMonitor:
         if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
         message = (
-            f"finger {int(np.argmin(now.finger_percent))} shows a grip and the other shows "
-            "nothing: one sheet does not read, or the object lies off it; see what `palpate "
-            "doctor` reports"
+            f"finger {int(np.argmin(now.finger_percent))} measures a grip force and the other "
+            "finger none; one sheet has failed, or the object is next to it; run `palpate doctor`"
         )
         return Alarm(danger=Danger.SENSOR_LOST, message=message)
 
@@ -186,7 +183,7 @@ class TimeMonitor:
         """Return an alarm if the grasp exceeds the plan's longest duration."""
         if state.phase is Phase.HOLD or state.estimate.duration_s <= self._plan.longest_s:
             return None
-        message = f"not done within {self._plan.longest_s:g} s"
+        message = f"the grasp did not finish within {self._plan.longest_s:g} s"
         return Alarm(danger=Danger.TIMED_OUT, message=message)
 
 

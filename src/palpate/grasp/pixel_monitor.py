@@ -76,8 +76,8 @@ class PixelMonitor:
         if not self._pressed.any():
             return None
         return (
-            f"{self._name_first(self._pressed)} is pressed beyond what can be read: the force may "
-            "be more than measured; a smaller reference resistor reads further"
+            f"{self._name_first(self._pressed)} is loaded beyond its measuring range; the force "
+            "may exceed the measured value; a smaller reference resistor extends the range"
         )
 
     def check(self, observation: Observation, state: GraspState | None = None) -> Alarm | None:
@@ -126,7 +126,9 @@ class PixelMonitor:
             since = f"{self._alike} frames"
             if not self._repeating:
                 since = f"{PIXELS.all_moves} movements of the fingers"
-            message = f"no pixel has changed in {since}: frames arrive, but repeat; {_SEE_DOCTOR}"
+            message = (
+                f"no pixel has changed in {since}; the board repeats its frames; {_SEE_DOCTOR}"
+            )
             return Alarm(danger=Danger.SENSOR_LOST, message=message)
         ended = self._ended >= PIXELS.fault_frames
         failed = {
@@ -142,10 +144,12 @@ class PixelMonitor:
         if 2 * int(self._pressed.sum()) > int(self._loaded.sum()):
             lost = ended
         if lost.any():
-            message = f"{self._name_first(ended)} is pressed beyond what can be read: force unknown"
+            message = (
+                f"{self._name_first(ended)} is loaded beyond its measuring range; force unknown"
+            )
             return Alarm(danger=Danger.FORCE_LIMIT, message=message)
         if self._equal >= PIXELS.fault_frames:
-            message = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
+            message = f"all pixels read the same value, which indicates a fault; {_SEE_DOCTOR}"
             return Alarm(danger=Danger.SENSOR_LOST, message=message)
         return None
 

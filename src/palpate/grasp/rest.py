@@ -52,8 +52,8 @@ def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
     >>> explain_implausible_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
-    >>> explain_implausible_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
-    'the sheet at rest reads 0.0025 times'
+    >>> explain_implausible_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:40]
+    "the sheet's rest resistance is 0.0025 ti"
     """
     ratio = np.asarray(rest_ohm) / np.asarray(plan.rest_ohm)
     ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
@@ -62,8 +62,8 @@ def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     common = float(np.median(ratio))
     if not 1.0 / GUARDS.sheet_factor < common < GUARDS.sheet_factor:
         return (
-            f"the sheet at rest reads {common:.2g} times the calibration's resistance, and climate "
-            f"or wear move it by less than a factor of {GUARDS.sheet_factor:g}; run `palpate "
+            f"the sheet's rest resistance is {common:.2g} times that of the calibration; climate "
+            f"and wear change it by less than a factor of {GUARDS.sheet_factor:g}; run `palpate "
             "doctor`"
         )
     largest = float(np.exp(np.abs(np.log(ratio / common)).max()))

@@ -83,13 +83,13 @@ class _FrameReader:
         age_s = self._clock.now_s() - frame.time_s
         if not abs(age_s) <= stale_after_s:
             raise DeviceTimeoutError(
-                f"the newest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
-                "check the sensor's cable and that nothing else loads this machine"
+                f"the latest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
+                "check the sensor's cable and the load on this computer"
             )
         if self._last_s is not None and frame.time_s <= self._last_s:
             raise DeviceError(
-                f"frame times do not rise: {frame.time_s:.3f} s follows {self._last_s:.3f} s; "
-                "check how the array times its frames"
+                f"frame times do not increase: {frame.time_s:.3f} s follows {self._last_s:.3f} s; "
+                "check the timestamps of the array"
             )
         wrong = find_impossible_count(frame, layout=self._layout)
         if wrong is not None:
@@ -163,8 +163,8 @@ class _Hand:
             # An opening command is always sent.
             if self._idle >= GUARDS.idle_commands and command.target != self._limits.target(0.0):
                 raise DeviceError(
-                    f"the gripper was sent on {GUARDS.idle_commands} times and did not move; is it "
-                    "blocked, locked or without supply?"
+                    f"the gripper did not move after {GUARDS.idle_commands} commands; check for a "
+                    "blockage, a locked servo or a missing supply"
                 )
         sent = self._gripper.command(command)
         if self._last is not None:

@@ -20,13 +20,13 @@ def find_impossible_value(
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     >>> find_impossible_value(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
     >>> find_impossible_value(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
-    'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
+    'the gripper reports nan mm; its range is 5 to 74 mm; check its cable and its driver'
     """
     reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
     far = GUARDS.range_fraction * limits.span
     if not limits.lowest - far <= reported <= limits.highest + far:
         return (
-            f"the gripper reports {reported:.4g} {unit}, and its range is {limits.lowest:g} to "
+            f"the gripper reports {reported:.4g} {unit}; its range is {limits.lowest:g} to "
             f"{limits.highest:g} {unit}; check its cable and its driver"
         )
     unsensed = math.isnan(state.current_ma)
@@ -53,14 +53,14 @@ class CommandTracking:
     >>> state = GripperState(time_s=0.0, width_mm=34.0)
     >>> tracking = CommandTracking.start(sent, state=state, now_s=0.0, limits=limits, safety=safety)
     >>> tracking.find_fault(state, now_s=0.5, limits=limits, safety=safety)
-    >>> tracking.find_fault(state, now_s=0.7, limits=limits, safety=safety)
-    'the gripper was sent to 30.0 mm and reports 34.0 mm; is it blocked, locked or without supply?'
+    >>> tracking.find_fault(state, now_s=0.7, limits=limits, safety=safety)[:57]
+    'the gripper was commanded to 30.0 mm and reports 34.0 mm;'
 
     Overshoot is detected at once:
 
     >>> past = GripperState(time_s=0.3, width_mm=29.7)
     >>> tracking.find_fault(past, now_s=0.3, limits=limits, safety=safety)
-    'the gripper was sent to 30.0 mm and runs on: it reports 29.7 mm; take its supply away'
+    'the gripper was commanded to 30.0 mm but moved on to 29.7 mm; disconnect its supply'
     """
 
     begin: float
@@ -133,14 +133,14 @@ class CommandTracking:
         furthest = closing * max(closing * self.begin, closing * self.target)
         if closing * (reported - furthest) > overshoot:
             return (
-                f"the gripper was sent to {self.target:.1f} {unit} and runs on: it reports "
-                f"{reported:.1f} {unit}; take its supply away"
+                f"the gripper was commanded to {self.target:.1f} {unit} but moved on to "
+                f"{reported:.1f} {unit}; disconnect its supply"
             )
         if now_s < self.due_s or not abs(reported - self.target) > tolerance:
             return None
         return (
-            f"the gripper was sent to {self.target:.1f} {unit} and reports {reported:.1f} {unit}; "
-            "is it blocked, locked or without supply?"
+            f"the gripper was commanded to {self.target:.1f} {unit} and reports "
+            f"{reported:.1f} {unit}; check for a blockage, a locked servo or a missing supply"
         )
 
 
@@ -160,7 +160,7 @@ class SpeedMonitor:
     >>> monitor.find_fault(at(0.0, 50.0), tracking=None)
     >>> monitor.find_fault(at(0.1, 48.0), tracking=tracking)
     >>> monitor.find_fault(at(0.2, 42.0), tracking=tracking)
-    'the gripper was sent at 20.0 mm/s and closes at 60 mm/s; check the unit of speed in its driver'
+    "the gripper was commanded to 20.0 mm/s and closes at 60 mm/s; check the driver's unit of speed"
     """
 
     def __init__(self, limits: GripperLimits, *, safety: SafetyLimits) -> None:
@@ -193,6 +193,6 @@ class SpeedMonitor:
             return None
         unit = _UNITS[self._limits.drive]
         return (
-            f"the gripper was sent at {tracking.rate:.1f} {unit}/s and closes at "
-            f"{closed / passed_s:.0f} {unit}/s; check the unit of speed in its driver"
+            f"the gripper was commanded to {tracking.rate:.1f} {unit}/s and closes at "
+            f"{closed / passed_s:.0f} {unit}/s; check the driver's unit of speed"
         )

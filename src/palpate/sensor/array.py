@@ -153,7 +153,7 @@ def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
 
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
     >>> find_impossible_count(frame, layout=RIGID_LAYOUT)
-    'pixel R0 C0 reads 1024, and 1 conversion(s) of 10 bit give 0 to 1023; check the layout'
+    'pixel R0 C0 reads 1024; valid readings are 0 to 1023 (10 bits x 1); check the layout'
     """
     counts, divider = frame.counts, layout.divider
     if counts.shape != (layout.rows, layout.cols):
@@ -167,8 +167,8 @@ def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
         return None
     row, col = np.argwhere(wrong)[0].tolist()
     return (
-        f"pixel R{row} C{col} reads {counts[row, col]}, and {frame.oversampling} conversion(s) of "
-        f"{divider.adc_bits} bit give 0 to {top}; check the layout"
+        f"pixel R{row} C{col} reads {counts[row, col]}; valid readings are 0 to {top} "
+        f"({divider.adc_bits} bits x {frame.oversampling}); check the layout"
     )
 
 

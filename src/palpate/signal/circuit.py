@@ -69,8 +69,8 @@ def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1
     top = oversampling * (divider.full_scale - 1)
     if counts.size and not (counts.min() >= 0 and counts.max() <= top):
         raise ValueError(
-            f"counts from {counts.min():g} to {counts.max():g} don't fit {oversampling} "
-            f"conversion(s) of {divider.adc_bits} bit (0 to {top}); check the layout's divider"
+            f"counts from {counts.min():g} to {counts.max():g} exceed the valid range 0 to {top} "
+            f"({divider.adc_bits} bits x {oversampling}); check the layout's divider"
         )
     at_ground, at_supply = counts == 0, counts == top
     fraction = counts / (oversampling * divider.full_scale)

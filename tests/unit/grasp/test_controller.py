@@ -284,7 +284,9 @@ def test_grip_shown_by_one_finger_only_ends_grasp(
     bench.change_frames(half_dead)
     result = bench.grasp(replace(plan, target_force_n=4.0))
     assert result.outcome is Outcome.SENSOR_LOST
-    assert f"finger {1 - finger} shows a grip and the other shows nothing" in result.faults[0]
+    assert (
+        f"finger {1 - finger} measures a grip force and the other finger none" in result.faults[0]
+    )
     assert peak_n[0] < 1.1 * 4.0
 
 
@@ -303,7 +305,7 @@ def test_hold_with_external_force_above_ceiling_opens_at_once(plan: Plan, bench:
     bench.read = squeezed
     result = bench.grasp(replace(plan, hold_s=20.0), watchers=[watch])
     assert result.outcome is Outcome.FORCE_LIMIT
-    assert "15 N is the most allowed" in result.faults[0]
+    assert "the limit is 15 N" in result.faults[0]
     opened_s = next(m.time_s for m in result.moments if m.name == "force_limit")
     assert opened_s - pressed_s[0] < 0.5
     assert bench.width_mm == 74.0

@@ -81,7 +81,7 @@ def test_current_monitor_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
 def test_current_monitor_moving_above_ceiling_raises_alarm(calibrated: Plan) -> None:
     alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
     assert alarm.danger is Danger.FORCE_LIMIT
-    assert "15 N is the most allowed" in alarm.message
+    assert "the limit is 15 N" in alarm.message
 
 
 def test_current_monitor_below_ceiling_raises_no_alarm(calibrated: Plan) -> None:
@@ -242,7 +242,7 @@ def test_current_monitor_negative_current_raises_alarm(
 ) -> None:
     closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
     assert alarm.danger is Danger.GRIPPER_FAULT
-    assert "-40 mA while the hand closes: its driver must report it positive" in alarm.message
+    assert "-40 mA while the hand closes; its driver must report closing" in alarm.message
     assert closure < 3.0
 
 
@@ -280,7 +280,7 @@ def test_current_monitor_constant_current_raises_alarm(calibrated: Plan) -> None
     found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
     assert found[:18] == [None] * 18
     assert found[18].danger is Danger.GRIPPER_FAULT
-    assert "it is stuck" in found[18].message
+    assert "the reading is stuck" in found[18].message
 
 
 def test_current_monitor_short_opening_discards_old_readings(calibrated: Plan) -> None:

@@ -136,7 +136,7 @@ def test_repeated_frames_end_the_approach(plan: Plan, bench: Any) -> None:
     spoil_frames(bench, freeze, when=lambda: bench.width_mm < 66.0)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "frames arrive, but repeat" in result.faults[0]
+    assert "the board repeats its frames" in result.faults[0]
     assert 66.0 - 9 * plan.step <= bench.width_mm < 66.0
 
 
@@ -254,7 +254,7 @@ def test_gripper_overshoot_ends_grasp_at_once(plan: Plan, bench: Any) -> None:
 
     result = bench.grasp(plan, subscribers=[watch])
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "runs on" in result.faults[0]
+    assert "moved on to" in result.faults[0]
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
 
 
@@ -269,7 +269,7 @@ def test_gripper_closing_too_fast_is_stopped(plan: Plan, bench: Any) -> None:
     bench.command = faster
     result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "check the unit of speed in its driver" in result.faults[0]
+    assert "check the driver's unit of speed" in result.faults[0]
     assert bench.force_n == 0.0
     assert bench.stops == 1
 
@@ -280,7 +280,7 @@ def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: A
     bench.command = lambda wanted: sent.append(wanted) or wanted
     result = bench.grasp(replace(plan, step=0.2, fine_step=0.2))
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "sent on 4 times and did not move" in result.faults[0]
+    assert "did not move after 4 commands" in result.faults[0]
     assert len(sent) <= 6
 
 
@@ -356,7 +356,7 @@ def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench
     low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
     result = bench.grasp(low, subscribers=[shove])
     assert result.outcome is Outcome.FORCE_LIMIT
-    assert "and 3 N is the most allowed" in result.faults[-1]
+    assert "the limit is 3 N" in result.faults[-1]
     assert bench.width_mm == 74.0
 
 
@@ -364,7 +364,7 @@ def test_run_grasp_timeout_opens_and_reports_a_fault(plan: Plan, bench: Any) -> 
     bench.n_per_mm = 0.01
     result = bench.grasp(replace(plan, longest_s=6.0, hold_s=60.0))
     assert result.outcome is Outcome.TIMED_OUT
-    assert result.faults[-1] == "not done within 6 s"
+    assert result.faults[-1] == "the grasp did not finish within 6 s"
     assert result.moments[-1].name == "timed_out"
     assert bench.width_mm == 74.0
 

@@ -89,7 +89,7 @@ def test_pixel_monitor_one_saturated_pixel_raises_no_alarm(plan: Plan) -> None:
         assert watch.check(Observation(frame=frame, gripper=state)) is None
         if number > 4:
             assert not watch.is_frame_uncertain
-    assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.saturation_warning)
+    assert "pixel R0 C0 is loaded beyond its measuring range" in str(watch.saturation_warning)
 
 
 def test_pixel_monitor_most_loaded_pixels_saturated_raise_alarm(plan: Plan) -> None:
@@ -144,7 +144,7 @@ def test_pixel_monitor_simultaneous_shorts_while_closing_raise_force_limit(plan:
         frame[:2] = 1023
     alarm = alarms(plan, frames, moving=True)[4]
     assert alarm.danger is Danger.FORCE_LIMIT
-    assert "pressed beyond what can be read" in alarm.message
+    assert "loaded beyond its measuring range" in alarm.message
 
 
 def test_pixel_monitor_shorts_from_first_frame_raise_alarm(plan: Plan) -> None:
@@ -197,7 +197,9 @@ def test_pixel_monitor_equal_pixels_raise_alarm(plan: Plan) -> None:
     frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
     said = watched(replace(plan, rest_ohm=unlike), frames)
     assert said[:4] == [None] * 4
-    assert said[4] == "all pixels read the same, which no sheet does; run `palpate doctor`"
+    assert (
+        said[4] == "all pixels read the same value, which indicates a fault; run `palpate doctor`"
+    )
     assert watched(plan, frames) == [None] * 5, "these have equal rest values"
 
 

@@ -123,7 +123,7 @@ def test_run_grasp_frame_time_that_does_not_increase_ends_the_grasp(
     bench.change_frames(turned)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "frame times do not rise" in result.faults[-1]
+    assert "frame times do not increase" in result.faults[-1]
     assert bench.stops == 1
 
 
@@ -209,7 +209,7 @@ def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None
     bench.command = jam
     result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "is it blocked" in result.faults[0]
+    assert "check for a blockage" in result.faults[0]
     assert bench.stops == 1
     # The ways of 2 mm at 14 mm/s, done and not done, 0.4 s of grace, and a frame that shows it.
     assert bench.clock.now_s() - jammed_s[0] < 2 * 0.15 + 0.4 + 0.1

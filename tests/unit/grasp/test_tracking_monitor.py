@@ -41,7 +41,7 @@ def test_command_tracking_is_late_after_due_time(
     before, due = way.due_s - 1e-6, way.due_s
     assert way.find_fault(stands, now_s=before, limits=limits, safety=SAFETY) is None
     fault = way.find_fault(stands, now_s=due, limits=limits, safety=SAFETY)
-    assert "is it blocked" in fault
+    assert "check for a blockage" in fault
     there = at(limits, target)
     assert way.find_fault(there, now_s=due, limits=limits, safety=SAFETY) is None
 
@@ -63,7 +63,7 @@ def test_command_tracking_overshoot_is_a_fault_at_once(
     assert way.find_fault(within, now_s=1.1, limits=limits, safety=SAFETY) is None
     beyond = at(limits, target + direction * (allowed + 0.01))
     fault = way.find_fault(beyond, now_s=1.1, limits=limits, safety=SAFETY)
-    assert "runs on" in fault
+    assert "moved on to" in fault
 
 
 def test_command_tracking_polls_only_width_driven_closing() -> None:
@@ -136,8 +136,8 @@ def test_speed_monitor_excessive_speed_is_a_fault(
 ) -> None:
     found = speeds(limits, [(20.0, factor * 20.0, 12.0)], every_s=every_s)
     assert found
-    assert "was sent at 20.0" in found[0]
-    assert "check the unit of speed" in found[0]
+    assert "was commanded to 20.0" in found[0]
+    assert "check the driver's unit of speed" in found[0]
 
 
 def test_speed_monitor_accumulates_overspeed_of_short_commands() -> None:
