@@ -24,7 +24,7 @@ from palpate.grasp.result import Outcome
 from palpate.produce.records import MEASURED, About, Grasp, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.export import export_grasps
-from palpate.produce.store.item_history import item_page, item_pages
+from palpate.produce.store.item_history import read_item_histories, read_item_history
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 PER_ITEM = 20
@@ -85,9 +85,9 @@ def measure_single_writes(store: Store, *, count: int = 200) -> None:
 
 def measure_pages(store: Store, *, names: list[str]) -> np.ndarray:
     store.add_verdict(Verdict(item_id=names[0], about=About.BIN, text="bin 2", given_at=START))
-    spent_ms = time_each(names, lambda name: item_page(store, name))
+    spent_ms = time_each(names, lambda name: read_item_history(store, name))
     print(f"page     item, {PER_ITEM} grasps, 4 measurements each: {_format_times(spent_ms)}")
-    listed_ms = time_each(range(10), lambda _: item_pages(store, store.items(limit=50)))
+    listed_ms = time_each(range(10), lambda _: read_item_histories(store, store.items(limit=50)))
     print(f"list     the last 50 items with their pages: {_format_times(listed_ms)}")
     return spent_ms
 

@@ -29,7 +29,7 @@ def main(arguments: list[str]) -> None:
         rule = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
         fruits = [
             firmness_history(store.grasps_of(item.item_id), item_id=item.item_id, drive="width")
-            for item in store.of_batch(batch)
+            for item in store.items_of_batch(batch)
         ]
     judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
     simulated = any(grasp.is_simulated for fruit in fruits for grasp in fruit.grasps)

@@ -126,7 +126,7 @@ def test_store_filters_items_by_kind_and_batch(store: Store) -> None:
     assert names(limit=1) == ["i2"]
     assert names(kind="kiwi") == ["i1", "i0"]
     assert names(kind="kiwi", batch="M") == ["i0"]
-    assert [item.item_id for item in store.of_batch("M")] == ["i0", "i2"]
+    assert [item.item_id for item in store.items_of_batch("M")] == ["i0", "i2"]
 
 
 def test_store_returns_the_grasps_of_an_item_oldest_first(store: Store) -> None:

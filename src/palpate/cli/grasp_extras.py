@@ -131,7 +131,7 @@ class StoreEntry:
         except StoreError as error:
             print_message(f"palpate grasp: {error}: the grasp is NOT stored")
             return False
-        if waiting := self._store.send_or_explain():
+        if waiting := self._store.try_send():
             print_message(f"palpate grasp: {waiting}")
         return True
 

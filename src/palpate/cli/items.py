@@ -32,9 +32,9 @@ from palpate.produce.store import Store
 from palpate.produce.store.item_history import (
     ItemHistory,
     item_document,
-    item_page,
-    item_pages,
     items_document,
+    read_item_histories,
+    read_item_history,
 )
 from palpate.terminal_table import fit_table, make_table, print_table
 
@@ -86,11 +86,11 @@ def items(
         if export is not None:
             _export(known, export, item=item, kind=kind, batch=batch, period=period)
         elif item is not None:
-            page = item_page(known, item)
+            page = read_item_history(known, item)
             print_json(item_document(page)) if as_json else _print_page(page)
         else:
             found = _select_items(known, kind=kind, batch=batch, period=period, limit=limit + 1)
-            pages = item_pages(known, found[:limit])
+            pages = read_item_histories(known, found[:limit])
             if as_json:
                 print_json(items_document(pages))
             else:
@@ -117,7 +117,7 @@ def find_batch(store: Store, batch: str) -> tuple[Item, ...]:
 
     Raises `InputError` if the batch has no items.
     """
-    found = store.of_batch(batch)
+    found = store.items_of_batch(batch)
     if not found:
         raise InputError(f"--batch {batch}: {store.name} has no items of this batch")
     return found

@@ -41,7 +41,7 @@ from palpate.plots.style import require_plots
 from palpate.produce.records import About, Grasp, Source
 from palpate.produce.ripeness.rule import Days
 from palpate.produce.ripeness.stages import STAGES
-from palpate.produce.store.item_history import ItemHistory, item_page, item_pages
+from palpate.produce.store.item_history import ItemHistory, read_item_histories, read_item_history
 from palpate.settling.result import Status
 
 if TYPE_CHECKING:
@@ -90,17 +90,17 @@ def report(
     require_plots()
     with open_store(store) as known:
         if item is not None:
-            text = _item_report(item_page(known, item), store=known.name)
+            text = _item_report(read_item_history(known, item), store=known.name)
         elif batch is not None:
-            pages = item_pages(known, find_batch(known, batch))
+            pages = read_item_histories(known, find_batch(known, batch))
             text = _group_report(f"Batch {batch}", pages, store=known.name, day=None)
         else:
             of, since, until = parse_day(asked[0])
             names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
             if not names:
                 raise InputError(f"{known.name}: no grasps on {of}")
-            found = item_pages(known, known.find_items(list(names)))
-            pages = tuple(page.within(since, until) for page in found)
+            found = read_item_histories(known, known.find_items(list(names)))
+            pages = tuple(page.select_period(since, until) for page in found)
             text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")

@@ -45,7 +45,7 @@ def sort_from_store(
     Raises `InputError` if the batch does not exist, or no item was grasped.
     """
     with open_store(store) as stored:
-        asked = stored.items() if batch is None else stored.of_batch(batch)
+        asked = stored.items() if batch is None else stored.items_of_batch(batch)
         found = [(item, stored.grasps_of(item.item_id)) for item in asked]
         found = [(item, grasps) for item, grasps in found if grasps]
         if not found:
@@ -108,7 +108,7 @@ def sort_with_rig(
                     stored.add_verdict(identity_verdict(name, done.identity, given_at=now))
                 stored.add_verdict(bin_verdict(done, given_at=now))
             report.add(done, true_bin=supply.find_true_bin(name, book=report.book))
-        if stored is not None and (waiting := stored.send_or_explain()):
+        if stored is not None and (waiting := stored.try_send()):
             print_message(f"palpate: {waiting}")
 
 

@@ -168,9 +168,9 @@ class ItemStore:
         PalpateError
             If the store can't be used or does not answer.
         """
-        from palpate.produce.store.item_history import item_pages
+        from palpate.produce.store.item_history import read_item_histories
 
-        return self._read(lambda store: item_pages(store, store.items(limit=limit))) or ()
+        return self._read(lambda store: read_item_histories(store, store.items(limit=limit))) or ()
 
     def page(self, item_id: str) -> ItemHistory:
         """Return the history of an item.
@@ -180,9 +180,9 @@ class ItemStore:
         PalpateError
             If the item does not exist or the store can't be used.
         """
-        from palpate.produce.store.item_history import item_page
+        from palpate.produce.store.item_history import read_item_history
 
-        found = self._read(lambda store: item_page(store, item_id))
+        found = self._read(lambda store: read_item_history(store, item_id))
         if found is None:
             raise InputError(f"no item {item_id!r}: the store is empty")
         return found

@@ -38,7 +38,7 @@ def test_demo_into_an_existing_store_is_refused(packhouse: Path, palpate: Comman
 
 def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> None:
     with Store.open(packhouse / "palpate-items.sqlite", create=False) as store:
-        fruits = store.of_batch("Monday")
+        fruits = store.items_of_batch("Monday")
         grasps = [store.grasps_of(fruit.item_id)[-1] for fruit in fruits]
     assert {grasp.origin for grasp in grasps} == {"twin"}
     for name in ("size_mm", "force_n", "settled_percent"):

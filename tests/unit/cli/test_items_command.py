@@ -105,7 +105,9 @@ def test_items_page_shows_firmness_rank_within_the_kind(
             store.add_grasp(replace(one, measurements={**one.measurements, "firmness": firmness}))
         store.add_grasp(grasp("A1", days=1))
     assert palpate("items", "A0", "--json").document.get("firmness_rank") == rank
-    assert ("firmer than 75 % of 8 of its kind" in palpate("items", "A0").out) == (rank is not None)
+    assert ("firmer than 75 % of 8 items of its kind" in palpate("items", "A0").out) == (
+        rank is not None
+    )
 
 
 @pytest.mark.slow

@@ -244,7 +244,7 @@ def test_sort_grasps_a_simulated_crate_and_stores_it(palpate: Command, tmp_path:
     assert summary["items"] == 2
     assert 20 < summary["items_per_hour"] < 400
     with Store.open(store) as kept:
-        assert len(kept.of_batch("b1")) == 2
+        assert len(kept.items_of_batch("b1")) == 2
         for row in found["rows"]:
             grasps = kept.grasps_of(row["item_id"])
             (verdict,) = kept.verdicts_of(row["item_id"])

@@ -21,7 +21,7 @@ from palpate.errors import StoreAwayError, StoreError
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import sender as store_sender
-from palpate.produce.store.item_history import item_document, item_page
+from palpate.produce.store.item_history import item_document, read_item_history
 from palpate.produce.store.sender import Sender
 from palpate.produce.store.writing import calibration_id_of
 
@@ -129,7 +129,7 @@ def test_impossible_state_folder_raises_one_line(
 ) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    with pytest.raises(StoreError, match=r"can't be made .* set .* to another folder"):
+    with pytest.raises(StoreError, match=r"can't be created .* set .* to another folder"):
         Store.open(f"postgresql://palpate@/items?host={tmp_path}")
 
 
@@ -159,12 +159,12 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
         with pytest.raises(StoreAwayError, match=r"no answer|connection was lost"):
             store.send()
         assert store.grasps_of("A17") == tuple(grasps[:40]), "from the local file"
-        document = item_document(item_page(store, "A17"))
-        assert f"this is from {store.local_name} alone" in document["away"]
+        document = item_document(read_item_history(store, "A17"))
+        assert f"shown from {store.local_name} only" in document["away"]
         assert faults("item", document) == []
-        assert "this is from" in item_html(item_page(store, "A17"))
-    with Sender(server.url, complain=complaints.put) as sender:
-        assert "records wait for it in the local store" in complaints.get(timeout=60)
+        assert "shown from" in item_html(read_item_history(store, "A17"))
+    with Sender(server.url, on_error=complaints.put) as sender:
+        assert "records wait in the local store" in complaints.get(timeout=60)
         server.start()
         with Store.open(server.url) as store:
             store.add_grasps(grasps[40:])
@@ -173,4 +173,4 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
         assert store.send() == waiting(store) == 0
         assert list(store.grasps()) == grasps
         assert store.away is None
-        assert "away" not in item_document(item_page(store, "A17"))
+        assert "away" not in item_document(read_item_history(store, "A17"))

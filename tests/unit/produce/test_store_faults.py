@@ -32,7 +32,7 @@ from palpate.produce.store import Store
 from palpate.produce.store import engine as store_engine
 from palpate.produce.store.engine import make_engine, show_url, store_url
 from palpate.produce.store.export import require_parquet
-from palpate.produce.store.item_history import item_pages
+from palpate.produce.store.item_history import read_item_histories
 
 SCHEMA_1 = Path(__file__).parents[2] / "golden" / "store" / "schema-1.sql"
 SEEN = datetime(2026, 5, 1, tzinfo=UTC)
@@ -114,7 +114,7 @@ def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
         pytest.raises(PalpateError, match=r"items\.sqlite|not a|must") as said,
         Store.open(path) as store,
     ):
-        item_pages(store, store.items())
+        read_item_histories(store, store.items())
     assert "\n" not in str(said.value)
 
 
@@ -148,11 +148,11 @@ def test_read_only_store_is_read_and_refuses_writes(without_root: Path, folder_m
     without_root.chmod(folder_mode)
     with open_store(str(path)) as store:
         assert store.item("A17").first_seen == SEEN
-        with pytest.raises(StoreError, match="read-only; change the rights of the file"):
+        with pytest.raises(StoreError, match="read-only; change the permissions of the file"):
             store.add_item(Item(item_id="B2"))
     assert [page.item.item_id for page in ItemStore(str(path)).pages(limit=9)] == ["A17"]
     # Nothing moves before it is known that the grasp can be stored.
-    with pytest.raises(StoreError, match="read-only; change the rights of the file"):
+    with pytest.raises(StoreError, match="read-only; change the permissions of the file"):
         open_and_write(path)
 
 
@@ -185,7 +185,7 @@ def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
 
 def test_folder_without_write_permission_raises_one_line(without_root: Path) -> None:
     without_root.chmod(0o555)
-    with pytest.raises(StoreError, match="can't be opened; check the folder and its rights"):
+    with pytest.raises(StoreError, match="can't be opened; check the folder and its permissions"):
         Store.open(without_root / "items.sqlite")
 
 
@@ -208,7 +208,7 @@ def test_full_disk_is_one_line(path: Path) -> None:
     [
         (b"fruit, size\nkiwi, 48\n" * 200, "not a store \\(no SQLite database\\)"),
         (b"SQLite format 3\x00" + b"\x07" * 4096, "not a store|damaged"),
-        (None, r"damaged; take it from a backup"),
+        (None, r"is damaged; restore it from a backup"),
     ],
 )
 def test_file_that_is_no_store_or_damaged_is_refused_and_unchanged(
@@ -229,7 +229,7 @@ def test_missing_store_file_or_folder_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "none.sqlite").exists()
     with pytest.raises(StoreError, match=r"the folder .* does not exist"):
         Store.open(tmp_path / "none" / "items.sqlite")
-    with pytest.raises(StoreError, match="a folder; name a file in it"):
+    with pytest.raises(StoreError, match="is a folder; name a file in it"):
         Store.open(tmp_path)
 
 

@@ -1,8 +1,9 @@
-"""The store: every item, grasp, measurement, verdict and calibration that was used.
+"""The store of items, grasps, measurements, verdicts and calibrations.
 
-Records are written to a local SQLite file, in one transaction each; several processes may write at
-once. Where a PostgreSQL server is named, an outbox in that file feeds it, and history is read from
-the server, because other stations have grasped the items too.
+Each record is written to a local SQLite file in one transaction. Several processes can write at the
+same time. With a PostgreSQL server as shared store, an outbox in the local file holds the records
+for the server. The history is then read from the server, because it also contains the grasps of
+other stations.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from palpate.errors import StoreAwayError, StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store.engine import (
     make_engine,
+    read_only_url,
     sa,
     show_url,
     store_url,
     translate_errors,
-    url_to_read,
 )
 from palpate.produce.store.outbox import (
     SHARED,
     copy_record,
-    drop_oldest,
     enqueue,
     item_kind,
     read_waiting,
     remove,
+    remove_oldest,
 )
 from palpate.produce.store.reading import StoreReader
 from palpate.produce.store.schema import GRASPS, ITEMS, NEWEST, migrate, read_version
@@ -43,17 +44,17 @@ from palpate.produce.store.writing import (
 )
 
 _Read = TypeVar("_Read")
-#: Records sent to the shared store in one transaction.
-_SENT_TOGETHER = 200
+#: Maximum number of records per transaction to the shared store.
+_SEND_BATCH = 200
 
 
 class Store(StoreReader):
-    """Items and grasps; a context manager. Made by `Store.open`.
+    """Store of items and grasps; a context manager. Create it with `Store.open`.
 
-    Every method raises `StoreAwayError` where the local file does not answer now (locked, disk
-    full) and `StoreError` where it can't be used as it is (read-only, damaged).
+    Every method raises `StoreAwayError` if the local file is temporarily not available (locked,
+    disk full), and `StoreError` if it is unusable (read-only, damaged).
 
-    `shared`: the PostgreSQL server, if one is named; it is connected to when it is first needed.
+    `shared`: URL of the PostgreSQL server; the connection opens on first use.
 
     >>> with Store.open("sqlite://") as store:
     ...     store.add_item(Item(item_id="A17", kind="avocado", batch="Monday"))
@@ -72,25 +73,26 @@ class Store(StoreReader):
 
     @classmethod
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
-        """Open a store, create it if missing, bring an older one to the present schema.
+        """Open a store; create a missing store and migrate an old schema.
 
         `where`: a file, or a URL: ``sqlite:///items.sqlite``, ``postgresql://user@host/database``.
             By default ``$PALPATE_STORE``, else ``palpate-items.sqlite`` in the current folder.
             The local file of a server is in ``$XDG_STATE_HOME/palpate``.
-        `create`: False to refuse a file that is not there, and to take one that can only be read.
-        Raises `InputError` if it is a URL of another kind of database; `StoreError` if it is no
-        store, is read-only, damaged, or written by a newer palpate; `StoreAwayError` if it does not
-        answer now; `MissingExtraError` if PostgreSQL is asked for without its driver.
+        `create`: False to refuse a missing file and to accept a read-only file.
+        Raises `InputError` for a URL of another kind of database; `StoreError` if the file is not a
+        store, is read-only, is damaged, or was written by a newer palpate; `StoreAwayError` if the
+        database is temporarily not available; `MissingExtraError` for PostgreSQL without its
+        driver.
         """
         url, shared = store_url(where), None
         if url.get_backend_name() != "sqlite":
-            make_engine(url).dispose()  # names the extra that is missing
+            make_engine(url).dispose()  # raises if the driver is missing
             url, shared, create = store_url(_local_file(url)), url, True
         name = show_url(url)
         if url.database and "uri" not in url.query:
             _check_file(Path(url.database), name=name, create=create)
             if not create:
-                url = url_to_read(url)
+                url = read_only_url(url)
         store = cls(make_engine(url), name=name, shared=shared)
         try:
             store._migrate_if_old(create=create)
@@ -100,28 +102,29 @@ class Store(StoreReader):
         return store
 
     def add_item(self, item: Item) -> None:
-        """Add an item, or update its fields; None leaves a field as it is."""
+        """Add an item, or update its fields; None leaves a field unchanged."""
         with self._write() as connection:
             write_items(connection, [item])
             self._enqueue(connection, [(item_kind(item), item.item_id)])
 
     def add_calibration(self, text: str) -> str:
-        """Add the text of a calibration file; return its id, equal for equal text."""
+        """Add the text of a calibration file; return its ID, equal for equal text."""
         with self._write() as connection:
             return write_calibration(connection, text)
 
     def add_grasp(self, grasp: Grasp, *, calibration: str | None = None) -> bool:
-        """Add a grasp with its measurements in one transaction; False if it was there already.
+        """Add a grasp with its measurements in one transaction; False if already stored.
 
-        `calibration`: the text of its calibration, where the store may not have it yet.
-        Raises `InputError` if its calibration is not in the store.
+        `calibration`: text of the grasp's calibration, added if missing.
+        Raises `InputError` if the calibration is neither given nor in the store.
         """
         return self.add_grasps([grasp], calibration=calibration) == 1
 
     def add_grasps(self, grasps: Iterable[Grasp], *, calibration: str | None = None) -> int:
-        """Add many grasps in one transaction; return how many were new.
+        """Add grasps in one transaction; return the number of new grasps.
 
-        Raises `InputError` if one's calibration is not in the store.
+        `calibration`: text of a calibration, added if missing.
+        Raises `InputError` if the calibration of a grasp is not in the store.
         """
         with self._write() as connection:
             if calibration is not None:
@@ -131,9 +134,9 @@ class Store(StoreReader):
         return len(added)
 
     def add_verdict(self, verdict: Verdict) -> bool:
-        """Add a verdict; False if it was there already.
+        """Add a verdict; False if already stored.
 
-        Raises `InputError` if its item or grasp is not in the store.
+        Raises `InputError` if the item or grasp is not in the store.
         """
         if self._shared_url is not None:
             self._copy_subject(verdict)
@@ -146,8 +149,8 @@ class Store(StoreReader):
     def send(self) -> int:
         """Send waiting records to the shared store, in order; return their number.
 
-        Raises `StoreAwayError` if it does not answer, `StoreError` if it can't be used; what it has
-        not acknowledged waits.
+        Raises `StoreAwayError` if the shared store does not answer, and `StoreError` if it is
+        unusable; unacknowledged records remain in the outbox.
         """
         sent = 0
         while rows := self._read_waiting():
@@ -163,8 +166,8 @@ class Store(StoreReader):
             sent += len(rows)
         return sent
 
-    def send_or_explain(self) -> str:
-        """Send waiting records; return a line about those that remain, or an empty one."""
+    def try_send(self) -> str:
+        """Send waiting records; return a warning on failure, or an empty string."""
         try:
             self.send()
         except StoreError as error:
@@ -172,23 +175,23 @@ class Store(StoreReader):
         return ""
 
     def add_message(self, text: str, *, receiver: str, most: int) -> int:
-        """Queue a message; return the number of older ones dropped beyond `most`."""
+        """Queue a message; keep the newest `most` and return the number removed."""
         with self._write() as connection:
             enqueue(connection, receiver, [("message", text)])
-            return drop_oldest(connection, receiver, most=most)
+            return remove_oldest(connection, receiver, most=most)
 
     def oldest_message(self, receiver: str) -> tuple[int, str] | None:
-        """Return number and text of the message that has waited longest for a receiver."""
+        """Return number and text of a receiver's oldest message; None without one."""
         rows = super()._fetch(lambda connection: read_waiting(connection, receiver, limit=1))
         return (rows[0].number, rows[0].content) if rows else None
 
     def remove_message(self, number: int) -> None:
-        """Remove a message that its receiver has acknowledged."""
+        """Remove an acknowledged message."""
         with self._write() as connection:
             remove(connection, [number])
 
     def close(self) -> None:
-        """Close the database. May be called twice."""
+        """Close the database; further calls have no effect."""
         self._reading.dispose()
         if self._server is not None:
             self._server.close()
@@ -225,10 +228,10 @@ class Store(StoreReader):
     def _read_waiting(self) -> list[sa.Row[tuple[int, str, str, str]]]:
         if self._shared_url is None:
             return []
-        return super()._fetch(lambda c: list(read_waiting(c, SHARED, limit=_SENT_TOGETHER)))
+        return super()._fetch(lambda c: list(read_waiting(c, SHARED, limit=_SEND_BATCH)))
 
     def _copy_subject(self, verdict: Verdict) -> None:
-        """Copy the item and grasp of a verdict here, if absent from the local store."""
+        """Copy a verdict's item and grasp to the local store, if missing."""
         item = sa.select(ITEMS.c.item_id).where(ITEMS.c.item_id == verdict.item_id)
         grasp = sa.select(GRASPS.c.grasp_id).where(GRASPS.c.grasp_id == verdict.grasp_id)
         missing = super()._fetch(lambda c: (c.scalar(item) is None, c.scalar(grasp) is None))
@@ -249,7 +252,7 @@ class Store(StoreReader):
     # -- writing ------------------------------------------------------------------------------
 
     def _enqueue(self, connection: sa.Connection, rows: list[tuple[str, str]]) -> None:
-        """Let records wait for the shared store, in the transaction that writes them."""
+        """Queue records for the shared store, in the transaction that writes them."""
         if self._shared_url is not None:
             enqueue(connection, SHARED, rows)
 
@@ -262,38 +265,38 @@ class Store(StoreReader):
         with translate_errors(self.local_name):
             with self._reading.connect() as connection:
                 before = read_version(connection, where=self.local_name)
-            # A current store is not locked for it, and may be read-only.
+            # A store with the current schema needs no lock and may be read-only.
             if before == NEWEST[connection.dialect.name]:
                 return
             try:
                 with self._write() as connection:
                     migrate(connection, where=self.local_name)
             except StoreError:
-                # An older store on a medium that can't be written is read as it is.
+                # An older store on a read-only medium remains readable without migration.
                 if create or before == 0:
                     raise
 
 
 def _local_file(server: sa.URL) -> Path:
-    """Return the local file of a server's records, in a folder that exists."""
+    """Return the local file for a server's records; create its folder if missing."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     folder, number = state / "palpate", hashlib.sha256(show_url(server).encode()).hexdigest()[:12]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(
-            f"{folder}: can't be made ({error.strerror}); set $XDG_STATE_HOME to another folder"
+            f"{folder}: can't be created ({error.strerror}); set $XDG_STATE_HOME to another folder"
         ) from error
     return folder / f"items-{number}.sqlite"
 
 
 def _check_file(path: Path, *, name: str, create: bool) -> None:
     if path.is_dir():
-        raise StoreError(f"{name}: a folder; name a file in it")
+        raise StoreError(f"{name}: is a folder; name a file in it")
     if not path.parent.is_dir():
         raise StoreError(f"{name}: the folder {path.parent} does not exist; create it first")
     if not create and not path.exists():
         raise StoreError(
-            f"{name}: no such file; `palpate grasp --item NAME --store FILE` makes one, or name "
-            "another with --store or $PALPATE_STORE"
+            f"{name}: no such file; `palpate grasp --item NAME --store FILE` creates it, or name "
+            "another file with --store or $PALPATE_STORE"
         )

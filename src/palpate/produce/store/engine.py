@@ -1,4 +1,4 @@
-"""From the name of a store to an open database, with one-line errors."""
+"""Database engine of a store, and one-line errors."""
 
 from __future__ import annotations
 
@@ -12,37 +12,49 @@ from urllib.parse import quote
 
 from palpate.errors import InputError, StoreAwayError, StoreError, require_extra
 
-#: Environment variable and file name of the store, where none is named.
+#: Environment variable with the store, and default file name.
 STORE_VARIABLE = "PALPATE_STORE"
 DEFAULT_STORE = "palpate-items.sqlite"
-#: How long a writer waits for the others, seconds. A write takes milliseconds.
+#: Maximum wait of a writer for other writers, seconds. A write takes milliseconds.
 LOCK_TIMEOUT_S = 10.0
 _CONNECT_TIMEOUT_S = 5
 
-#: Start of SQLite's error name -> whether trying later may help, what it means, what to do.
+#: Start of SQLite's error name -> whether a later retry may help; cause and remedy.
 _SQLITE_FAULTS: Mapping[str, tuple[bool, str]] = {
     "SQLITE_BUSY": (True, "locked by another program for {wait:g} s; close it and try again"),
     "SQLITE_LOCKED": (True, "locked by another program for {wait:g} s; close it and try again"),
     "SQLITE_FULL": (True, "the disk is full; make room and try again"),
     "SQLITE_IOERR": (True, "the disk failed to read or write; check it and try again"),
-    "SQLITE_READONLY": (False, "read-only; change the rights of the file and its folder"),
-    "SQLITE_PERM": (False, "no right to it; change the rights of the file and its folder"),
+    "SQLITE_READONLY": (
+        False,
+        "is read-only; change the permissions of the file and its folder",
+    ),
+    "SQLITE_PERM": (
+        False,
+        "access denied; change the permissions of the file and its folder",
+    ),
     "SQLITE_NOTADB": (False, "not a store (no SQLite database); name another file"),
-    "SQLITE_CORRUPT": (False, "damaged; take it from a backup, or try `sqlite3 FILE .recover`"),
-    "SQLITE_CANTOPEN": (False, "can't be opened; check the folder and its rights"),
+    "SQLITE_CORRUPT": (
+        False,
+        "is damaged; restore it from a backup, or try `sqlite3 FILE .recover`",
+    ),
+    "SQLITE_CANTOPEN": (False, "can't be opened; check the folder and its permissions"),
 }
-#: Start of PostgreSQL's SQLSTATE (appendix A of its manual) -> the same.
+#: The same for PostgreSQL, by the start of SQLSTATE (appendix A of its manual).
 _POSTGRESQL_FAULTS: Mapping[str, tuple[bool, str]] = {
     "53100": (True, "the server's disk is full; make room and try again"),
     "55P03": (True, "locked by another program for {wait:g} s; close it and try again"),
     "57P": (True, "the server is shutting down or starting; try again"),
     "53": (True, "the server is out of connections or memory; try again later"),
-    "40": (True, "two writers got in each other's way; try again"),
+    "40": (True, "two writers were in conflict; try again"),
     "08": (True, "the connection was lost; check the server and try again"),
-    "25006": (False, "read-only; name the primary server"),
+    "25006": (False, "the server is read-only; name the primary server"),
     "28": (False, "the server refused the user or password; check the URL"),
-    "3D000": (False, "no such database on the server; make it with `createdb`"),
-    "42501": (False, "the user lacks rights to it; ask for CREATE, SELECT, INSERT and UPDATE"),
+    "3D000": (False, "no such database on the server; create it with `createdb`"),
+    "42501": (
+        False,
+        "the user lacks permissions; request CREATE, SELECT, INSERT and UPDATE",
+    ),
 }
 
 __all__ = ["postgresql", "sa", "sqlite"]
@@ -51,9 +63,9 @@ __all__ = ["postgresql", "sa", "sqlite"]
 def store_url(where: str | Path | None) -> sa.URL:
     """Return the URL of a store.
 
-    `where`: a file, a ``sqlite:`` or ``postgresql:`` URL; None for ``$PALPATE_STORE``, else
+    `where`: a file, or a ``sqlite:`` or ``postgresql:`` URL; None for ``$PALPATE_STORE``, else
         ``palpate-items.sqlite`` in the current folder.
-    Raises `InputError` if it is a URL of another database, or none.
+    Raises `InputError` if the URL is invalid or names another kind of database.
 
     >>> str(store_url("monday.sqlite"))
     'sqlite:///monday.sqlite'
@@ -66,7 +78,7 @@ def store_url(where: str | Path | None) -> sa.URL:
     try:
         url = sa.make_url(named)
     except (sa.exc.ArgumentError, ValueError) as error:
-        raise InputError(f"store {named.split('@')[-1]!r}: not a URL ({error})") from error
+        raise InputError(f"store {named.split('@')[-1]!r}: invalid URL ({error})") from error
     driver = url.get_backend_name()
     if driver in ("postgresql", "postgres"):
         return url.set(drivername="postgresql+psycopg")
@@ -78,18 +90,19 @@ def store_url(where: str | Path | None) -> sa.URL:
     )
 
 
-def url_to_read(url: sa.URL) -> sa.URL:
-    """Return the URL of an SQLite file for reading, also on a read-only medium.
+def read_only_url(url: sa.URL) -> sa.URL:
+    """Return the URL for reading an SQLite file, also from a read-only medium.
 
-    SQLite wants to put helper files into the folder, and refuses one where it can't, unless the URL
-    declares that no process writes. Where a helper file exists, one did, and nothing is changed.
+    SQLite creates helper files in the folder. In a read-only folder it fails unless the URL is
+    marked immutable. If a helper file exists, another process may write, and the URL is returned
+    unchanged.
     """
     path = Path(url.database or "")
     helper = Path(f"{path}-wal")
     if helper.exists() or os.access(path.parent, os.W_OK, effective_ids=True):
         return url
-    unchanging = {"mode": "ro", "immutable": "1", "uri": "true"}
-    return url.set(database=f"file:{quote(str(path))}", query=unchanging)
+    immutable = {"mode": "ro", "immutable": "1", "uri": "true"}
+    return url.set(database=f"file:{quote(str(path))}", query=immutable)
 
 
 def show_url(url: sa.URL) -> str:
@@ -100,9 +113,9 @@ def show_url(url: sa.URL) -> str:
 
 
 def make_engine(url: sa.URL) -> sa.Engine:
-    """Return an engine with safe settings for several processes; nothing is opened yet.
+    """Return an engine with settings for concurrent processes, without connecting.
 
-    Raises `MissingExtraError` if PostgreSQL is asked for without its driver.
+    Raises `MissingExtraError` for PostgreSQL without its driver.
     """
     if url.get_backend_name() == "sqlite":
         engine = sa.create_engine(url, connect_args={"timeout": LOCK_TIMEOUT_S})
@@ -116,12 +129,12 @@ def make_engine(url: sa.URL) -> sa.Engine:
     if "connect_timeout" not in url.query:
         url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
     with require_extra("a store on PostgreSQL", extra="postgresql"):
-        from palpate.produce.store.postgresql import AnsweringConnection
+        from palpate.produce.store.postgresql import TimeLimitedConnection
 
         engine = sa.create_engine(url, pool_pre_ping=True)
 
     def connect(dialect: object, record: object, arguments: Any, options: Any) -> Any:
-        return AnsweringConnection.connect(*arguments, **options)
+        return TimeLimitedConnection.connect(*arguments, **options)
 
     sa.event.listen(engine, "do_connect", connect)
     return engine
@@ -129,28 +142,28 @@ def make_engine(url: sa.URL) -> sa.Engine:
 
 @contextmanager
 def translate_errors(where: str) -> Iterator[None]:
-    """Turn the errors of a database into one line.
+    """Convert database errors into palpate errors with a one-line message.
 
-    Raises `StoreAwayError` if it does not answer now: trying later may help; `StoreError` if it
-    can't be used as it is; `InputError` if a record refers to one that the store does not have.
+    Raises `StoreAwayError` if the database is temporarily not available; `StoreError` if it is
+    unusable; `InputError` if a record refers to a record that is not stored.
     """
     try:
         yield
     except sa.exc.IntegrityError as error:
         raise InputError(
-            f"{where}: refers to an item, grasp or calibration that is not stored; "
-            "add that one first"
+            f"{where}: the record refers to an item, grasp or calibration that is not stored; add "
+            "the item, grasp or calibration first"
         ) from error
     except sa.exc.DBAPIError as error:
         raise _explain_error(error, where=where) from error
     except sa.exc.TimeoutError as error:
-        raise StoreAwayError(f"{where}: all its connections are in use; try again") from error
-    except UnicodeDecodeError as error:  # of the driver, which quotes a damaged schema
+        raise StoreAwayError(f"{where}: all connections are in use; try again") from error
+    except UnicodeDecodeError as error:  # raised by the driver for a damaged schema
         raise damage_error(where) from error
 
 
 def damage_error(where: str) -> StoreError:
-    """Return the error for a store with content that palpate never wrote."""
+    """Return the error for a store with invalid content."""
     return StoreError(f"{where}: {_SQLITE_FAULTS['SQLITE_CORRUPT'][1]}")
 
 
@@ -160,19 +173,19 @@ def _explain_error(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
         code, known = getattr(origin, "sqlite_errorname", None), _SQLITE_FAULTS
     else:
         code, known = getattr(origin, "sqlstate", None), _POSTGRESQL_FAULTS
-    for start, (passing, text) in known.items():
+    for start, (is_temporary, text) in known.items():
         if code is not None and code.startswith(start):
             message = f"{where}: {text.format(wait=LOCK_TIMEOUT_S)}"
-            return StoreAwayError(message) if passing else StoreError(message)
+            return StoreAwayError(message) if is_temporary else StoreError(message)
     message = " ".join(str(origin).split())
-    # A driver that never reached the server has no state to report.
+    # Without a connection to the server there is no SQLSTATE.
     if code is None and isinstance(error, sa.exc.OperationalError):
         return _explain_unreachable(message, where=where)
     return StoreError(f"{where}: {message}")
 
 
 def _explain_unreachable(message: str, *, where: str) -> StoreError:
-    """Distinguish a server that is away from one that answered and refused."""
+    """Return the error for a server that refused the connection or did not answer."""
     for words, state in (
         ("authentication failed", "28"),
         ("no password supplied", "28"),
@@ -186,15 +199,15 @@ def _explain_unreachable(message: str, *, where: str) -> StoreError:
 
 def _prepare_sqlite(connection: Any, record: object) -> None:
     del record
-    # The driver's own idea of when a transaction begins is wrong: `_begin_sqlite` begins it.
+    # Disable the driver's implicit transactions; `_begin_sqlite` begins them.
     connection.isolation_level = None
-    # WAL: readers and a writer side by side; FULL: what is acknowledged survives a power cut.
+    # WAL allows readers during a write; FULL protects committed records from a power failure.
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         connection.execute(f"PRAGMA {pragma}")
 
 
 def _begin_sqlite(connection: sa.Connection) -> None:
-    # A writer asks for its lock at once: one that began as a reader could be refused it later.
+    # A writer locks immediately, because an upgrade from a read transaction can fail.
     writes = connection.get_execution_options().get("writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 

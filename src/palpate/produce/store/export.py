@@ -1,4 +1,4 @@
-"""The store as Parquet: one row per grasp, and one per verdict."""
+"""Export of the store to Parquet: one row per grasp or per verdict."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000
-#: Details come last, as JSON text; measurements are columns of their own.
+#: Columns of the export. Details are the last column, as JSON text; measurements are separate.
 _ITEM_COLUMNS = tuple(c.name for c in ITEMS.c if c.name != "first_seen")
 _GRASP_COLUMNS = tuple(c.name for c in GRASPS.c if c.name not in ("number", "item_id"))
 _VERDICT_COLUMNS = tuple(c.name for c in VERDICTS.c if c.name != "details")
@@ -27,10 +27,10 @@ def export_grasps(
 ) -> int:
     """Write grasps with their items' fields; return the number of rows.
 
-    `path`: written whole or not at all.
-    `grasps`: one row each, in this order. A measurement is four columns: its value under its name,
+    `path`: output file, written atomically.
+    `grasps`: one row each, in this order. A measurement has four columns: its name for the value,
         and ``..._low``, ``..._high``, ``..._status``.
-    `items`: those that the grasps belong to.
+    `items`: items of the grasps.
     Raises `MissingExtraError` if pyarrow is not installed.
     """
     known = {item.item_id: item for item in items}
@@ -38,7 +38,7 @@ def export_grasps(
 
 
 def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
-    """Write verdicts, details as JSON text; return the number of rows.
+    """Write verdicts with details as JSON text; return the number of rows.
 
     Raises `MissingExtraError` if pyarrow is not installed.
     """
@@ -52,9 +52,9 @@ def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -
 
 
 def require_parquet() -> Any:
-    """Return pyarrow with its Parquet part.
+    """Return pyarrow with its Parquet module.
 
-    Raises `MissingExtraError` if it is not installed.
+    Raises `MissingExtraError` if pyarrow is not installed.
     """
     return import_pyarrow("Parquet (unlike --json)")
 
@@ -84,23 +84,23 @@ def grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
 def _write(path: str | os.PathLike[str], rows: Iterable[dict[str, Any]], names: list[str]) -> int:
     arrow = require_parquet()
     schema = arrow.schema([(name, _kind(name, arrow)) for name in names])
-    left = iter(rows)
+    remaining = iter(rows)
     written = 0
     with atomic_path(Path(path)) as partial, arrow.parquet.ParquetWriter(partial, schema) as file:
-        while batch := list(islice(left, _BATCH)):
+        while batch := list(islice(remaining, _BATCH)):
             file.write_table(arrow.Table.from_pylist(batch, schema=schema))
             written += len(batch)
     return written
 
 
 def _kind(column: str, arrow: Any) -> Any:
-    """Return the Arrow type of a column: that of its table; measurements are numbers."""
+    """Return the Arrow type for a column of the tables or a measurement."""
     table = next((one for one in (ITEMS, GRASPS, VERDICTS) if column in one.c), None)
-    kept = None if table is None else table.c[column].type
+    sql_type = None if table is None else table.c[column].type
     if column == "pixel_settled_percent":
         return arrow.list_(arrow.list_(arrow.float64()))
-    if column.endswith("_status") or isinstance(kept, sa.Text | sa.JSON):
+    if column.endswith("_status") or isinstance(sql_type, sa.Text | sa.JSON):
         return arrow.string()
-    if isinstance(kept, UtcTime):
+    if isinstance(sql_type, UtcTime):
         return arrow.timestamp("us", tz="UTC")
     return arrow.float64()

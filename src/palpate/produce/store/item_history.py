@@ -1,6 +1,6 @@
-"""All that is known of one item, as a page or as JSON.
+"""History of an item from the store, and its JSON documents.
 
-The JSON is `item.json` and `items.json` of `docs/schemas`.
+The JSON schemas are `item.json` and `items.json` in `docs/schemas`.
 """
 
 from __future__ import annotations
@@ -14,58 +14,58 @@ from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Drive, Grasp, Item, Verdict
 from palpate.produce.store.database import Store
 
-#: Others of a kind that are read for its scale of firmness, the last met first, and the fewest that
-#: make one (guess).
+#: Maximum number of other items of the same kind (newest first) for the firmness rank, and the
+#: required minimum (assumed).
 _MOST_OF_KIND, _FEWEST_OF_KIND = 200, 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmnessRank:
-    """Place of an item's firmness on the scale of its kind."""
+    """Rank of an item's firmness among items of the same kind."""
 
-    #: Other items of the kind whose firmness is known by such a gripper.
+    #: Number of other items with a firmness from the same kind of gripper.
     items: int
-    #: Fraction of them that are softer.
+    #: Fraction of these items that are softer.
     softer: float
 
     @property
     def text(self) -> str:
-        """The place in words."""
-        return f"firmer than {100 * self.softer:.0f} % of {self.items} of its kind"
+        """The rank as text."""
+        return f"firmer than {100 * self.softer:.0f} % of {self.items} items of its kind"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemHistory:
     """One item with its history, oldest first."""
 
-    #: Which.
+    #: The item.
     item: Item
-    #: With their measurements.
+    #: Grasps with their measurements.
     grasps: tuple[Grasp, ...]
-    #: By palpate and by people.
+    #: Verdicts by palpate and by people.
     verdicts: tuple[Verdict, ...]
-    #: Why grasps of other stations may be missing; empty if the shared store answered.
+    #: Reason why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
-    #: Its place among items of its kind; None if too few are known.
+    #: Rank among items of the same kind; None if too few are known.
     firmness_rank: FirmnessRank | None = None
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any of its grasps is simulated."""
+        """Whether any grasp is simulated."""
         return any(grasp.is_simulated for grasp in self.grasps)
 
     def latest(self, name: str) -> Measurement | None:
-        """Return a measurement of the last grasp that has it."""
+        """Return the latest measurement with this name; None without one."""
         found = (grasp.measurements.get(name) for grasp in reversed(self.grasps))
         return next((measured for measured in found if measured is not None), None)
 
     def latest_verdict(self, about: About) -> Verdict | None:
-        """Return the last verdict on a subject."""
+        """Return the latest verdict about a subject; None without one."""
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
 
-    def within(self, since: datetime, until: datetime) -> ItemHistory:
-        """Return grasps and verdicts at or after `since`, and before `until`."""
+    def select_period(self, since: datetime, until: datetime) -> ItemHistory:
+        """Return the history at or after `since`, and before `until`."""
         return replace(
             self,
             grasps=tuple(g for g in self.grasps if since <= g.taken_at < until),
@@ -73,13 +73,13 @@ class ItemHistory:
         )
 
 
-def item_page(store: Store, item_id: str) -> ItemHistory:
-    """Gather the page of an item, with its place among the others of its kind.
+def read_item_history(store: Store, item_id: str) -> ItemHistory:
+    """Read the history of an item, with its firmness rank.
 
-    Raises `InputError` if there is no such item.
+    Raises `InputError` if the item is unknown.
     """
     item = store.item(item_id)
-    page = item_pages(store, [item])[0]
+    page = read_item_histories(store, [item])[0]
     drive = page.grasps[-1].drive if page.grasps else "width"
     own = _last_firmness(page.grasps, drive)
     if item.kind is None or own is None:
@@ -94,17 +94,17 @@ def item_page(store: Store, item_id: str) -> ItemHistory:
 
 
 def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
-    """Return the last firmness that a kind of gripper measured."""
-    mine = (grasp for grasp in reversed(grasps) if grasp.drive == drive)
-    found = (grasp.measurements.get("firmness") for grasp in mine)
+    """Return the latest firmness measured with a kind of gripper; None without one."""
+    same_drive = (grasp for grasp in reversed(grasps) if grasp.drive == drive)
+    found = (grasp.measurements.get("firmness") for grasp in same_drive)
     return next((measured.middle for measured in found if measured is not None), None)
 
 
-def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
-    """Gather the pages of several items, in the same order."""
+def read_item_histories(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
+    """Read the histories of several items, in the same order."""
     histories = store.histories([item.item_id for item in items])
     read = list(zip(items, histories, strict=True))
-    away = "" if store.away is None else f"{store.away}; this is from {store.local_name} alone"
+    away = "" if store.away is None else f"{store.away}; shown from {store.local_name} only"
     return tuple(
         ItemHistory(item=item, grasps=grasps, verdicts=verdicts, away=away)
         for item, (grasps, verdicts) in read
@@ -114,9 +114,9 @@ def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
 def item_facts(
     item_id: str, *, kind: str | None = None, verdicts: Sequence[Verdict] = ()
 ) -> dict[str, object]:
-    """Return an item by its last verdicts, as `item` of a grasp's document.
+    """Return an item with its latest verdicts, as `item` in the JSON of a grasp.
 
-    `kind`: what a person stated it to be.
+    `kind`: kind stated by a person.
 
     >>> item_facts("A17", kind="kiwi")
     {'id': 'A17', 'kind': 'kiwi', 'stage': None, 'bruised': None}
@@ -132,12 +132,12 @@ def item_facts(
 
 
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
-    """Return the document of a list of items."""
+    """Return the JSON document of a list of items."""
     return {"items": [_item_row(page) for page in pages], **_away_note(pages)}
 
 
 def item_document(page: ItemHistory) -> dict[str, Any]:
-    """Return the document of one item."""
+    """Return the JSON document of one item."""
     return {
         "item": record_as_dict(page.item),
         "simulated": page.is_simulated,

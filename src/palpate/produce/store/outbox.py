@@ -1,7 +1,7 @@
-"""Records and messages that wait in the local store for a receiver, in order.
+"""Outbox of the local store: records and messages for a receiver, in order.
 
-A row is written in the transaction of the record itself and removed once the receiver has
-acknowledged it, so each arrives at least once.
+A row is written in the same transaction as its record, and removed after the receiver's
+acknowledgement. Delivery is therefore at least once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from palpate.produce.store.writing import (
     write_verdict,
 )
 
-#: The receiver of records; other receivers take messages.
+#: Receiver of records, the shared store; other receivers get messages.
 SHARED = "shared"
 
 
@@ -32,18 +32,18 @@ def enqueue(connection: sa.Connection, receiver: str, rows: Iterable[tuple[str, 
 
 
 def read_waiting(connection: sa.Connection, receiver: str, *, limit: int) -> Sequence[Any]:
-    """Return the rows that have waited longest: number, kind and content."""
+    """Return a receiver's oldest rows: number, kind and content."""
     query = sa.select(OUTBOX).where(OUTBOX.c.receiver == receiver)
     return connection.execute(query.order_by(OUTBOX.c.number).limit(limit)).all()
 
 
 def remove(connection: sa.Connection, numbers: Sequence[int]) -> None:
-    """Remove rows that have arrived."""
+    """Remove acknowledged rows."""
     connection.execute(OUTBOX.delete().where(OUTBOX.c.number.in_(numbers)))
 
 
-def drop_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
-    """Remove a receiver's rows beyond the newest `most`; return their number."""
+def remove_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
+    """Keep a receiver's newest `most` rows; return the number removed."""
     numbers = sa.select(OUTBOX.c.number).where(OUTBOX.c.receiver == receiver)
     last = numbers.order_by(OUTBOX.c.number.desc()).limit(1).offset(most).scalar_subquery()
     surplus = OUTBOX.delete().where(OUTBOX.c.receiver == receiver, OUTBOX.c.number <= last)
@@ -51,24 +51,24 @@ def drop_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
 
 
 def item_kind(item: Item) -> str:
-    """Return the record type of an item's row, with its filled columns."""
+    """Return the outbox kind of an item, with the names of its non-empty columns."""
     return " ".join(["item", *(n for n in ("kind", "batch", "label") if getattr(item, n))])
 
 
 def copy_record(source: sa.Connection, target: sa.Connection, kind: str, content: str) -> None:
-    """Copy a record with all that it refers to from one database to the other.
+    """Copy a record and all records that it refers to.
 
     `kind`: ``item`` with the columns to copy, ``grasp`` or ``verdict``.
-    `content`: the id of the record.
+    `content`: the ID of the record.
     """
-    what, *columns = kind.split()
-    if what == "item":
+    record_type, *columns = kind.split()
+    if record_type == "item":
         for item in read_items(source, sa.select(ITEMS).where(ITEMS.c.item_id == content)):
-            given = {name: getattr(item, name) for name in columns}
-            write_items(target, [Item(item_id=item.item_id, first_seen=item.first_seen, **given)])
-    elif what == "grasp":
-        query_of_grasp = sa.select(GRASPS).where(GRASPS.c.grasp_id == content)
-        for grasp in read_grasps(source, query_of_grasp).values():
+            values = {name: getattr(item, name) for name in columns}
+            write_items(target, [Item(item_id=item.item_id, first_seen=item.first_seen, **values)])
+    elif record_type == "grasp":
+        grasp_query = sa.select(GRASPS).where(GRASPS.c.grasp_id == content)
+        for grasp in read_grasps(source, grasp_query).values():
             if grasp.calibration_id is not None:
                 query = sa.select(CALIBRATIONS.c.content).where(
                     CALIBRATIONS.c.calibration_id == grasp.calibration_id
@@ -76,8 +76,8 @@ def copy_record(source: sa.Connection, target: sa.Connection, kind: str, content
                 write_calibration(target, source.scalars(query).one())
             write_grasps(target, [grasp])
     else:
-        query_of = sa.select(VERDICTS).where(VERDICTS.c.verdict_id == content)
-        for verdict in read_verdicts(source, query_of):
+        verdict_query = sa.select(VERDICTS).where(VERDICTS.c.verdict_id == content)
+        for verdict in read_verdicts(source, verdict_query):
             copy_record(source, target, "item", verdict.item_id)
             if verdict.grasp_id is not None:
                 copy_record(source, target, "grasp", verdict.grasp_id)

@@ -1,7 +1,7 @@
-"""A connection to PostgreSQL with a time-out, even for a frozen back end.
+"""PostgreSQL connection with a time limit for each answer.
 
-The server's own time limits do not help where the server itself hangs while the system runs
-acknowledging what is sent to it. So each wait is limited on this side.
+The server's own time limits have no effect if the server process hangs while its operating system
+still acknowledges packets. Each wait is therefore limited by the client.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from typing import Any
 
 import psycopg
 
-#: Longer than the server lets a writer wait for a lock.
+#: Time limit of an answer, seconds; longer than the server's lock timeout.
 ANSWER_S = 15.0
 
 
-class AnsweringConnection(psycopg.Connection[Any]):
-    """A connection that is lost once an answer takes too long."""
+class TimeLimitedConnection(psycopg.Connection[Any]):
+    """A connection that closes if an answer exceeds the time limit."""
 
     def wait(self, *args: Any, **kwargs: Any) -> Any:
-        """Wait for the server; after the time limit, shut the socket and fail.
+        """Wait for the server; shut down the socket after the time limit.
 
-        Raises `psycopg.OperationalError` if no answer came in time.
+        Raises `psycopg.OperationalError` after the time limit.
         """
         limit = threading.Timer(ANSWER_S, _shut_down, args=(self,))
         limit.daemon = True
@@ -35,8 +35,8 @@ class AnsweringConnection(psycopg.Connection[Any]):
             limit.cancel()
 
 
-def _shut_down(connection: AnsweringConnection) -> None:
-    # Of a copy: the descriptor itself is the library's to close.
+def _shut_down(connection: TimeLimitedConnection) -> None:
+    # Use a duplicate, because the library closes the original descriptor.
     with (
         suppress(OSError, psycopg.Error),
         socket.socket(fileno=_duplicate_socket(connection)) as copy,
@@ -44,5 +44,5 @@ def _shut_down(connection: AnsweringConnection) -> None:
         copy.shutdown(socket.SHUT_RDWR)
 
 
-def _duplicate_socket(connection: AnsweringConnection) -> int:
+def _duplicate_socket(connection: TimeLimitedConnection) -> int:
     return os.dup(connection.pgconn.socket)

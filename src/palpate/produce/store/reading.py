@@ -1,4 +1,4 @@
-"""Items, grasps and verdicts read from the rows of a store."""
+"""Reading of items, grasps and verdicts from a store."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from palpate.settling.result import Status
 _Read = TypeVar("_Read")
 _Value = TypeVar("_Value")
 
-#: Values in one IN list: below SQLite's bound on parameters in every build.
+#: Maximum length of an IN list, below SQLite's parameter limit in every build.
 _MOST_VALUES = 500
-#: Grasps fetched at a time where all are asked for.
+#: Number of grasps per query when reading all grasps.
 _BATCH = 5000
-#: Measurements of older stores that are no longer made.
+#: Measurements in stores of older versions, ignored here.
 _RETIRED = ("firmness_n_per_mm", "sheet_gain")
 _IN_TIME = (GRASPS.c.taken_at, GRASPS.c.number)
 
 
 def read_items(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Item, ...]:
-    """Return the items that a query over `ITEMS` finds."""
+    """Return the items found by a query over `ITEMS`."""
     return tuple(Item(**row) for row in connection.execute(query).mappings())
 
 
 def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> dict[int, Grasp]:
-    """Return the grasps found by a query over `GRASPS`, by number, in its order."""
+    """Return the grasps found by a query over `GRASPS`, by number, in query order."""
     rows = [dict(row) for row in connection.execute(query).mappings()]
     numbers = [row.pop("number") for row in rows]
     measured = _measurements(connection, numbers)
@@ -43,14 +43,14 @@ def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> dict[int, G
 
 
 def read_verdicts(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Verdict, ...]:
-    """Return the verdicts that a query over `VERDICTS` finds."""
+    """Return the verdicts found by a query over `VERDICTS`."""
     return tuple(Verdict(**row) for row in connection.execute(query).mappings())
 
 
-def narrow(
+def filter_items(
     query: sa.Select[Any], *, kind: str | None = None, batch: str | None = None
 ) -> sa.Select[Any]:
-    """Select the rows of one kind and batch."""
+    """Restrict a query to items of one kind and batch."""
     if kind is not None:
         query = query.where(ITEMS.c.kind == kind)
     if batch is not None:
@@ -63,8 +63,8 @@ def verdict_query() -> sa.Select[Any]:
     return sa.select(VERDICTS).order_by(VERDICTS.c.given_at, VERDICTS.c.verdict_id)
 
 
-def _in_parts(values: Sequence[_Value]) -> Iterator[Sequence[_Value]]:
-    """Yield parts that each fit into one IN list."""
+def _split(values: Sequence[_Value]) -> Iterator[Sequence[_Value]]:
+    """Split values into parts for one IN list each."""
     for start in range(0, len(values), _MOST_VALUES):
         yield values[start : start + _MOST_VALUES]
 
@@ -73,7 +73,7 @@ def _measurements(
     connection: sa.Connection, numbers: Sequence[int]
 ) -> dict[int, dict[str, Measurement]]:
     found: dict[int, dict[str, Measurement]] = {}
-    for part in _in_parts(numbers):
+    for part in _split(numbers):
         query = sa.select(MEASUREMENTS).where(
             MEASUREMENTS.c.grasp_number.in_(part), MEASUREMENTS.c.name.not_in(_RETIRED)
         )
@@ -90,24 +90,24 @@ def _measurements(
 
 
 class StoreReader:
-    """The reading half of `Store`.
+    """Base class of `Store` with the reading methods.
 
-    Every method raises `StoreAwayError` where the database does not answer now, and `StoreError`
-    where it can't be used as it is.
+    Every method raises `StoreAwayError` if the database is temporarily not available, and
+    `StoreError` if it is unusable.
 
-    `name`: what to call the store in messages; `local_name` is that of its file.
+    `name`: name of the store in messages; `local_name` is the name of the local file.
     """
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
         self._reading = engine
         self.name = self.local_name = name
-        #: Why the answers are this station's own alone; None while the shared store answers.
+        #: Error of the shared store, after which only local records are read; None without error.
         self.away: StoreAwayError | None = None
 
     def calibration(self, calibration_id: str) -> str:
         """Return the text of a calibration.
 
-        Raises `InputError` if there is no calibration with this id.
+        Raises `InputError` if there is no calibration with this ID.
         """
         query = sa.select(CALIBRATIONS.c.content).where(
             CALIBRATIONS.c.calibration_id == calibration_id
@@ -120,7 +120,7 @@ class StoreReader:
     def item(self, item_id: str) -> Item:
         """Return one item.
 
-        Raises `InputError` if there is no item of that name.
+        Raises `InputError` if there is no item with this name.
         """
         found = self.find_items([item_id])
         if not found:
@@ -134,24 +134,24 @@ class StoreReader:
         batch: str | None = None,
         limit: int | None = None,
     ) -> tuple[Item, ...]:
-        """Return at most `limit` items of this kind and batch, the last met first."""
-        query = narrow(sa.select(ITEMS), kind=kind, batch=batch)
+        """Return at most `limit` items of this kind and batch, newest first."""
+        query = filter_items(sa.select(ITEMS), kind=kind, batch=batch)
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
         return self._fetch(lambda connection: read_items(connection, query))
 
     def find_items(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
-        """Return items in the order of the names, without unknown ones."""
+        """Return the known items in the order of the names."""
 
         def read(connection: sa.Connection) -> dict[str, Item]:
-            parts = map(ITEMS.c.item_id.in_, _in_parts(item_ids))
-            queries = (sa.select(ITEMS).where(part) for part in parts)
+            conditions = map(ITEMS.c.item_id.in_, _split(item_ids))
+            queries = (sa.select(ITEMS).where(condition) for condition in conditions)
             return {item.item_id: item for q in queries for item in read_items(connection, q)}
 
         found = self._fetch(read)
         return tuple(found[name] for name in item_ids if name in found)
 
     def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
-        """Return the grasps of an item, oldest first; none for an unknown item."""
+        """Return the grasps of an item, oldest first; empty for an unknown item."""
         query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id).order_by(*_IN_TIME)
         return tuple(self._fetch(lambda connection: read_grasps(connection, query)).values())
 
@@ -159,12 +159,12 @@ class StoreReader:
         self, item_ids: Sequence[str]
     ) -> Iterator[tuple[tuple[Grasp, ...], tuple[Verdict, ...]]]:
         """Yield the grasps and the verdicts of each item, in the order of the names."""
-        for names in _in_parts(item_ids):
+        for names in _split(item_ids):
             grasps: dict[str, list[Grasp]] = {name: [] for name in names}
             verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
-            felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
-            on_them = verdict_query().where(VERDICTS.c.item_id.in_(names))
-            found = self._fetch(partial(_read_both, grasps=felt, verdicts=on_them))
+            of_grasps = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
+            of_verdicts = verdict_query().where(VERDICTS.c.item_id.in_(names))
+            found = self._fetch(partial(_read_both, grasps=of_grasps, verdicts=of_verdicts))
             for grasp in found[0].values():
                 grasps[grasp.item_id].append(grasp)
             for verdict in found[1]:
@@ -180,9 +180,9 @@ class StoreReader:
         since: datetime | None = None,
         until: datetime | None = None,
     ) -> Iterator[Grasp]:
-        """Yield grasps in the order they were written, in bounded memory.
+        """Yield grasps in the order of writing, with bounded memory.
 
-        `kind`, `batch`: only of such items.
+        `kind`, `batch`: only grasps of items of this kind and batch.
         `since`, `until`: only grasps taken at or after `since`, and before `until`.
         """
         query = sa.select(GRASPS)
@@ -191,19 +191,19 @@ class StoreReader:
         if until is not None:
             query = query.where(GRASPS.c.taken_at < until)
         if kind is not None or batch is not None:
-            query = narrow(query.join(ITEMS), kind=kind, batch=batch)
+            query = filter_items(query.join(ITEMS), kind=kind, batch=batch)
         query = query.order_by(GRASPS.c.number).limit(_BATCH)
 
         def read(connection: sa.Connection, after: int) -> dict[int, Grasp]:
             return read_grasps(connection, query.where(GRASPS.c.number > after))
 
         found = self._fetch(partial(read, after=-1))
-        answered_by = self.away
+        error_before = self.away
         while found:
             yield from found.values()
             found = self._fetch(partial(read, after=max(found)))
-            # Two databases number grasps differently.
-            if self.away is not answered_by and self.away is not None:
+            # The local database numbers grasps differently, so the iteration can't continue there.
+            if self.away is not error_before and self.away is not None:
                 raise self.away
 
     def verdicts_of(
@@ -216,12 +216,12 @@ class StoreReader:
     def verdicts(
         self, about: About, *, source: Source | None = None, kind: str | None = None
     ) -> tuple[Verdict, ...]:
-        """Return the verdicts on all items, or on those of a kind, as training labels."""
-        query = narrow(verdict_query().join(ITEMS), kind=kind)
+        """Return the verdicts about a subject on all items, or on items of one kind."""
+        query = filter_items(verdict_query().join(ITEMS), kind=kind)
         return self._verdicts(query, about=about, source=source)
 
-    def of_batch(self, batch: str) -> tuple[Item, ...]:
-        """Return the items of a batch, the first met first."""
+    def items_of_batch(self, batch: str) -> tuple[Item, ...]:
+        """Return the items of a batch, oldest first."""
         return self.items(batch=batch)[::-1]
 
     def _verdicts(
@@ -239,7 +239,7 @@ class StoreReader:
                 return read(connection)
             except PalpateError:
                 raise
-            # A record is made from the content of the rows.
+            # Invalid content of a row fails when the record is created.
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise damage_error(self.local_name) from error
 

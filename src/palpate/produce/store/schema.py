@@ -1,7 +1,7 @@
-"""The tables of the store, created and brought up to date.
+"""Tables of the store, and their migration.
 
-Schema 2 added the outbox to the local SQLite file. A PostgreSQL server has no outbox: it stays at
-schema 1, so that stations with an earlier palpate can share it.
+Schema 2 added the outbox to the local SQLite file. A PostgreSQL server has no outbox and remains at
+schema 1, so stations with an older palpate can use the same server.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from palpate.produce.store.engine import postgresql, sa, sqlite
 
 #: Newest schema version of each kind of database.
 NEWEST: Mapping[str, int] = {"sqlite": 2, "postgresql": 1}
-#: One at a time, whichever process comes first: the key of PostgreSQL's advisory lock.
+#: Key of the PostgreSQL advisory lock for migrations.
 _LOCK = 0x70616C70
 
 
 class UtcTime(sa.types.TypeDecorator[datetime]):
-    """A time in UTC: a timestamp with time zone, in SQLite sortable ISO 8601 text."""
+    """A UTC time: timestamp with time zone, or sortable ISO 8601 text in SQLite."""
 
     impl = sa.TIMESTAMP(timezone=True)
     cache_ok = True
 
     def load_dialect_impl(self, dialect: sa.Dialect) -> sa.types.TypeEngine[Any]:
-        """Choose the column type of a database."""
+        """Return the column type for a database."""
         own: sa.types.TypeEngine[Any] = (
             sa.TEXT() if dialect.name == "sqlite" else sa.TIMESTAMP(timezone=True)
         )
         return dialect.type_descriptor(own)
 
     def process_bind_param(self, value: datetime | None, dialect: sa.Dialect) -> Any:
-        """Write a moment."""
+        """Convert a time for storage."""
         if value is None or dialect.name != "sqlite":
             return value
         text = value.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
@@ -48,7 +48,7 @@ class UtcTime(sa.types.TypeDecorator[datetime]):
 
 
 METADATA = sa.MetaData()
-#: SQLite counts rows itself where the key is called INTEGER.
+#: SQLite numbers rows automatically for a key of type INTEGER only.
 _NUMBER = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 _REAL = sa.DOUBLE_PRECISION[float]()
 
@@ -135,22 +135,21 @@ OUTBOX = sa.Table(
     sa.Column("receiver", sa.Text, nullable=False),
     sa.Column("kind", sa.Text, nullable=False),
     sa.Column("content", sa.Text, nullable=False),
-    # A number is never used again: a late acknowledgement can't remove a newer row.
+    # Numbers are never reused, so a late acknowledgement can't remove a newer row.
     sqlite_autoincrement=True,
 )
 
 
 def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Insert:
-    """Return an insert that supports a clause for existing rows."""
+    """Return an insert statement with support for ON CONFLICT."""
     return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)
 
 
 def migrate(connection: sa.Connection, *, where: str) -> None:
-    """Create the tables, or bring them to the newest version, in the caller's transaction.
+    """Create or migrate the tables to the newest version, in the caller's transaction.
 
-    `where`: what the user calls the store.
-    Raises `StoreError` if the database was written by a newer palpate, or belongs to something
-    else.
+    `where`: name of the store in messages.
+    Raises `StoreError` if the database was written by a newer palpate or by another program.
     """
     database = connection.dialect.name
     if database == "postgresql":
@@ -171,16 +170,16 @@ def migrate(connection: sa.Connection, *, where: str) -> None:
 
 
 def read_version(connection: sa.Connection, *, where: str) -> int:
-    """Return the schema version that a database is at; 0 for an empty one.
+    """Return the schema version of a database; 0 for an empty database.
 
-    Raises `StoreError` if it was written by a newer palpate, or belongs to something else.
+    Raises `StoreError` if the database was written by a newer palpate or by another program.
     """
     tables = sa.inspect(connection).get_table_names()
     if VERSIONS.name not in tables:
         if tables:
             raise StoreError(
                 f"{where}: a database of another program (it has a table {sorted(tables)[0]!r}); "
-                "name an empty or a new one"
+                "name an empty or a new database"
             )
         return 0
     version: int = connection.scalar(sa.select(sa.func.max(VERSIONS.c.version))) or 0

@@ -10,36 +10,36 @@ from pathlib import Path
 from palpate.errors import PalpateError
 from palpate.produce.store.database import Store
 
-#: How long a server that was away is left alone, unless something new is to be sent, seconds.
+#: Retry interval after an error if there are no new records, seconds.
 _RETRY_S = 10.0
-#: A server that does not answer does not keep the program from ending, seconds.
-_FAREWELL_S = 3.0
+#: Maximum wait in `Sender.close`, seconds.
+_CLOSE_TIMEOUT_S = 3.0
 
 
 class Sender:
     """Context manager that sends records in the background until closed.
 
-    `where`: the store, as `Store.open` takes it.
-    `complain`: called with a line, once for each new reason, when the server does not take records.
+    `where`: the store, as in `Store.open`.
+    `on_error`: called once with each new error message.
     """
 
     def __init__(
-        self, where: str | Path | None, *, complain: Callable[[str], None] = lambda line: None
+        self, where: str | Path | None, *, on_error: Callable[[str], None] = lambda line: None
     ) -> None:
-        self._where, self._complain = where, complain
+        self._where, self._on_error = where, on_error
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
         self._thread.start()
 
     def wake(self) -> None:
-        """Send now; returns at once."""
+        """Start sending without waiting."""
         self._wake.set()
 
     def close(self) -> None:
-        """Try to send the rest, for a limited time; unsent records stay in the file."""
+        """Send the remaining records within a time limit; unsent records stay in the file."""
         self._closing = True
         self._wake.set()
-        self._thread.join(_FAREWELL_S)
+        self._thread.join(_CLOSE_TIMEOUT_S)
 
     def __enter__(self) -> Sender:
         return self
@@ -60,7 +60,7 @@ class Sender:
                     last = ""
                 except PalpateError as error:
                     if str(error) != last:
-                        self._complain(f"{error}; records wait for it in the local store")
+                        self._on_error(f"{error}; the records wait in the local store")
                     last = str(error)
                 if not is_last_round:
                     self._wake.wait(_RETRY_S if last else None)

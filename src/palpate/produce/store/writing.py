@@ -1,4 +1,4 @@
-"""Records to rows, in the caller's transaction; existing rows stay as they are."""
+"""Writing of records in the caller's transaction, without changes to existing rows."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from palpate.produce.store.schema import (
     insert,
 )
 
-#: Grasps of one statement: more gain little, and databases bound the number of parameters.
+#: Maximum number of grasps per statement, because databases limit the number of parameters.
 _CHUNK = 1000
 _GRASP_COLUMNS = tuple(f.name for f in fields(Grasp) if f.name != "measurements")
 
 
 def write_items(connection: sa.Connection, items: Iterable[Item]) -> None:
-    """Add items, or update their fields; the first time seen only moves earlier."""
+    """Add items or update their fields; `first_seen` changes only to an earlier time."""
     statement = insert(ITEMS, dialect=connection.dialect.name)
     new = statement.excluded
     known = {n: sa.func.coalesce(new[n], ITEMS.c[n]) for n in ("kind", "batch", "label")}
@@ -42,7 +42,7 @@ def write_items(connection: sa.Connection, items: Iterable[Item]) -> None:
 
 
 def calibration_id_of(text: str) -> str:
-    """Return the id of a calibration: the same for the same text.
+    """Return the ID of a calibration, equal for equal text.
 
     >>> calibration_id_of("{}")
     '44136fa355b3678a'
@@ -51,7 +51,7 @@ def calibration_id_of(text: str) -> str:
 
 
 def write_calibration(connection: sa.Connection, text: str) -> str:
-    """Store the text of a calibration; return its id."""
+    """Store the text of a calibration; return its ID."""
     calibration_id = calibration_id_of(text)
     statement = insert(CALIBRATIONS, dialect=connection.dialect.name)
     connection.execute(
@@ -61,22 +61,22 @@ def write_calibration(connection: sa.Connection, text: str) -> str:
 
 
 def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> list[str]:
-    """Add grasps with their items and measurements; return the ids of those that were new."""
-    left = iter(grasps)
+    """Add grasps with their items and measurements; return the IDs of new grasps."""
+    remaining = iter(grasps)
     added: list[str] = []
-    # The same grasp twice in one call is one grasp.
-    while chunk := {grasp.grasp_id: grasp for grasp in islice(left, _CHUNK)}:
+    # The dictionary removes duplicates.
+    while chunk := {grasp.grasp_id: grasp for grasp in islice(remaining, _CHUNK)}:
         first_seen: dict[str, datetime] = {}
         for grasp in chunk.values():
-            met = first_seen.get(grasp.item_id, grasp.taken_at)
-            first_seen[grasp.item_id] = min(met, grasp.taken_at)
-        # In one order, so that two writers never wait for each other.
+            earliest = first_seen.get(grasp.item_id, grasp.taken_at)
+            first_seen[grasp.item_id] = min(earliest, grasp.taken_at)
+        # Sorted, so that concurrent writers cannot deadlock.
         items = (Item(item_id=n, first_seen=time) for n, time in sorted(first_seen.items()))
         write_items(connection, items)
         statement = insert(GRASPS, dialect=connection.dialect.name).on_conflict_do_nothing(
             index_elements=[GRASPS.c.grasp_id]
         )
-        # Only rows that were put in come back.
+        # The statement returns only inserted rows.
         found = connection.execute(
             statement.returning(GRASPS.c.grasp_id, GRASPS.c.number), list(map(_row, chunk.values()))
         )
@@ -93,7 +93,7 @@ def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> list[str
 
 
 def write_verdict(connection: sa.Connection, verdict: Verdict) -> bool:
-    """Add a verdict; False if it was there already."""
+    """Add a verdict; False if already stored."""
     row = {f.name: getattr(verdict, f.name) for f in fields(Verdict)}
     row |= {
         "about": str(verdict.about),
