@@ -137,7 +137,7 @@ def test_feetech_setup_raises_if_a_register_does_not_keep_its_value(
 ) -> None:
     bus.set(sts.ACCELERATION, 50)
     bus.failing_registers.add(register)
-    with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
+    with pytest.raises(DeviceError, match=f"at address {register.address} after it was set to"):
         open_jaw(world, bus)
     assert bus.value(sts.TORQUE_ENABLE) == 0
 

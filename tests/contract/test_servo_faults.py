@@ -323,7 +323,7 @@ def test_dynamixel_setup_raises_if_a_register_does_not_keep_its_value(
     bus.set(x.DRIVE_MODE, x.TIME_BASED)
     bus.set(x.PROFILE_ACCELERATION, 30)
     bus.failing_registers.add(register)
-    with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
+    with pytest.raises(DeviceError, match=f"at address {register.address} after it was set to"):
         open_servo(world, bus)
     if register not in (x.TORQUE_ENABLE, x.BUS_WATCHDOG):
         assert bus.value(x.TORQUE_ENABLE) == 0, "torque must stay off until the setup is confirmed"

@@ -30,7 +30,7 @@ GROUPS = {
         "inspect": "Show the contents of a recording and whether the file is complete.",
         "replay": "Run a recorded grasp through the controller again.",
         "export": "Write a recording as a table of frames or holds, or grasps for LeRobot.",
-        "archive": "Keep grasps, holds and frames as partitioned Parquet, and evaluate them again.",
+        "archive": "Store grasps, holds and frames as partitioned Parquet, and re-evaluate them.",
     },
     "Set up": {
         "demo": "Write simulated example files.",

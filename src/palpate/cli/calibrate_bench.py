@@ -29,7 +29,7 @@ def prompt_user(instruction: str) -> None:
 def has_load_cell(rig: str) -> bool:
     """Return whether a named rig or a rig file has a readable load cell.
 
-    Raises `InputError` if a rig file can't be read or its `[load_cells]` table is wrong.
+    Raises `InputError` if a rig file can't be read or its `[load_cells]` table is invalid.
     """
     return rig == "sim-rigid" or (rig.endswith(".toml") and read_load_cells(Path(rig)) is not None)
 

@@ -26,8 +26,8 @@ def inspect(
         Path | None,
         opt(
             "--recover FILE",
-            "Write all intact messages to a complete recording and show that one; giving the "
-            "name of the recording itself replaces it.",
+            "Write all intact messages to a new, complete recording, and show it. The name of "
+            "the recording itself replaces the recording.",
         ),
     ] = None,
 ) -> None:

@@ -25,7 +25,7 @@ from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.files import atomic_path
 from palpate.terminal_table import print_table
 
-_TAIL, _CUTTER = "Copper and tape", "What can be cut"
+_TAIL, _CUTTER = "Copper and tape", "Limits of the cutter"
 Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]
 
 
@@ -202,7 +202,7 @@ def _print(document: dict[str, Any], *, folder: Path) -> None:
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])
         for row in document["layers"]
     ]
-    print_table(("layer", "material", "file shows it", "because it is"), layers, console=console)
+    print_table(("layer", "material", "in the file", "reason"), layers, console=console)
     console.print()
     pixels = [
         (

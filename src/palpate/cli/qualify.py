@@ -184,14 +184,14 @@ def effort_rows(document: Document) -> list[tuple[str, str]]:
     hour = document["items_per_hour"]
     return [
         (
-            f"readings of the reference that average to within {document['tolerance']:g}{unit} "
+            f"reference readings to average for an error within {document['tolerance']:g}{unit} "
             f"in {100 * document['level']:.0f} % of items",
             format_count(document, "reference"),
         ),
-        ("grasps that average to within the same", format_count(document, "grasp")),
+        ("grasps to average for the same error", format_count(document, "grasp")),
         ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
         (
-            "items that show the limit of agreement to within half of that",
+            "items needed to estimate the limits of agreement to half of that error",
             f"{document['items_to_test']}",
         ),
     ]
@@ -202,7 +202,7 @@ def format_count(document: Document, instrument: str) -> str:
     if document["scatter"][instrument]["within"] is None:
         return "not known: no item was read twice"
     needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]
-    return "no number does" if needed is None else f"{needed}"
+    return "not achievable" if needed is None else f"{needed}"
 
 
 def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:

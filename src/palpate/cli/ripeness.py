@@ -59,7 +59,7 @@ def ripeness(
 
     Stages are learned from labelled items of the same kind (palpate items NAME --set kind=avocado
     --say ripeness=ripe). Without labels, the item is assumed to be hard on its first day. The
-    verdict is stored unless it is only this assumption.
+    verdict is stored unless it is based on this assumption alone.
 
     Example: palpate ripeness A17 --plot a17.png
     """

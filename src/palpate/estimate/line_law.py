@@ -65,7 +65,9 @@ class LineForceLaw:
         """
         x, y = require_pairs(*check_pairs(relative_percent, force_n))
         if np.ptp(x) == 0:
-            raise CalibrationError("force calibration: every reading is the same; is it saturated?")
+            raise CalibrationError(
+                "force calibration: all readings are equal; is the sensor saturated?"
+            )
         design = np.stack([x, np.ones_like(x)], axis=1)
         coefficients = np.linalg.lstsq(design, y, rcond=None)[0]
         variance = float(np.sum((y - design @ coefficients) ** 2)) / (len(x) - 2)

@@ -114,7 +114,9 @@ def fit_strength(
         if (half := _find_half_load_state(path, limit_n)) is not None
     ]
     if len(rows) < FEWEST_CLOSINGS:
-        raise ValueError(f"{len(rows)} closings to learn from; {FEWEST_CLOSINGS} are needed")
+        raise ValueError(
+            f"{len(rows)} closings for training; at least {FEWEST_CLOSINGS} are needed"
+        )
     stiffness, target = np.array(rows).T
     x, y = stiffness - stiffness.mean(), target - target.mean()
     slope = (x @ y) / (x @ x + RIDGE * len(rows))

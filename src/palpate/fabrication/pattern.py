@@ -90,20 +90,19 @@ class Pattern:
         corner = self.design.corner_mm
         pixels = tuple(round_rect(pixel.body, radius=corner) for pixel in self.pixels)
         rows, cols = (tuple(net.outline() for net in nets) for nets in (self.rows, self.cols))
-        up = "cut with its liner down, "
         return (
             Layer(
                 "1-base",
                 "base tape",
                 (_tape(self.base),),
-                f"{up}so its back is up; in the sensor the adhesive is up",
+                "cut from the back (liner down); in the sensor the adhesive faces up",
                 mirrored=True,
             ),
             Layer(
                 "2-copper-rows",
                 "copper tape",
                 rows,
-                f"{up}bare copper up, as it lies in the sensor",
+                "cut with the liner down and bare copper up, as in the sensor",
             ),
             Layer("3-velostat", "Velostat", pixels, "both sides are alike"),
             Layer(
@@ -117,7 +116,7 @@ class Pattern:
                 "5-cover",
                 "cover tape",
                 (_tape(self.cover),),
-                f"{up}its back up, as it lies in the sensor",
+                "cut with the liner down and the back up, as in the sensor",
             ),
         )
 

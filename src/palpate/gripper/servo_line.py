@@ -117,7 +117,7 @@ class ServoLine:
             found = self.read(register)
             if found != value:
                 raise DeviceError(
-                    f"{self.name} has {found} at address {register.address}, and was set to "
+                    f"{self.name} has {found} at address {register.address} after it was set to "
                     f"{value}; check that no other program uses the servo, and its firmware"
                 )
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 
-#: A movement is a change of this fraction of the range ...
+#: Smallest change of a movement, as a fraction of the range.
 MOVED_FRACTION = 0.1
-#: ... within this time: three times the duration of the paper's fast processes (0.09 s).
+#: Time within which this change occurs, s: three times the paper's fast processes (0.09 s).
 MOVED_WITHIN_S = 0.3
-#: ... and of this many standard deviations of the noise, to exclude chance.
+#: Smallest change of a movement in standard deviations of the noise, to exclude chance.
 MOVED_SIGMAS = 8.0
 #: Movements separated by less than this time are merged, such as those of a bouncing finger.
 BOUNCE_S = 0.4
@@ -41,9 +41,10 @@ LOADING_S = 2.0
 #: with its knee at two thirds of the force. Median of 222 robot presses with a load cell; also 1.5
 #: on 221 others.
 LOADING_PER_KNEE = 1.5
-#: A stretch is no hold if its last third changes by more than this fraction of the contact step ...
+#: Largest change in the last third of a hold, as a fraction of the contact step. A larger change is
+#: accepted while it is below the second fraction, which is relative to the change in the first
+#: third: the reading is still settling.
 STILL_FRACTION = 0.1
-#: ... and by more than this fraction of the change in its first third (else it is settling).
 SLOWING_FRACTION = 0.5
 #: Number of parts into which a hold is divided to check that the reading settles.
 SETTLING_PARTS = 12
@@ -324,7 +325,7 @@ def _find_loading_end_s(
 def _explain_refusal(
     stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
-    """Return the reason why a stretch after contact is no hold; empty for a hold."""
+    """Return the reason why a stretch after contact is not a hold; empty for a hold."""
     held_s = stretch.end_s - start_s
     readings = int(np.searchsorted(time_s, stretch.end_s, side="right")) - int(
         np.searchsorted(time_s, start_s)

@@ -75,7 +75,7 @@ def find_runs(labels: NDArray[Any]) -> list[slice]:
 
 
 def report_bad_rows(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> list[str]:
-    """Return a sentence about omitted rows, or nothing without bad rows.
+    """Return a sentence about the omitted rows; no sentence without bad rows.
 
     `bad`: place and fault of each row.
     Raises `InputError` if there are too many; the message names the first.

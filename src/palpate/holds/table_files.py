@@ -103,7 +103,7 @@ def import_pyarrow(what: str) -> Any:
 def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
     """Open a Parquet file as a `pyarrow.parquet.ParquetFile`.
 
-    Raises `InputError` if the file is damaged or no Parquet file, on opening or while it is read;
+    Raises `InputError` if the file is damaged or not a Parquet file, on opening or while reading;
     `MissingExtraError` if pyarrow is not installed.
     """
     pa = import_pyarrow(f"{name}: Parquet")
@@ -164,7 +164,7 @@ def _refuse_long_text(column: str) -> NoReturn:
 def _read_spreadsheet(path: Path) -> Table:
     """Read the first sheet with a table from an .xlsx workbook.
 
-    Raises `InputError` if the file is no such workbook, or no sheet has a table;
+    Raises `InputError` if the file is not an .xlsx workbook, or no sheet has a table;
     `MissingExtraError` if python-calamine is not installed.
     """
     name = str(path)

@@ -70,7 +70,8 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     if "use" in stated:
         if not stated.keys() <= {"use", "calibration"}:
             raise InputError(
-                f"rig file {path}: next to `use` only `calibration` may appear; remove other keys"
+                f"rig file {path}: only `calibration` is allowed together with `use`; remove the "
+                "other keys"
             )
         rig = open_rig(resolve_used_rig(path, stated), object_name=object_name, seed=seed)
         if "calibration" not in stated:

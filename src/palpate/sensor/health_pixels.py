@@ -94,7 +94,7 @@ def judge_pixels(
     """
     nothing = np.zeros((layout.rows, layout.cols))
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
-    yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
+    yield "short", readings.rest_ohm == 0.0, "reads short: zero resistance", nothing
     alive = np.isfinite(readings.noise_percent)
     ratio = np.where(alive, readings.rest_ohm, 0.0) / _median_of_working_pixels(readings.rest_ohm)
     yield "faint", ratio > _REST_RATIO, "reads {} times the resistance of the other pixels", ratio

@@ -25,7 +25,10 @@ from palpate.rig.file import read_rig_file
             "calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n",
             "unknown key load_cell;",
         ),
-        ("use = 'sim-rigid'\nlevel = 'field'\n", "next to `use` only `calibration` may"),
+        (
+            "use = 'sim-rigid'\nlevel = 'field'\n",
+            "only `calibration` is allowed together with `use`",
+        ),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )
