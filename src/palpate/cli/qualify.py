@@ -191,7 +191,7 @@ def effort_rows(document: Document) -> list[tuple[str, str]]:
         ("grasps to average for the same error", format_count(document, "grasp")),
         ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
         (
-            "items needed to estimate the limits of agreement to half of that error",
+            "items needed for limits of agreement within half of that",
             f"{document['items_to_test']}",
         ),
     ]

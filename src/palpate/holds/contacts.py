@@ -325,7 +325,7 @@ def _find_loading_end_s(
 def _explain_refusal(
     stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
-    """Return the reason why a stretch after contact is not a hold; empty for a hold."""
+    """Explain why a stretch after contact is not a hold; empty for a hold."""
     held_s = stretch.end_s - start_s
     readings = int(np.searchsorted(time_s, stretch.end_s, side="right")) - int(
         np.searchsorted(time_s, start_s)
