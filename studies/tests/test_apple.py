@@ -13,7 +13,7 @@ from palpate.twin.placement import PixelGrid
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.twin_apple import Apple, Bruise, draw_apple
 
-GRID = PixelGrid.of(RIGID_LAYOUT)
+GRID = PixelGrid.from_layout(RIGID_LAYOUT)
 BRUISE = Bruise(
     angle_deg=0.0, height_mm=0.0, diameter_mm=20.0, depth_mm=7.0, softness=0.3, dent_mm=0.5
 )

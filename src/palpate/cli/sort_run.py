@@ -201,7 +201,7 @@ class SimulatedCrate:
     def place_item(self, name: str, *, turn: int) -> None:
         """Place an item between the fingers."""
         item = self.crate[name] if name in self.crate else self.training[name]
-        self.table.bring(item, turn=turn)
+        self.table.place(item, turn=turn)
 
     def find_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return the bin for the item's true properties according to the rules."""

@@ -199,8 +199,8 @@ def _pixels(design: SensorDesign, *, active: Rect) -> tuple[Pixel, ...]:
             active.left + width / 2 + col * design.pitch_mm[0],
             active.top + height / 2 + row * design.pitch_mm[1],
         )
-        body = Rect.around(centre, width=width, height=height)
-        contact = Rect.around(centre, width=bar_width, height=bar_height)
+        body = Rect.from_centre(centre, width=width, height=height)
+        contact = Rect.from_centre(centre, width=bar_width, height=bar_height)
         found.append(Pixel(row=row, col=col, body=body, contact=contact))
     return tuple(found)
 
@@ -211,7 +211,7 @@ def _row_copper(
     _, bar = design.bars_mm
     first = active.top + design.pixel_height_mm / 2
     return tuple(
-        Stroke.of(
+        Stroke.from_points(
             [(active.right, y), (active.left, y), (x, y), (x, pads.top), (x, pads.bottom)],
             widths=[bar, design.trace_mm, design.trace_mm, design.pad_width_mm],
         )
@@ -235,7 +235,7 @@ def _column_copper(
     for x, pad_x, level in zip(xs, pad_xs, levels, strict=True):
         turn = active.bottom + design.pad_pitch_mm * (level + 0.5)
         strokes.append(
-            Stroke.of(
+            Stroke.from_points(
                 [
                     *((x, y) for y in (active.top, active.bottom, turn)),
                     *((pad_x, y) for y in (turn, pads.top, pads.bottom)),

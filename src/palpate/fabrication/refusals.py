@@ -165,7 +165,7 @@ def _check_crossings(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
         legs = product(pattern.rows[pixel.row].rects(), pattern.cols[pixel.col].rects())
         spare_mm = min(
             a.distance(b)
-            if (crossing := a.common(b)) is None
+            if (crossing := a.intersection(b)) is None
             else _coverage_mm(crossing, pixel=pixel.body, corner_mm=pattern.design.corner_mm)
             for a, b in legs
         )

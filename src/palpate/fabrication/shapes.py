@@ -24,7 +24,7 @@ class Rect:
     bottom: float
 
     @classmethod
-    def around(cls, centre: PointMm, *, width: float, height: float) -> Rect:
+    def from_centre(cls, centre: PointMm, *, width: float, height: float) -> Rect:
         """Return a rectangle of a given size around a centre."""
         x, y = centre
         return cls(
@@ -57,7 +57,7 @@ class Rect:
         along = max(self.top - other.bottom, other.top - self.bottom, 0.0)
         return math.hypot(across, along)
 
-    def common(self, other: Rect) -> Rect | None:
+    def intersection(self, other: Rect) -> Rect | None:
         """Return the intersection with another rectangle, or None without a common area."""
         left, right = max(self.left, other.left), min(self.right, other.right)
         top, bottom = max(self.top, other.top), min(self.bottom, other.bottom)
@@ -163,7 +163,9 @@ def round_rect(rect: Rect, *, radius: float) -> Outline:
 
 def circle(centre: PointMm, *, diameter: float) -> Outline:
     """Return a circle."""
-    return round_rect(Rect.around(centre, width=diameter, height=diameter), radius=diameter / 2)
+    return round_rect(
+        Rect.from_centre(centre, width=diameter, height=diameter), radius=diameter / 2
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,7 +178,7 @@ class Stroke:
     widths: tuple[float, ...]
 
     @classmethod
-    def of(cls, points: Sequence[PointMm], *, widths: Sequence[float]) -> Stroke:
+    def from_points(cls, points: Sequence[PointMm], *, widths: Sequence[float]) -> Stroke:
         """Build a stroke without legs of zero length."""
         used, used_widths = [points[0]], []
         for point, width in zip(points[1:], widths, strict=True):

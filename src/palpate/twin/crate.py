@@ -193,7 +193,7 @@ class CrateTable:
         """The clock of this session."""
         return self._world.clock
 
-    def bring(self, item: CrateItem, *, turn: int = 0) -> None:
+    def place(self, item: CrateItem, *, turn: int = 0) -> None:
         """Open the gripper, remove the previous item, and place an item between the fingers."""
         self.gripper.release()
         self._wait(_STILL_S)

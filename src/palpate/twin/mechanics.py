@@ -213,7 +213,7 @@ class RelaxingForce:
     force_n: float = 0.0
 
     @classmethod
-    def none(cls, obj: TwinObject | None) -> Self:
+    def at_rest(cls, obj: TwinObject | None) -> Self:
         """Return the state of an object before any contact."""
         return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_fractions))
 

@@ -79,7 +79,7 @@ class PixelGrid:
     pitch_mm: float
 
     @classmethod
-    def of(cls, layout: ArrayLayout) -> PixelGrid:
+    def from_layout(cls, layout: ArrayLayout) -> PixelGrid:
         """Build the grid of a layout; the rows of a finger run along it."""
         finger_of_row = np.array(layout.finger_of_row)
         along = np.empty(layout.rows)

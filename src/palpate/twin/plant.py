@@ -105,7 +105,7 @@ class Plant:
             contacts=0,
             closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
             finger_mm=width_mm + self._backlash_mm,
-            squeeze=RelaxingForce.none(obj),
+            squeeze=RelaxingForce.at_rest(obj),
             sheet=lambda: pixels,
             peak_force_n=0.0,
             ruptured=False,

@@ -106,7 +106,7 @@ class World:
         self._plant = Plant(
             sheet=self.sheet,
             compliance=self.compliance,
-            grid=PixelGrid.of(layout),
+            grid=PixelGrid.from_layout(layout),
             ranges=ranges,
             seed=seed,
             environment=environment or Environment(),
@@ -193,7 +193,7 @@ class World:
                 obj=obj,
                 placed=now.placed + 1,
                 closure_mm=-np.inf if obj is None else obj.size_mm - now.finger_mm,
-                squeeze=RelaxingForce.none(obj),
+                squeeze=RelaxingForce.at_rest(obj),
                 peak_force_n=0.0,
                 ruptured=False,
                 pull_n=0.0,
@@ -216,7 +216,7 @@ class World:
         """Whether the object has slid out of the fingers since its placement."""
         return self._latest.slide.is_off_pads
 
-    def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
+    def set_environment(self, environment: Environment, *, time_s: float | None = None) -> None:
         """Change the climate, the suction or the earlier use immediately.
 
         `environment.cycles` counts the contacts before those of this world.

@@ -101,7 +101,7 @@ def measure_crates(
         item, teaches = other_item(drawn) if second else drawn, drawn.item_id.startswith("taught")
         grasps, damaged = list[TimedGrasp](), False
         for turn in range(TRAINING_GRASPS if teaches else SORTED_GRASPS):
-            table.bring(item, turn=turn)
+            table.place(item, turn=turn)
             size = grasps[-1].grasp.measurements.get("size_mm") if grasps else None
             grasps.append(hand.grasp(item.item_id, expected=size))
             damaged = damaged or table.is_damaged()

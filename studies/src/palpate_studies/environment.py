@@ -115,7 +115,7 @@ def measure_suction(sensors: int, *, level: str) -> FloatArray:
         session = Session(sensor, level=level)
         rest_ohm = session.mean_ohm()
         for index, kpa in enumerate(SUCTION_KPA):
-            session.world.surround(Environment(suction_kpa=kpa))
+            session.world.set_environment(Environment(suction_kpa=kpa))
             change = relative_change_percent(session.mean_ohm(), rest_ohm=rest_ohm)
             changes[sensor, index] = mean_change(change)
     return changes

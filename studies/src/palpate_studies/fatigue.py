@@ -113,7 +113,7 @@ def run_cycles(sensor: int, *, level: str, cycles: int) -> WearRun:
         """Set the current room temperature and wear, and count one more closing."""
         nonlocal closings
         swing_c = ROOM_SWING_C * float(np.sin(2 * np.pi * clock.now_s() / ROOM_PERIOD_S))
-        session.world.surround(
+        session.world.set_environment(
             Environment(temperature_c=ROOM_C + swing_c, cycles=closings, cycles_are_all=True)
         )
         closings += 1

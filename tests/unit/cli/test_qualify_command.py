@@ -29,10 +29,10 @@ def test_qualify_prints_agreement_ceiling_grades_and_effort(
     assert shown.startswith("40 items, 80 paired readings")
     for words in (
         "limit of agreement",
-        "no instrument can pass",
+        "maximum R squared of any instrument",
         "below 14",
         "cost of wrong grades",
-        "grasps that average",
+        "grasps to average",
     ):
         assert words in shown
 

@@ -90,7 +90,7 @@ def test_field_sheet_in_another_climate_measures_the_size() -> None:
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
     thing = draw("strawberry", 5)
     world = World(thing, seed=9171, sheet_seed=172, level="field")
-    world.surround(Environment(temperature_c=47.0))
+    world.set_environment(Environment(temperature_c=47.0))
     result = grasp_on_twin(world, calibration)
     assert any(DRIFTED in fault for fault in result.faults)
     assert result.size_mm.low <= thing.size_mm <= result.size_mm.high

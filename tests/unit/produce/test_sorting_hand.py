@@ -69,7 +69,7 @@ def hand(table: CrateTable) -> SortingHand:
 @pytest.mark.slow
 def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHand) -> None:
     egg = draw_crate(["egg"], seed=5)[0]
-    table.bring(egg)
+    table.place(egg)
     first = hand.grasp("egg-1")
     assert first.grasp.outcome is Outcome.HELD
     assert set(first.grasp.measurements) == {
@@ -81,7 +81,7 @@ def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHan
     }
     assert (first.grasp.item_id, first.grasp.calibration_id) == ("egg-1", "monday")
     assert (first.grasp.taken_at, first.grasp.is_simulated) == (NOON, True)
-    table.bring(egg, turn=1)
+    table.place(egg, turn=1)
     second = hand.grasp("egg-1", expected=first.grasp.measurements["size_mm"])
     assert second.grasp.outcome is Outcome.HELD
     assert second.grasp.measurements["size_mm"].value == pytest.approx(egg.mean.size_mm, abs=3)
@@ -92,7 +92,7 @@ def test_hand_stays_clear_of_an_item_that_may_be_thicker(
     table: CrateTable, hand: SortingHand
 ) -> None:
     watched = Watched(table)
-    table.bring(draw_crate(["kiwi"], seed=6)[0])
+    table.place(draw_crate(["kiwi"], seed=6)[0])
     size = Measurement(value=40.0, low=39.5, high=40.5, unit="mm")
     replace(hand, gripper=watched).grasp("kiwi-1", expected=size)
     unknown = Watched(table)
@@ -109,7 +109,7 @@ def test_hand_waits_until_the_sheet_has_recovered(hand: SortingHand) -> None:
     slow = CrateTable(sensor=111, seed=3, level="field")
     there = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)
     ball = draw_crate(["foam-ball"], seed=9)[0]
-    slow.bring(ball)
+    slow.place(ball)
     slow.gripper.command(GripperCommand(target=ball.mean.size_mm - 12, rate=20.0))
     slow.array.skip_until(slow.clock.now_s() + 8)
     slow.gripper.release()

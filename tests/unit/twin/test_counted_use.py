@@ -14,7 +14,7 @@ def gain(environment: Environment, *, contacts: int) -> float:
     """Return the mean gain of one contact with a fixed seed."""
     sheet = draw_sheet(np.random.default_rng(5), layout=RIGID_LAYOUT, level="field")
     placements = Placements(
-        sheet=sheet, grid=PixelGrid.of(RIGID_LAYOUT), ranges=ranges_of("field"), seed=5
+        sheet=sheet, grid=PixelGrid.from_layout(RIGID_LAYOUT), ranges=ranges_of("field"), seed=5
     )
     return float(placements.of(1, contacts, environment=environment).gain.mean())
 

@@ -55,9 +55,9 @@ def test_draw_crate_unknown_kind_error_lists_kinds() -> None:
 def test_crate_table_bring_opens_gripper_and_drops_old_frames() -> None:
     table = CrateTable(sensor=1, seed=2)
     first, second = draw_crate(["egg", "apple"], seed=5)
-    table.bring(first)
+    table.place(first)
     table.gripper.command(GripperCommand(target=50.0, rate=20.0))
-    table.bring(second, turn=3)
+    table.place(second, turn=3)
     assert table.gripper.state().width_mm == pytest.approx(OPEN_MM, abs=0.1)
     frame = table.array.read(timeout_s=1.0)
     assert table.clock.now_s() - frame.time_s < 0.1

@@ -74,7 +74,7 @@ def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
 @pytest.mark.parametrize("layout", [RIGID_LAYOUT, SOFT_LAYOUT])
 @pytest.mark.parametrize("flat", [True, False])
 def test_pixel_shares_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
-    grid = PixelGrid.of(layout)
+    grid = PixelGrid.from_layout(layout)
     for spot in [(0.0, 0.0), (6.0, -6.0)]:
         share = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
         assert np.all(share >= 0)
@@ -83,7 +83,7 @@ def test_pixel_shares_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> 
 
 
 def test_pixel_shares_off_centre_fruit_leaves_pixels_unloaded() -> None:
-    grid = PixelGrid.of(RIGID_LAYOUT)
+    grid = PixelGrid.from_layout(RIGID_LAYOUT)
     aside = pixel_fractions(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
     assert np.sum(aside == 0) >= 2
     deeper = pixel_fractions(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))

@@ -35,7 +35,9 @@ def held(
     obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
 ) -> RelaxingForce:
     """Return the force after a sudden closure and a hold in small steps."""
-    squeeze = RelaxingForce.none(obj).close_to(obj, closure_mm, step_s=1e-9, compliance=compliance)
+    squeeze = RelaxingForce.at_rest(obj).close_to(
+        obj, closure_mm, step_s=1e-9, compliance=compliance
+    )
     for start, end in pairwise(np.linspace(0.0, until_s, 400)):
         step_s = float(end - start)
         squeeze = squeeze.close_to(obj, closure_mm, step_s=step_s, compliance=compliance)

@@ -206,10 +206,10 @@ def test_world_environment_affects_ohm_more_than_relative_change() -> None:
 def test_world_environment_can_change_during_run() -> None:
     steady, changed = held(2.5), held(2.5)
     cool, warm = Environment(), Environment(temperature_c=31.9)
-    changed.surround(warm, time_s=5.0)
+    changed.set_environment(warm, time_s=5.0)
     jump = changed.pixel_resistance_ohm(5.0) / steady.pixel_resistance_ohm(5.0)
     assert jump == pytest.approx(changed.sheet.rest_factor(warm), rel=0.02)
-    changed.surround(cool, time_s=10.0)
+    changed.set_environment(cool, time_s=10.0)
     ratio = changed.pixel_resistance_ohm(60.0) / steady.pixel_resistance_ohm(60.0)
     assert ratio == pytest.approx(1.0, abs=0.02)
 

@@ -127,7 +127,7 @@ class ObjectDynamics:
         self.obj, self._data = obj, data
         self._flattened = int(model.joint(_FLATTENED).qposadr[0])
         self._push, self._spring = model.actuator(_PUSH).id, model.actuator(_SPRING).id
-        self._squeeze = RelaxingForce.none(obj)
+        self._squeeze = RelaxingForce.at_rest(obj)
         self._now_s = data.time
         self.ruptured = False
 

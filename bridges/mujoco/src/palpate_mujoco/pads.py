@@ -122,7 +122,7 @@ class PadLoads:
 
     def __init__(self, model: mujoco.MjModel, *, pads: Sequence[Pad], layout: ArrayLayout) -> None:
         _check_count(pads, layout=layout)
-        grid = PixelGrid.of(layout)
+        grid = PixelGrid.from_layout(layout)
         self._model = model
         self._geom = [_find_geom(model, pad.geom) for pad in pads]
         self._pad_of_geom = [-1] * model.ngeom

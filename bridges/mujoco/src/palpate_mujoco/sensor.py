@@ -108,7 +108,7 @@ class PadSensor:
         self._ranges = ranges_of(level)
         sheet_seed = seed if sheet_seed is None else sheet_seed
         self.sheet = draw_sheet(np.random.default_rng([sheet_seed, 0]), layout=layout, level=level)
-        grid = PixelGrid.of(layout)
+        grid = PixelGrid.from_layout(layout)
         self._on_finger = 1.0 * (grid.finger == np.arange(layout.fingers)[:, None])
         self._placements = Placements(sheet=self.sheet, grid=grid, ranges=self._ranges, seed=seed)
         self._environment = Environment()
