@@ -62,7 +62,7 @@ def inspect(
         "versions": dict(info.versions),
         "calibrated": info.calibration is not None,
         **asdict(summary),
-        "intact": state.intact,
+        "intact": state.is_intact,
         **asdict(state),
     }
     if as_json:
@@ -77,7 +77,7 @@ def _recover(file: Path, out: Path) -> None:
     if not (out.exists() and file.exists() and out.samefile(file)):
         check_new(out, option="name")
     found = recover_recording(file, out)
-    if found.intact:
+    if found.is_intact:
         report = f"{file} was already complete; copied to {out}"
     else:
         report = (

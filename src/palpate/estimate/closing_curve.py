@@ -66,7 +66,7 @@ _TILT_FRACTION, _TILT_SDS = 0.5, (0.04, 0.4)
 #: The servo current determines the gain from this fraction of the final force on, with a weight
 #: that grows with force, and with the sheet's lag corrected.
 _GAIN_FROM = 0.3
-#: A force below this many standard deviations of faint forces may be drift before contact. Such a
+#: A force below this many standard deviations of weak forces may be drift before contact. Such a
 #: step only gives an upper bound of the force.
 CONTACT_SD = 2.0
 #: The data are readings at given widths, but the equations give widths at given readings. The
@@ -288,8 +288,8 @@ def _bound_size(
 ) -> FloatArray:
     """Return the log likelihood of the steps before the first step with force.
 
-    They bound the size, because the force there was at most a faint one. Later steps without a
-    reading are ignored, because changes of pixels may cancel.
+    These steps bound the size, because their force was at most weak. Later steps without a reading
+    are ignored, because changes of pixels may cancel.
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     weak_mm = (curve.weak_n / scales[:, None]) ** power + float(
@@ -344,7 +344,7 @@ class ClosingSteps:
     gain_sd: float
     #: Scatter of ln force between placements, from the sheet's law.
     law_sd: float
-    #: Scatter of faint forces, newtons.
+    #: Scatter of weak forces, newtons.
     floor_n: float
 
     @property

@@ -149,8 +149,8 @@ def _as_list(value: Any) -> Any:
 class PowerForceLaw:
     """force = offset + scale * excess ** exponent.
 
-    The scatter is proportional to the force, plus a constant part for faint forces near the sheet's
-    threshold, so that faint forces do not widen the intervals of firm grips.
+    The scatter is proportional to the force, plus a constant part for weak forces near the sheet's
+    threshold, so that weak forces do not widen the intervals of firm grips.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class PowerForceLaw:
     pairs : int
         Calibration pairs.
     floor_n : float
-        Scatter of faint forces, newtons.
+        Scatter of weak forces, newtons.
     """
 
     name: ClassVar[str] = "power"

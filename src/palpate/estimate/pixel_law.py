@@ -119,7 +119,7 @@ class PixelForceLaw:
     #: Coefficients.
     log_scale: float
     exponent: float
-    #: Cross-validated standard deviations of ln force, and of faint forces in newtons.
+    #: Cross-validated standard deviations of ln force, and of weak forces in newtons.
     residual_sd: float
     floor_n: float
     #: Smallest and largest reading of the calibration.
@@ -172,7 +172,7 @@ class PixelForceLaw:
         x = np.maximum(np.asarray(reading, dtype=float), 0.0)
         value = np.exp(self.log_scale) * x**self.exponent
         half = float(ndtri(0.5 + level / 2))
-        # The scatter of faint forces is constant, that of firm forces proportional.
+        # The scatter of weak forces is constant, that of firm forces proportional.
         floor_n = half * self.floor_n
         up = np.hypot(value * np.expm1(half * self.residual_sd), floor_n)
         down = np.hypot(value * -np.expm1(-half * self.residual_sd), floor_n)
@@ -279,7 +279,7 @@ _MANY = 20
 def _with_uncertainty(
     law: PixelForceLaw, estimated: FloatArray, force: FloatArray
 ) -> PixelForceLaw:
-    """Return the law with the measured uncertainty of ln force and of faint forces.
+    """Return the law with the measured uncertainty of ln force and of weak forces.
 
     Faint and firm are distinguished by the estimated force, as in a grasp.
     """

@@ -110,7 +110,7 @@ def _measure_compliance(
     softness = travel_mm / (force_n - then_n)
     likely = normal_density(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
     if first > 0:
-        # At the step before the first reading, the force was at most a faint one.
+        # At the step before the first reading, the force was at most weak.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
         most_n = curve.weak_n + step_mm / softness
         sd_n = np.hypot(curve.floor_n, compliance.residual_mm / softness)

@@ -189,7 +189,7 @@ def _bound_from_travel(
         level=force.level,
     )
     shortest_mm = least_mm - float(compliance.deflection_mm(force.high))
-    # The first reading may include a force as large as the scatter of faint readings.
+    # The first reading may include a force as large as the scatter of weak readings.
     initial_n = CONTACT_SD * floor_n(plan)
     own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
     low, high, value = (
@@ -344,7 +344,7 @@ def sheet_forces_n(
 def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
     """Return the steps from two before the first hint of contact; none without a hint.
 
-    More steps before the hint are excluded, because drift can resemble a faint contact.
+    More steps before the hint are excluded, because drift can resemble a weak contact.
     """
     hinted = [c.touch.weakest_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):

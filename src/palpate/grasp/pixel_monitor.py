@@ -122,9 +122,9 @@ class PixelMonitor:
 
     def _describe_fault(self) -> Alarm | None:
         unchanged = self._unchanged >= PIXELS.all_moves
-        if unchanged.size and (unchanged.all() or self._repeating):
+        if unchanged.size and (unchanged.all() or self._is_repeating):
             since = f"{self._alike} frames"
-            if not self._repeating:
+            if not self._is_repeating:
                 since = f"{PIXELS.all_moves} movements of the fingers"
             message = (
                 f"no pixel has changed in {since}; the board repeats its frames; {_SEE_DOCTOR}"
@@ -165,7 +165,7 @@ class PixelMonitor:
         self._longest, self._alike = max(self._longest, self._alike), 0
 
     @property
-    def _repeating(self) -> bool:
+    def _is_repeating(self) -> bool:
         before = self._frames - self._alike
         flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.fault_frames
         return flickers and self._alike > PIXELS.max_equal_frames

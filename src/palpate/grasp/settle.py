@@ -189,7 +189,7 @@ def increase_force(
         closure, force_n = correction.before
         travel = trial.closure - closure
         if travel > 0:
-            # The slope of faint steps may be far too steep: use that of the last correction, within
+            # The slope of weak steps may be far too steep: use that of the last correction, within
             # a limit. A correction without effect limits the next step to its own travel.
             measured = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
             slope = min(slope, measured)

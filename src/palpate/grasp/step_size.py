@@ -25,7 +25,7 @@ _CURRENT_FRAMES = 3.0
 def approach_step(plan: Plan) -> float:
     """Return the step before contact that keeps a rigid object below the target force.
 
-    With a damage model it is at most half of the plan's step: the sheet does not show faint forces,
+    With a damage model it is at most half of the plan's step: the sheet does not show weak forces,
     and a weak object may not withstand the increase of the last step. Without a target it is the
     plan's step.
     """

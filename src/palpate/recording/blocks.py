@@ -49,7 +49,7 @@ class FileState:
     unread_bytes: int = 0
 
     @property
-    def intact(self) -> bool:
+    def is_intact(self) -> bool:
         """Whether nothing is missing or damaged."""
         return self.complete and self.damaged_chunks == 0 and self.unread_bytes == 0
 

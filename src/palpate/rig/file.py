@@ -290,12 +290,12 @@ def find_option_fault(options: Mapping[str, Any], opener: Callable[..., Any]) ->
     for name, value in options.items():
         if name not in named and not takes_all:
             return f"unknown option {name!r}; available: {', '.join(named)}"
-        if not _fits(value, hints.get(name)):
+        if not _is_of_type(value, hints.get(name)):
             return f"{name} = {value!r}: it must be {describe_type(hints[name])}"
     return None
 
 
-def _fits(value: object, wanted: Any) -> bool:
+def _is_of_type(value: object, wanted: Any) -> bool:
     if wanted is float:
         return type(value) is int or (isinstance(value, float) and math.isfinite(value))
     if wanted in (str, int, bool):
@@ -303,7 +303,7 @@ def _fits(value: object, wanted: Any) -> bool:
     if get_origin(wanted) is Literal:
         return value in get_args(wanted)
     if get_origin(wanted) in (Union, UnionType):
-        return any(_fits(value, one) for one in get_args(wanted) if one is not NoneType)
+        return any(_is_of_type(value, one) for one in get_args(wanted) if one is not NoneType)
     return True
 
 

@@ -214,7 +214,7 @@ def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
     with RecordingReader(path) as reader:
         kinds = [type(message) for message in reader.messages(state=state)]
         info = reader.info
-    assert state.intact
+    assert state.is_intact
     assert kinds.count(Frame) == kinds.count(GripperState) > 30
     assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
     assert info.calibration is not None

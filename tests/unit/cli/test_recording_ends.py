@@ -34,7 +34,7 @@ def test_record_sigterm_completes_the_file(tmp_path: Path) -> None:
         said = recorder.stderr.read()
     assert recorder.returncode == 130
     assert "Traceback" not in said
-    assert frames_of(path)[1].intact
+    assert frames_of(path)[1].is_intact
 
 
 def test_record_full_disk_exits_with_3(tmp_path: Path, palpate: Command) -> None:

@@ -89,7 +89,7 @@ def test_recording_roundtrip_preserves_all_messages(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
 ) -> None:
     read, state = read_all(recorded)
-    assert state.intact
+    assert state.is_intact
     assert len(read) == len(messages)
     assert all(map(is_same, read, messages))
     with RecordingReader(recorded) as reader:
@@ -153,10 +153,10 @@ def test_truncated_recording_is_readable_and_recoverable(
     assert not state.complete
     assert all(map(is_same, read, messages))
     found = recover(recorded, recorded)
-    assert not found.intact
+    assert not found.is_intact
     assert strict_count(recorded) == len(read)
     reread, state = read_all(recorded)
-    assert state.intact
+    assert state.is_intact
     assert all(map(is_same, reread, read))
 
 
