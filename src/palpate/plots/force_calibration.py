@@ -1,4 +1,4 @@
-"""The data of a force calibration: readings over the reference, the law, and its residuals."""
+"""Figure of a force calibration: readings over the reference, law and residuals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
     Raises
     ------
     CalibrationError
-        If its force pairs can't carry a law.
+        If the force pairs are not sufficient for a law.
     MissingExtraError
         If matplotlib isn't installed.
     """
@@ -52,23 +52,23 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
         simulated = " (simulated)" if calibration.origin == "simulated" else ""
         panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}")
         panel.legend()
-        at_n, error_percent, what = _residuals(calibration)
+        residual_n, error_percent, unit_name = _residuals(calibration)
         below.axhline(0.0, color=INK, lw=0.8)
-        below.plot(at_n, error_percent, "o", ms=3, color=BLUE)
+        below.plot(residual_n, error_percent, "o", ms=3, color=BLUE)
         log_axis(below.xaxis)
         panel.tick_params(which="both", labelbottom=False)
-        below.set(xlabel="force (N)", ylabel=f"error of a {what}\nleft out of the fit (%)")
+        below.set(xlabel="force (N)", ylabel=f"error of a\nheld-out {unit_name} (%)")
         return figure
 
 
 def _residuals(calibration: Calibration) -> tuple[FloatArray, FloatArray, str]:
-    """Return force and error (percent) of settled readings left out, and what was left out."""
+    """Return force, error (percent) and name of the held-out placements or loads."""
     pairs = calibration.force
     if pairs.pixel_excess and len(set(pairs.run)) >= FEWEST_PLACEMENTS:
         read_n, force_n, early = predict_held_out(placements_of(pairs))
-        read_n, force_n, what = read_n[~early], force_n[~early], "placement"
+        read_n, force_n, unit_name = read_n[~early], force_n[~early], "placement"
     else:
         settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
-        force_n, what = np.array(pairs.force_n)[settled], "load"
+        force_n, unit_name = np.array(pairs.force_n)[settled], "load"
         read_n = predict_held_out_loads(np.array(pairs.excess)[settled], force_n=force_n)
-    return force_n, 100.0 * (read_n / np.maximum(force_n, 1e-3) - 1.0), what
+    return force_n, 100.0 * (read_n / np.maximum(force_n, 1e-3) - 1.0), unit_name

@@ -1,4 +1,4 @@
-"""`palpate.plot_holds`: holds with the forecast of the default method."""
+"""`palpate.plot_holds`: figure of holds with their forecasts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.plots.style import save_figure
 from palpate.settling.percent import adapt_method
 from palpate.settling.predict import CUTOFF_S, find_method
 
-#: Holds drawn at most: more panels can't be read on a page.
+#: Maximum number of holds in a figure; more panels would not be legible.
 MOST_HOLDS = 9
 
 
@@ -33,14 +33,14 @@ def plot_holds(
     holds : sequence of Hold
         At least one; the first nine are drawn.
     path : path
-        Of the figure; its ending chooses the format: .png, .svg or .pdf.
+        Output file; the suffix determines the format: .png, .svg or .pdf.
     cutoff_s, horizon_s, method, level
-        As for `palpate.predict_settled`.
+        As in `palpate.predict_settled`.
 
     Raises
     ------
     InputError
-        If there is no hold, or no such method or format.
+        If there is no hold, or the method or format is unknown.
     MissingExtraError
         If matplotlib is not installed.
 

@@ -1,4 +1,4 @@
-"""Figures as SVG inside a web page: its fonts, and its light and dark colours."""
+"""Figures as inline SVG with the fonts and the light and dark colours of a page."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _GRID, _PAPER = "#E4E4E4", "#FFFFFF"
-#: Colour in a figure -> name of the page's variable, by day, by night. The night's are lighter
-#: neighbours of the same hue, so that they still differ for colour-blind readers.
+#: Colour in a figure, name of the page's CSS variable, colour in the light and in the dark theme.
+#: The dark theme has lighter colours of the same hue, which colour-blind readers can distinguish.
 THEME: tuple[tuple[str, str, str, str], ...] = (
     (INK, "--ink", "#1c1f23", "#e8eaed"),
     (GREY, "--grey", "#6b7178", "#9aa1a9"),
@@ -42,7 +42,7 @@ _INK_EVERYWHERE: dict[Any, Any] = {
 def page_figure(
     *, columns: int = 1, width_in: float = 5.4, height_in: float = 2.9
 ) -> Iterator[tuple[Figure, Any]]:
-    """Yield a figure for a page and its row of axes, on the page's background."""
+    """Yield a figure with a transparent background for a page, and its row of axes."""
     import matplotlib as mpl
 
     with (
@@ -63,7 +63,7 @@ def inline_svg(figure: Figure, *, label: str) -> str:
     figure : Figure
         From `page_figure`.
     label : str
-        What it shows, for those who can't see it.
+        Description of the figure for screen readers.
     """
     import matplotlib as mpl
 
@@ -73,9 +73,9 @@ def inline_svg(figure: Figure, *, label: str) -> str:
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # Names that nothing refers to, and that a page with two figures would hold twice.
+    # Remove unused IDs, which would be duplicates on a page with two figures.
     text = re.sub(rf' id="(?:{_UNUSED_IDS})[^"]*"', "", text)
-    # One way or the other, as the version of matplotlib has it.
+    # The form depends on the version of matplotlib.
     text = re.sub(r"font-family: [^;\"]*;?", "", text)
     text = re.sub(r"(font: [^;\"]*px)[^;\"]*", r"\1 var(--font)", text)
     for colour, variable, _, _ in THEME:

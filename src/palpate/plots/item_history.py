@@ -1,4 +1,4 @@
-"""One item over its grasps: its measurements, and the pixel readings on each side."""
+"""Figures of one item: measurements over time, and pixel readings of each side."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from palpate.settling.result import Status
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Number of sides whose pixels are shown: the last grasp of each.
+#: Maximum number of sides with pixels in the figure; the last grasp of each is shown.
 _MOST_SIDES = 4
-#: Not colours of the page: what lies under them does not change by night.
+#: Text colours on pixels, independent of the page's theme, as are the pixel colours.
 _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
 
 
@@ -36,9 +36,9 @@ def history_figure(
     name : str
         Name of the measurement.
     label : str
-        Of the axis, with its unit.
+        Label of the axis, with unit.
     zone : tzinfo, optional
-        Time zone of the axis; this machine's by default.
+        Time zone of the axis; the system's by default.
     """
     measured = [
         (grasp.taken_at, found)
@@ -50,9 +50,9 @@ def history_figure(
         value, low, high = (
             np.array([getattr(m, end) for _, m in measured]) for end in ("value", "low", "high")
         )
-        sure = np.array([m.status is Status.OK for _, m in measured], dtype=bool)
+        is_ok = np.array([m.status is Status.OK for _, m in measured], dtype=bool)
         axis.plot(times, value, color=BLUE, lw=1, alpha=0.45)
-        for mask, marker, filled in ((sure, "o", BLUE), (~sure, "o", "none")):
+        for mask, marker, filled in ((is_ok, "o", BLUE), (~is_ok, "o", "none")):
             if mask.any():
                 axis.errorbar(
                     np.array(times)[mask],
@@ -66,14 +66,14 @@ def history_figure(
                 )
         axis.set_ylabel(label)
         if name == "stiffness_n_per_mm":
-            _from_zero(axis, value, high)
-        _mark_words(axis, page, zone)
+            _limit_axis(axis, value, high)
+        _draw_labels(axis, page, zone)
         date_axis(axis, times)
     return figure
 
 
 def pixels_figure(grasps: Sequence[Grasp]) -> Figure | None:
-    """Draw the pixel readings at the answer, last grasp of each side; None without pixels."""
+    """Draw the pixel readings of the last grasp of each side; None without pixels."""
     sides = {g.angle_deg: g for g in grasps if g.pixel_settled_percent is not None}
     shown = list(sides.items())[-_MOST_SIDES:]
     if not shown:
@@ -87,15 +87,15 @@ def pixels_figure(grasps: Sequence[Grasp]) -> Figure | None:
 
 
 def local(moment: datetime, zone: tzinfo | None) -> datetime:
-    """Return the time on the wall of a zone, as plots take it."""
+    """Return the local time in a zone, without time zone information, for plots."""
     return moment.astimezone(zone).replace(tzinfo=None)
 
 
 def date_axis(axis: Any, times: Sequence[datetime]) -> None:
-    """Label a time axis briefly; one moment alone gets room around it."""
+    """Label a time axis briefly, with a margin around a single time."""
     from matplotlib import dates
 
-    # Its classes carry no types.
+    # The classes have no type annotations.
     untyped: Any = dates
     locator = untyped.AutoDateLocator(minticks=3, maxticks=7)
     axis.xaxis.set_major_locator(locator)
@@ -105,13 +105,13 @@ def date_axis(axis: Any, times: Sequence[datetime]) -> None:
         axis.set_xlim(times[0] - timedelta(hours=1), times[0] + timedelta(hours=1))
 
 
-def _from_zero(axis: Any, value: np.ndarray, high: np.ndarray) -> None:
-    """Begin at 0, and let no single wide interval press all the others flat."""
-    usual = float(np.median(high) + 3 * np.ptp(value))
-    axis.set_ylim(0, min(float(high.max()) * 1.08, max(usual, float(value.max()) * 1.15)))
+def _limit_axis(axis: Any, value: np.ndarray, high: np.ndarray) -> None:
+    """Start the axis at 0 and ignore single wide intervals in the upper limit."""
+    typical = float(np.median(high) + 3 * np.ptp(value))
+    axis.set_ylim(0, min(float(high.max()) * 1.08, max(typical, float(value.max()) * 1.15)))
 
 
-def _mark_words(axis: Any, page: ItemHistory, zone: tzinfo | None) -> None:
+def _draw_labels(axis: Any, page: ItemHistory, zone: tzinfo | None) -> None:
     for verdict in page.verdicts:
         if verdict.about is About.RIPENESS and verdict.source is Source.PERSON:
             time = local(verdict.given_at, zone)
@@ -142,16 +142,16 @@ def _draw_pixels(axis: Any, pixels: np.ndarray) -> None:
     )
     for row in range(rows):
         for column in range(columns):
-            read = pixels[row, column]
-            reads = bool(np.isfinite(read))
+            percent = pixels[row, column]
+            is_read = bool(np.isfinite(percent))
             axis.text(
                 column + 0.5,
                 row + 0.5,
-                plain_number(round(float(read))) if reads else "–",
+                plain_number(round(float(percent))) if is_read else "–",
                 ha="center",
                 va="center",
                 fontsize=8,
-                color=_ON_DARK if reads and is_dark(float(read)) else _ON_LIGHT,
+                color=_ON_DARK if is_read and is_dark(float(percent)) else _ON_LIGHT,
             )
     axis.invert_yaxis()
     axis.set_xticks([])

@@ -19,15 +19,15 @@ from palpate.produce.store.item_history import ItemHistory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Kinds beyond these share one grey.
+#: Styles of the most frequent kinds; the others are grey.
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
 _MARKERS = "osD^vP"
-#: More points than these are a picture in the figure: the file stays small.
+#: Above this number points are rasterised, to keep the file small.
 _MOST_VECTORS = 1500
 
 
 def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
-    """Draw every item by its last size and stiffness, by kind; None if impossible."""
+    """Draw the latest stiffness of items over size, by kind; None without data."""
     points = [
         (kind_of(page), size.middle, stiffness.middle)
         for page in pages
@@ -35,9 +35,9 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
     ]
     if not points:
         return None
-    looks = _looks(pages)
+    styles = _kind_styles(pages)
     with page_figure() as (figure, (axis,)):
-        for kind, (colour, marker) in looks.items():
+        for kind, (colour, marker) in styles.items():
             mine = np.array([(s, k) for name, s, k in points if name == kind]).reshape(-1, 2)
             axis.plot(
                 mine[:, 0],
@@ -53,8 +53,8 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
         log_axis(axis.yaxis)
         axis.set_xlabel("size (mm)")
         axis.set_ylabel("stiffness (N/mm)")
-        if len(looks) > 1:
-            # All the grey ones are one entry.
+        if len(styles) > 1:
+            # The grey kinds have a single entry.
             handles, labels = axis.get_legend_handles_labels()
             entries = dict(zip(labels, handles, strict=True))
             figure.legend(
@@ -83,11 +83,11 @@ def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None
             tracks.append((kind_of(page), track))
     if not tracks:
         return None
-    looks = _looks(pages)
+    styles = _kind_styles(pages)
     with page_figure() as (figure, (axis,)):
         for kind, track in tracks:
             times, values = zip(*track, strict=True)
-            colour, _ = looks[kind]
+            colour, _ = styles[kind]
             axis.plot(
                 times,
                 values,
@@ -95,7 +95,7 @@ def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None
                 color=colour,
                 ms=2.5,
                 lw=0.9,
-                alpha=_faint(len(tracks)),
+                alpha=_line_alpha(len(tracks)),
                 rasterized=len(tracks) > _MOST_VECTORS,
             )
         log_axis(axis.yaxis)
@@ -105,7 +105,7 @@ def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None
 
 
 def counts_figure(counts: Sequence[tuple[str, int]]) -> Figure:
-    """Draw how many there are of each, the most on top."""
+    """Draw the number of each name as bars, in the given order."""
     names = [name if len(name) <= 24 else f"{name[:23]}…" for name, _ in counts]
     numbers = [number for _, number in counts]
     height_in = min(2.9, 0.7 + 0.36 * max(len(counts), 3))
@@ -118,17 +118,17 @@ def counts_figure(counts: Sequence[tuple[str, int]]) -> Figure:
         axis.tick_params(axis="y", length=0)
         axis.spines[["bottom", "left"]].set_visible(False)
         axis.margins(x=0.12)
-        # One bar alone is no block.
+        # Limit the height of a single bar.
         axis.set_ylim(max(len(counts), 3) - 0.5, -0.5)
     return figure
 
 
 def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figure:
-    """Draw how many grasps each hour had, those that did not hold apart."""
+    """Draw the number of completed and of other grasps per hour."""
     held, other = [0] * 24, [0] * 24
     for grasp in grasps:
-        where = held if grasp.outcome is Outcome.HELD else other
-        where[local(grasp.taken_at, zone).hour] += 1
+        counts = held if grasp.outcome is Outcome.HELD else other
+        counts[local(grasp.taken_at, zone).hour] += 1
     used = [hour for hour in range(24) if held[hour] + other[hour]]
     first, last = max(0, used[0] - 1), min(23, used[-1] + 1)
     hours = range(first, last + 1)
@@ -156,19 +156,19 @@ def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figu
 
 
 def kind_of(page: ItemHistory) -> str:
-    """Return what an item is: as a person stated, else as it was identified."""
+    """Return the kind stated by a person, or else the identified kind."""
     if page.item.kind is not None:
         return page.item.kind
     verdict = page.latest_verdict(About.IDENTITY)
     return "not named" if verdict is None else verdict.text
 
 
-def _looks(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:
+def _kind_styles(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:
     """Return the colour and marker of each kind, the most frequent first."""
     kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
-    own = list(zip(_COLOURS, _MARKERS, strict=True))
-    return {kind: own[k] if k < len(own) else (GREY, ".") for k, kind in enumerate(kinds)}
+    styles = list(zip(_COLOURS, _MARKERS, strict=True))
+    return {kind: styles[k] if k < len(styles) else (GREY, ".") for k, kind in enumerate(kinds)}
 
 
-def _faint(tracks: int) -> float:
+def _line_alpha(tracks: int) -> float:
     return float(np.clip(6 / tracks, 0.08, 0.9))

@@ -1,9 +1,9 @@
-"""One colour map for a pixel's relative change, on pages, terminal, reports and plots.
+"""Colour map of a pixel's relative change, for pages, terminal, reports and plots.
 
-It diverges from dark, because nothing pressed is the usual case: a fall of the resistance goes
-through red to pale yellow (points of matplotlib's inferno), a rise through blue to pale blue. Both
-arms grow lighter, so they differ from rest without colour vision, and from each other by
-the sign that is printed in each pixel.
+The centre of the map (no change) is dark. A decrease of the resistance is shown from red to pale
+yellow (colours of matplotlib's inferno), an increase from blue to pale blue. Both sides become
+lighter, so colour-blind readers can distinguish a change from rest. The sign in each pixel
+distinguishes decrease and increase.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
 
-#: Change at which both arms end, percent.
+#: Change at both ends of the map, percent.
 DEEPEST_PERCENT = 80.0
-#: From rest to the deepest fall, and from rest to the highest rise: red, green, blue, 0 to 255.
+#: Colours from rest to the largest decrease and increase: red, green, blue, 0 to 255.
 FALL = ((20, 18, 46), (101, 21, 110), (212, 72, 66), (250, 193, 39), (252, 255, 164))
 RISE = ((20, 18, 46), (22, 62, 116), (40, 118, 184), (110, 182, 232), (196, 232, 252))
 
@@ -31,15 +31,15 @@ def pixel_color(change_percent: float) -> tuple[int, int, int]:
     ((20, 18, 46), (252, 255, 164), (196, 232, 252))
     """
     stops = np.array(FALL if change_percent <= 0 else RISE)
-    place = min(abs(change_percent) / DEEPEST_PERCENT, 1.0) * (len(stops) - 1)
+    position = min(abs(change_percent) / DEEPEST_PERCENT, 1.0) * (len(stops) - 1)
     red, green, blue = (
-        round(float(np.interp(place, range(len(stops)), channel))) for channel in stops.T
+        round(float(np.interp(position, range(len(stops)), channel))) for channel in stops.T
     )
     return red, green, blue
 
 
 def is_dark(change_percent: float) -> bool:
-    """Return whether words on this colour must be light.
+    """Return whether text on the colour of this change must be light.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def is_dark(change_percent: float) -> bool:
 
 
 def change_colormap() -> LinearSegmentedColormap:
-    """Return it as a matplotlib colour map, from -80 % (0) to 80 % (1)."""
+    """Return the matplotlib colour map, from -80 % (0) to 80 % (1)."""
     from matplotlib.colors import LinearSegmentedColormap
 
     stops = [*reversed(FALL), *RISE[1:]]
@@ -59,7 +59,7 @@ def change_colormap() -> LinearSegmentedColormap:
 
 
 def css_gradient() -> str:
-    """Return the map as a CSS gradient, the deepest fall first.
+    """Return the map as a CSS gradient, starting at the largest decrease.
 
     Examples
     --------

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def readings_figure(found: Agreement, *, unit: str) -> Figure:
-    """Draw every pair: the grasp, converted, over the reference, with the line of equality."""
+    """Draw converted grasps over reference readings, with the line of equality."""
     ends = [
         min(found.read.min(), found.converted.min()),
         max(found.read.max(), found.converted.max()),
@@ -49,5 +49,5 @@ def differences_figure(found: Agreement, *, unit: str) -> Figure:
         span = float(np.abs(found.difference).max())
         axis.set_ylim(-1.15 * span, 1.15 * span)
         axis.set_xlabel(f"mean of both{unit}")
-        axis.set_ylabel(f"grasp less reference{unit}")
+        axis.set_ylabel(f"grasp minus reference{unit}")
     return figure

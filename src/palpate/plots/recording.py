@@ -1,4 +1,4 @@
-"""A recording at a glance: pixels unfiltered (the paper's Figure 2c), gripper, load, events."""
+"""Overview of a recording: pixels, unfiltered (the paper's Figure 2c), gripper, load, events."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, INK, GREY)
 _LINES = ("-", "--", ":")
-#: More names than this make no legend that anybody reads.
+#: Maximum number of event labels, and of pixels in a legend.
 _MOST_EVENTS = 12
 _MOST_PIXELS = 32
 
 
 def recording_figure(recording: Recording, *, title: str) -> Figure:
-    """Draw resistances, and below them what the gripper and the load cells did.
+    """Draw resistances, and below the gripper and the load cells.
 
     Parameters
     ----------
     recording : Recording
-        With at least one frame.
+        Recording with at least one frame.
     title : str
-        Stands above; where the frames come from is added.
+        Title; the origin of the frames is appended.
     """
     gripper, cells = recording.gripper.time_s.size > 0, bool(recording.load_cells)
     rows = 1 + gripper + cells
@@ -40,7 +40,7 @@ def recording_figure(recording: Recording, *, title: str) -> Figure:
             _draw_gripper(panels[1], recording, start_s)
         if cells:
             _draw_cells(panels[-1], recording, start_s)
-        # A sensor that fell silent is known by an event after its last frame.
+        # If the sensor stopped responding, the last event is after the last frame.
         end_s = max(float(recording.time_s[-1]), *(e.time_s for e in recording.events), start_s)
         for panel in panels:
             panel.set_xlim(0.0, max(end_s - start_s, 0.1))
@@ -57,7 +57,7 @@ def _draw_pixels(panel: Any, recording: Recording, start_s: float) -> None:
     _, pixel_rows, pixel_cols = ohm.shape
     for index in range(pixel_rows * pixel_cols):
         row, col = divmod(index, pixel_cols)
-        # An open pixel reads infinite: a gap in its line.
+        # The infinite resistance of an open pixel becomes a gap in the line.
         values = np.where(np.isfinite(ohm[:, row, col]), ohm[:, row, col], np.nan)
         panel.plot(
             recording.time_s - start_s,
@@ -69,7 +69,7 @@ def _draw_pixels(panel: Any, recording: Recording, start_s: float) -> None:
         )
     panel.set_ylabel("resistance, unfiltered (kohm)")
     if pixel_rows * pixel_cols <= _MOST_PIXELS:
-        # Above: wherever it stood inside, a touch or a release would run through it.
+        # Above the axes, because inside the legend would cover contacts and releases.
         panel.legend(
             ncols=8,
             fontsize=7,

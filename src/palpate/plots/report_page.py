@@ -10,14 +10,14 @@ from palpate.plots.inline_svg import THEME
 
 
 class PageTable(NamedTuple):
-    """A table; columns whose name begins with ``>`` hold numbers."""
+    """A table; column names with a ``>`` prefix are numeric."""
 
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
-#: Figures in large type: what it is -> value, unit, and the line below.
+#: Figures in large type: name -> value, unit, and the line below.
 Tiles: TypeAlias = Mapping[str, tuple[str, str, str]]
 #: Captions and ``<svg>`` elements.
 Figures: TypeAlias = Sequence[tuple[str, str]]
@@ -33,10 +33,10 @@ def render_page(
     body: Iterable[Part],
     foot: str,
 ) -> str:
-    """Return a page as HTML; all text is escaped, but for the figures.
+    """Return a page as HTML; all text except the figures is escaped.
 
     `chips`: short facts next to the title.
-    `simulated`: whether to state that any of it is simulated.
+    `simulated`: whether to mark the page as simulated.
     Raises `MissingExtraError` if Jinja is not installed.
     """
     with require_extra("a report", extra="plots"):

@@ -1,4 +1,4 @@
-"""Ripeness over days: one item with its possible courses; many items judged against the truth."""
+"""Figure of an item's ripeness over days, with its possible courses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.produce.ripeness.history import FirmnessHistory
     from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
-#: Days drawn beyond the last grasp.
+#: Range of the axis after the last grasp, days.
 _AHEAD_DAYS = 3.0
 
 
@@ -29,18 +29,19 @@ def item_figure(
     history : FirmnessHistory
         The item's grasps.
     ripeness : Ripeness
-        The verdict on it.
+        The judged ripeness.
     rule : RipenessRule, optional
-        Course and stages; without them the grasps alone are drawn.
+        Course and stages; without a rule only the grasps are drawn.
     """
     width = history.drive == "width"
     with new_figure(width_in=6.4, height_in=4.0) as (figure, axes):
         axis = axes[0][0]
-        at = np.array([history.day_of(grasp.taken_at) for grasp in history.grasps])
-        end = float(at.max()) + (_AHEAD_DAYS if rule is not None else 0.5)
+        grasp_days = np.array([history.day_of(grasp.taken_at) for grasp in history.grasps])
+        end = float(grasp_days.max()) + (_AHEAD_DAYS if rule is not None else 0.5)
         if rule is not None:
             _draw_courses(axis, history, rule=rule, end=end, width=width)
-        axis.plot(at, _select_shown(history.firmness, width), ".", color=GREY, label="grasps")
+        shown = _select_shown(history.firmness, width)
+        axis.plot(grasp_days, shown, ".", color=GREY, label="grasps")
         days = [day.day for day in history.days]
         means = [day.firmness for day in history.days]
         axis.plot(days, _select_shown(means, width), "o", color=BLUE, label="mean of the day")
@@ -90,15 +91,15 @@ def _draw_courses(
 
 
 def _select_shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
-    """Return stiffness in N/mm, or the number of pixels that share the load."""
+    """Return the stiffness in N/mm, or the number of loaded pixels."""
     values = np.asarray(firmness, dtype=float)
     return np.asarray(np.exp(values if width else -values))
 
 
 def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:
     simulated = ", simulated" if any(grasp.is_simulated for grasp in history.grasps) else ""
-    chance = 100 * ripeness.probabilities[ripeness.stage]
-    title = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"
+    percent = 100 * ripeness.probabilities[ripeness.stage]
+    title = f"{history.item_id}{simulated}: {ripeness.stage} ({percent:.0f} %)"
     days = ripeness.days_to_ripe
     if days is not None and np.isfinite([days.low, days.high]).all() and days.high > 0:
         title += (

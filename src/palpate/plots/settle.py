@@ -1,4 +1,4 @@
-"""Figure of a predicted settled value: curve, window, forecast, band, settled value."""
+"""Figure of predicted settled values: curve, window, forecast, band, settled value."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ import numpy as np
 
 from palpate.holds import Hold, measure_settled_value
 from palpate.holds.cutting import CutColumn
-from palpate.plots.style import GREY, INK, legend_below, log_axis, look_of, new_figure
+from palpate.plots.style import GREY, INK, legend_below, log_axis, method_style, new_figure
 from palpate.settling.result import SettlingMethod
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Instants between the cut-off and the horizon at which the forecast is drawn.
+#: Number of points of a forecast between the cut-off and the horizon.
 FORECAST_POINTS = 15
 
-#: Recordings drawn whole, points of each at most, and the ratio from which its axis is logarithmic.
+#: Maximum number of overviews, approximate number of points of each, and the ratio of the values
+#: above which an axis is logarithmic.
 MOST_OVERVIEWS, OVERVIEW_POINTS, LOGARITHMIC_FROM = 3, 20_000, 10.0
 
-#: Labels of the value's axis, by unit.
+#: Labels of the value axis, by unit.
 VALUE_LABELS = {
     None: "value (unit of the file)",
     "ohm": "resistance (ohm)",
@@ -32,25 +33,25 @@ VALUE_LABELS = {
     "volt": "voltage (V)",
 }
 
-#: A letter of a title, and what no title of a column has room for: the axis of the next, inches.
+#: Width of a letter of a title, and width of a column's axis labels, inches.
 _LETTER_IN, _AXIS_IN = 0.056, 0.65
 
-#: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
+#: Start of the forecast after the cut-off, seconds.
 SOONEST_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """One hold to draw, and why it was chosen.
+    """One hold to draw.
 
     Attributes
     ----------
     title : str
-        Stands above the panel.
+        Title of the panel.
     hold : Hold
-        Its samples up to the horizon at least.
+        Hold with samples at least up to the horizon.
     cutoff_s : float
-        Forecasts rest on samples up to here.
+        Time of the last sample that forecasts may use.
     """
 
     title: str
@@ -66,9 +67,9 @@ def settle_figure(
     level: float,
     overviews: Sequence[tuple[str, CutColumn]] = (),
 ) -> Figure:
-    """Draw a few holds with each method's forecast; the first one with its band.
+    """Draw holds with the forecast of each method, and the band of the first method.
 
-    Recordings that the holds were cut from are above them, each with its title.
+    `overviews`: titles and recordings of the holds, drawn above the panels.
     """
     above = len(overviews)
     columns = max(min(3, len(panels)), 2 if above else 1)
@@ -96,7 +97,7 @@ def settle_figure(
 
 
 def _fold_title(title: str, letters: int) -> str:
-    """Fold the lines of a title that are longer than this many letters.
+    """Wrap the lines of a title to a maximum number of letters.
 
     >>> _fold_title("a-hold\\nerror +2 % of settled, 30 % of the rest", 30).splitlines()
     ['a-hold', 'error +2 % of settled, 30 % of', 'the rest']
@@ -113,8 +114,8 @@ def _draw_overview(figure: Figure, row: Any, title: str, recording: CutColumn) -
     for axis in row:
         axis.remove()
     axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])
-    kept = slice(None, None, max(1, recording.time_s.size // OVERVIEW_POINTS))
-    axis.plot(recording.time_s[kept], recording.values[kept], color=INK, lw=0.7)
+    thinned = slice(None, None, max(1, recording.time_s.size // OVERVIEW_POINTS))
+    axis.plot(recording.time_s[thinned], recording.values[thinned], color=INK, lw=0.7)
     low, high = float(recording.values.min()), float(recording.values.max())
     if low > 0 and high > LOGARITHMIC_FROM * low:
         log_axis(axis.yaxis)
@@ -160,7 +161,7 @@ def _draw_panel(
 def _draw_forecast(
     axis: Any, times_s: Any, forecast: Sequence[Any], *, name: str, band: bool, level: float
 ) -> None:
-    colour, marker = look_of(name)
+    colour, marker = method_style(name)
     value, low, high = (
         np.array([getattr(estimate, end) for estimate in forecast])
         for end in ("value", "low", "high")

@@ -1,4 +1,4 @@
-"""One style for every plot: colour-blind safe colours, units on every axis."""
+"""Common style of all plots, with colour-blind safe colours."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-#: Okabe and Ito, "Color universal design" (2008), without its yellow, which is faint on white.
+#: Okabe and Ito, "Color universal design" (2008), without yellow, which has low contrast on white.
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, SKY, AMBER = "#CC79A7", "#56B4E9", "#E69F00"
 INK, GREY = "#222222", "#8A8A8A"
 
-#: The same method has the same colour and marker in every figure.
+#: Colour and marker of each method, the same in every figure.
 METHOD_STYLES: dict[str, tuple[str, str]] = {
     "relaxation": (BLUE, "o"),
     "calibrated": (GREEN, "D"),
@@ -27,21 +27,21 @@ METHOD_STYLES: dict[str, tuple[str, str]] = {
     "log_law": (PURPLE, "^"),
     "recorded": (GREY, "v"),
 }
-SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
+SPARE_STYLES = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
 
 PLOT_ENDINGS = (".png", ".svg", ".pdf")
-#: Dots per inch of PNG files: sharp in print.
+#: Dots per inch of PNG files, for print.
 DPI = 300
-#: Width of the text of a journal's page: a wider figure would be shrunk, and its letters with it.
+#: Text width of a journal page; a wider figure would be scaled down with its text.
 PAGE_WIDTH_IN = 7.2
-#: Between two powers of ten these are labelled; all that have room where an axis has one decade.
+#: Labelled digits between powers of ten, on a long axis and on an axis below one decade.
 _LABELLED_DIGITS, _LABELLED_WITHIN_A_DECADE = "125", "1234568"
-#: Beyond this ratio of its ends an axis has room for powers of ten alone.
+#: Ratio of the limits of an axis above which only powers of ten are labelled.
 _CROWDED = 3e3
 
-#: matplotlib's own label of the axes of a colour bar, which is no panel.
+#: Label of a colour bar's axes in matplotlib; such axes get no letter.
 COLORBAR = "<colorbar>"
-#: Width of a legend's entry, with its handle, at our size of letters.
+#: Width of a legend entry with its handle, inches.
 _ENTRY_IN = 1.75
 
 _STYLE: dict[Any, Any] = {
@@ -56,13 +56,13 @@ _STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
     "legend.frameon": False,
-    # Ticks between powers of ten are shorter; their numbers stand in one line with the others.
+    # Minor ticks are shorter; the padding aligns their labels with the major labels.
     "xtick.minor.pad": 5.0,
     "ytick.minor.pad": 5.0,
     "lines.linewidth": 1.4,
     "lines.markersize": 5,
     "svg.hashsalt": "palpate",
-    # Text stays text: it can be searched, and edited for print. Type 42 is what journals take.
+    # Keep text searchable and editable. Journals require Type 42 fonts.
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
@@ -70,15 +70,15 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def look_of(method: str) -> tuple[str, str]:
-    """Return the colour and marker of a method; others get one by their name.
+def method_style(method: str) -> tuple[str, str]:
+    """Return the colour and marker of a method; an unknown method gets a spare style.
 
     Examples
     --------
-    >>> look_of("relaxation")
+    >>> method_style("relaxation")
     ('#0072B2', 'o')
     """
-    spare = SPARE_LOOKS[sum(method.encode()) % len(SPARE_LOOKS)]
+    spare = SPARE_STYLES[sum(method.encode()) % len(SPARE_STYLES)]
     return METHOD_STYLES.get(method, spare)
 
 
@@ -93,8 +93,8 @@ def new_figure(
 ) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure in palpate's style and its axes, shape (rows, columns).
 
-    A figure wider than a page is made as wide as that. `shared` axes have one scale, and numbers
-    at the outer ones alone.
+    The width is limited to the page width. With `shared`, all axes have the same scale, and only
+    the outer axes have tick labels.
 
     Raises
     ------
@@ -106,20 +106,20 @@ def new_figure(
     from matplotlib.figure import Figure
 
     with mpl.rc_context(_STYLE):
-        # Not pyplot: it keeps every figure alive and looks for a display.
+        # pyplot would keep every figure in memory and require a display.
         figure = Figure(figsize=(min(width_in, PAGE_WIDTH_IN), height_in), layout="constrained")
         yield figure, figure.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared)
 
 
 def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> None:
-    """Put one legend for all axes below the figure, in as many columns as fit."""
+    """Add one legend for all axes below the figure, with as many columns as fit."""
     entries: dict[str, Any] = {}
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     most = min(len(entries), max(1, int(figure.get_figwidth() / entry_in)))
     for columns in range(most, 0, -1):
-        # A legend is filled column by column.
+        # matplotlib fills a legend column by column.
         labels = [label for first in range(columns) for label in [*entries][first::columns]]
         handles = [entries[label] for label in labels]
         legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
@@ -129,7 +129,7 @@ def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> N
 
 
 def letter_panels(figure: Figure) -> None:
-    """Letter the panels of a figure row by row; a single panel stays plain."""
+    """Add a letter to each panel, row by row; a single panel gets none."""
     panels = [axis for axis in figure.axes if axis.get_visible() and axis.get_label() != COLORBAR]
     if len(panels) < 2:
         return
@@ -149,7 +149,7 @@ def letter_panels(figure: Figure) -> None:
 def log_axis(axis: Axis) -> None:
     """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of a decade."""
 
-    def between_decades(value: float, _: object) -> str:
+    def format_minor(value: float, _: object) -> str:
         low, high = axis.get_view_interval()
         digits = _LABELLED_WITHIN_A_DECADE if high < 10.0 * low else _LABELLED_DIGITS
         crowded = high > _CROWDED * low
@@ -158,11 +158,11 @@ def log_axis(axis: Axis) -> None:
     scale = axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale
     scale("log")
     axis.set_major_formatter(lambda value, _: plain_number(value))
-    axis.set_minor_formatter(between_decades)
+    axis.set_minor_formatter(format_minor)
 
 
 def plain_number(value: float) -> str:
-    """Return a number as labels have it, with a minus that is no hyphen.
+    """Return a number as label text, with a minus sign instead of a hyphen.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def plain_number(value: float) -> str:
 
 
 def require_plots() -> None:
-    """Refuse early, before any long work, where plots can't be drawn.
+    """Check before any long calculation that plots can be drawn.
 
     Raises
     ------
@@ -186,12 +186,12 @@ def require_plots() -> None:
 
 
 def check_plot(path: Path | None) -> None:
-    """Refuse, before any work, a plot that can't be drawn or written.
+    """Check before any calculation that a plot can be drawn and written.
 
     Raises
     ------
     InputError
-        If the ending is not one of `PLOT_ENDINGS`, or the folder does not exist.
+        If the suffix is not one of `PLOT_ENDINGS`, or the folder does not exist.
     MissingExtraError
         If matplotlib is not installed.
 
@@ -214,14 +214,14 @@ def _check_plot_path(path: Path) -> None:
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int | None = None) -> None:
-    """Write a figure whole or not at all; the ending chooses the format.
+    """Write a figure atomically; the suffix determines the format.
 
-    `dpi` is of a PNG file, `DPI` by default.
+    `dpi`: resolution of a PNG file; `DPI` by default.
     """
     import matplotlib as mpl
 
     _check_plot_path(path)
-    # Without dates the same plot is the same file.
-    dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    # Without dates, equal plots give identical files.
+    without_date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with atomic_path(path) as partial, mpl.rc_context(_STYLE):
-        figure.savefig(partial, dpi=dpi or DPI, metadata=dated.get(path.suffix.lower()))
+        figure.savefig(partial, dpi=dpi or DPI, metadata=without_date.get(path.suffix.lower()))

@@ -1,7 +1,7 @@
-"""When is a prediction's interval narrow enough to act on?
+"""Decision time of a hold: the first prediction with a sufficiently narrow interval.
 
-The rule behind ``palpate settle --until-half-width PERCENT``: the first sample at which the
-interval is narrow enough twice in a row. One narrow interval may be luck; two seldom are.
+This is the rule of ``palpate settle --until-half-width PERCENT``. Two successive evaluations must
+have a narrow interval, because a single narrow interval may be accidental.
 
 >>> from palpate.settling.relaxation import Relaxation
 >>> import numpy as np
@@ -22,15 +22,15 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
-#: No decision before this: contact bounces of real presses last about as long.
+#: Earliest decision, seconds: the approximate duration of contact bounces of real presses.
 EARLIEST_S = 0.5
-#: Evaluations are spaced geometrically, because a prediction changes with the logarithm of time.
+#: Ratio of successive evaluation times; predictions change with the logarithm of time.
 EVALUATION_RATIO = 1.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """When a hold was called, and the estimate at that moment.
+    """Time of a decision, and the estimate at this time.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class Decision:
     estimate : SettledEstimate
         The prediction at that time, with scalar fields.
     decided : bool
-        False where the hold ended before the interval was narrow enough: then `time_s` is its last
-        sample before the horizon.
+        False if the interval was never narrow enough. `time_s` is then the time of the last sample
+        up to the horizon.
     """
 
     time_s: float
@@ -57,16 +57,16 @@ def find_decision(
     horizon_s: float = 20.0,
     level: float = 0.9,
 ) -> Decision:
-    """Return the first prediction of one hold with two successive half-widths small enough.
+    """Return the prediction at the second of two successive narrow intervals.
 
     Parameters
     ----------
     time_s, values : array_like, shape (n_times,)
-        One hold; every evaluation uses only the samples up to its own time.
+        Samples of one hold; each evaluation uses only the samples up to its time.
     method : SettlingMethod
-        Any method whose intervals are finite.
+        Method with finite intervals.
     half_width_percent : float
-        Largest half-width of the interval, in percent of the predicted value.
+        Maximum half-width of the interval, in percent of the predicted value.
     horizon_s, level : float
         As in `SettlingMethod.predict`.
 
@@ -77,37 +77,40 @@ def find_decision(
     Raises
     ------
     ValueError
-        If `half_width_percent` is not positive, or no sample lies at or before the horizon.
+        If `half_width_percent` is not positive, or there is no sample up to the horizon.
     """
     if not half_width_percent > 0:
         raise ValueError(f"half_width_percent must be positive, not {half_width_percent:g}")
     times = np.asarray(time_s, dtype=np.float64)
     samples = np.asarray(values, dtype=np.float64)
-    stops = _count_samples(times[times <= horizon_s])
+    counts = _count_samples(times[times <= horizon_s])
     was_narrow = False
-    for stop in stops:
+    for count in counts:
         estimate = method.predict(
-            times[:stop], samples[None, :stop], horizon_s=horizon_s, level=level
+            times[:count], samples[None, :count], horizon_s=horizon_s, level=level
         ).hold(0)
         half_width = (estimate.high - estimate.low) / 2
         widest = half_width_percent / 100 * np.abs(estimate.value)
-        narrow = bool(estimate.status == Status.OK and half_width <= widest)
-        if narrow and was_narrow:
-            return Decision(time_s=float(times[stop - 1]), estimate=estimate, decided=True)
-        was_narrow = narrow
-    return Decision(time_s=float(times[stops[-1] - 1]), estimate=estimate, decided=False)
+        is_narrow = bool(estimate.status == Status.OK and half_width <= widest)
+        if is_narrow and was_narrow:
+            return Decision(time_s=float(times[count - 1]), estimate=estimate, decided=True)
+        was_narrow = is_narrow
+    return Decision(time_s=float(times[counts[-1] - 1]), estimate=estimate, decided=False)
 
 
 def _count_samples(times: FloatArray) -> list[int]:
-    """Return how many samples each evaluation uses: geometrically spaced, the last one always."""
+    """Return the number of samples of each evaluation, geometrically spaced in time.
+
+    The last evaluation uses all samples.
+    """
     if times.size == 0:
         raise ValueError("no sample at or before the horizon")
-    stops: list[int] = []
+    counts: list[int] = []
     next_evaluation_s = times[0] + EARLIEST_S
     for index, time in enumerate(times):
         if time >= next_evaluation_s:
-            stops.append(index + 1)
+            counts.append(index + 1)
             next_evaluation_s = times[0] + EVALUATION_RATIO * (time - times[0])
-    if not stops or stops[-1] != times.size:
-        stops.append(times.size)
-    return stops
+    if not counts or counts[-1] != times.size:
+        counts.append(times.size)
+    return counts

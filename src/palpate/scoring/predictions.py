@@ -1,4 +1,4 @@
-"""Predictions for many holds, methods and cut-offs, and how far off they are."""
+"""Predictions for many holds, methods and cut-offs, and their errors."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from palpate.scoring.deciding import find_decision
 from palpate.settling.percent import adapt_method
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
-#: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
+#: Maximum size of a batch. Adjacent holds usually have the same sampling grid and are predicted
+#: together.
 HOLDS_AT_A_TIME = 512
 SAMPLES_AT_A_TIME = 500_000
-#: Figures of a summary: the property of a prediction and the statistic over those that have it.
+#: Figures of a summary: property of a prediction, and statistic over its known values.
 _FIGURES: Mapping[str, tuple[str, Any]] = {
     "median_abs_error_percent": ("error_percent", np.median),
     "mean_abs_error_percent": ("error_percent", np.mean),
@@ -30,7 +31,7 @@ _FIGURES: Mapping[str, tuple[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """One hold, method and cut-off, with the value that the hold settled to.
+    """Prediction for one hold, method and cut-off, with the true settled value.
 
     >>> row = Prediction(hold_id="a", method="recorded", cutoff_s=2.5, predicted=-48.0,
     ...     low=-53.0, high=-45.0, settled=-50.0, recorded=-40.0, status=Status.OK)
@@ -38,30 +39,30 @@ class Prediction:
     (4.0, 20.0, 8.0, 1.0)
     """
 
-    #: File, hold, and the unit of its values, where they are known.
+    #: File, hold, channel and unit; empty or None if unknown.
     source: str = ""
     hold_id: str
     channel: str | None = None
     unit: str | None = None
-    #: By the name that the caller gave it.
+    #: Name of the method, given by the caller.
     method: str
-    #: The prediction rests on samples up to this time alone.
+    #: Time of the last sample that the prediction may use.
     cutoff_s: float
-    #: Whether the interval became narrow enough; None where the cut-off was given beforehand.
+    #: Whether the interval became narrow enough; None for a given cut-off.
     decided: bool | None = None
-    #: At the horizon; NaN where there is no sample before the cut-off or no interval.
+    #: Predicted value at the horizon, with interval; NaN without samples or without interval.
     predicted: float
     low: float
     high: float
-    #: What it settled to (NaN where the hold ends before), and the last sample at the cut-off.
+    #: Settled value (NaN if the hold ends before the horizon), and last sample at the cut-off.
     settled: float
     recorded: float
-    #: Of the prediction.
+    #: Status of the prediction.
     status: Status
 
     @property
     def error_percent(self) -> float:
-        """Signed error in % of the settled value; NaN where that is unknown or zero."""
+        """Signed error in % of the settled value; NaN if that is unknown or zero."""
         return _percent(self.predicted - self.settled, self.settled)
 
     @property
@@ -71,12 +72,12 @@ class Prediction:
 
     @property
     def half_width_percent(self) -> float:
-        """Half of the interval, in % of the settled value."""
+        """Half-width of the interval in % of the settled value."""
         return _percent((self.high - self.low) / 2, self.settled)
 
     @property
     def coverage(self) -> float:
-        """1 where the interval holds the settled value, else 0; NaN where either is unknown."""
+        """1 if the interval contains the settled value, else 0; NaN if unknown."""
         if np.isnan(self.low + self.high + self.settled):
             return np.nan
         return float(self.low <= self.settled <= self.high)
@@ -95,13 +96,13 @@ def predict_holds(
     level: float,
     source: str = "",
 ) -> Iterator[Prediction]:
-    """Yield predictions in the order of holds, then methods, then cut-offs.
+    """Yield predictions ordered by hold, method and cut-off.
 
-    Holds are taken in batches and released, so memory does not grow with their number.
+    Holds are processed in batches, so memory does not grow with their number.
 
-    `holds` may be a stream; `methods` are by the name to report.
-    `horizon_s`, `level`: time of the value to predict, and the probability its interval is to
-    cover.
+    `holds`: may be a stream.
+    `methods`: methods by the name in the predictions.
+    `horizon_s`, `level`: time of the predicted value, and nominal coverage of its interval.
 
     >>> from palpate.settling.baselines import Recorded
     >>> time_s = np.arange(0, 21, 0.5)
@@ -139,9 +140,9 @@ def decide_holds(
     level: float,
     source: str = "",
 ) -> Iterator[Prediction]:
-    """Yield the first prediction of each hold whose interval is narrow, by `find_decision`.
+    """Yield each hold's first prediction with a narrow interval (`find_decision`).
 
-    The cut-off of each is its time of decision; the other parameters are those of `predict_holds`.
+    The cut-off is the decision time. Other parameters are as in `predict_holds`.
     """
     for hold in holds:
         for name, method in methods.items():
@@ -177,7 +178,7 @@ def _pair(
     horizon_s: float,
     decided: bool | None = None,
 ) -> Prediction:
-    """Pair an estimate with the settled value of the hold; None means without samples."""
+    """Return an estimate with the hold's settled value; None is an estimate without samples."""
     value, low, high, status = np.nan, np.nan, np.nan, Status.TOO_SHORT
     if estimate is not None:
         value, low, high = (float(end) for end in (estimate.value, estimate.low, estimate.high))
@@ -200,14 +201,14 @@ def _pair(
 
 
 def summarise(predictions: Iterable[Prediction]) -> dict[str, float]:
-    """Return the summary that `palpate settle --json` prints for one method and cut-off.
+    """Return the summary of one method and cut-off, as in `palpate settle --json`.
 
-    A figure that no hold has is NaN.
+    A figure without known values is NaN.
     """
     rows = list(predictions)
     figures = {}
-    for name, (of, statistic) in _FIGURES.items():
-        values = np.abs([getattr(row, of) for row in rows])
+    for name, (attribute, statistic) in _FIGURES.items():
+        values = np.abs([getattr(row, attribute) for row in rows])
         known = values[np.isfinite(values)]
         figures[name] = float(statistic(known)) if known.size else float("nan")
     return figures
@@ -243,8 +244,8 @@ def _predict_batch(
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        suited = adapt_method(method, unit=hold.unit, loading_s=hold.loading_s)
-        estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
+        adapted = adapt_method(method, unit=hold.unit, loading_s=hold.loading_s)
+        estimate = adapted.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)
     return found

@@ -1,4 +1,4 @@
-"""The table of predictions and scores: what `palpate settle` and `palpate.score` return."""
+"""Table of predictions and scores, for `palpate settle` and `palpate.score`."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
-#: Columns of text where standard output is no terminal that has a width of its own.
+#: Text width if standard output is not a terminal, columns.
 PIPED_WIDTH = 120
 
-#: From this width on intervals are shown with their half-widths.
+#: Minimum text width for intervals with half-widths, columns.
 WIDE = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreTable:
-    """Predictions of holds, and how far off they were by method and cut-off.
+    """Predictions of holds, with scores for each method and cut-off.
 
-    It prints as the scores that `palpate settle` prints.
+    The text form (`str`) is the table of scores of `palpate settle`.
     """
 
-    #: In the order of files, holds, methods and cut-offs.
+    #: Predictions ordered by file, hold, method and cut-off.
     predictions: Sequence[Prediction]
     #: Time of the settled value.
     horizon_s: float
-    #: Probability that the intervals are meant to cover.
+    #: Nominal coverage of the intervals.
     level: float
-    #: The rule of decision, where there was one.
+    #: Maximum half-width of the decision rule; None for given cut-offs.
     until_half_width_percent: float | None = None
 
     def groups(self) -> dict[tuple[str, float | None], list[Prediction]]:
-        """Return predictions by method and cut-off (None: decided hold by hold)."""
+        """Return predictions by method and cut-off (None for the decision rule)."""
         found: dict[tuple[str, float | None], list[Prediction]] = {}
         for row in self.predictions:
             cutoff_s = row.cutoff_s if row.decided is None else None
@@ -58,18 +58,18 @@ class ScoreTable:
         return text.getvalue().rstrip()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return rows and summary as `palpate settle --json` prints them, None where unknown."""
+        """Return rows and summary as in `palpate settle --json`; unknown values are None."""
         return {"rows": list(self.rows()), "summary": self.summary()}
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return the summary as a data frame, a row for each method and cut-off.
+        """Return the summary as a data frame, with a row for each method and cut-off.
 
-        Raises `InputError` where pandas is not installed.
+        Raises `InputError` if pandas is not installed.
         """
         try:
             import pandas as pd
         except ImportError as error:
-            raise InputError("to_dataframe needs pandas; pip install pandas") from error
+            raise InputError("to_dataframe requires pandas; pip install pandas") from error
         return pd.DataFrame(self.summary())
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -119,30 +119,30 @@ def score(
     horizon_s: float = 20.0,
     level: float = 0.9,
 ) -> ScoreTable:
-    """Predict holds by several methods and cut-offs, and score the predictions.
+    """Predict holds with several methods and cut-offs, and score the predictions.
 
     Parameters
     ----------
     holds : iterable of Hold
-        They are scored where they last until the horizon.
+        Holds to predict. Only holds that last until the horizon are scored.
     methods : sequence of str
-        Names that `predict_settled` takes.
+        Names of methods, as in `predict_settled`.
     cutoffs_s : sequence of float
-        Each prediction rests on samples up to one of these times, seconds.
+        Times of the last samples that the predictions may use, seconds.
     horizon_s : float
-        Time of the value to predict, seconds.
+        Time of the predicted value, seconds.
     level : float
-        Probability that the intervals are meant to cover.
+        Nominal coverage of the intervals.
 
     Returns
     -------
     ScoreTable
-        Rows, a summary, and the text that `palpate settle` prints.
+        Predictions and scores; the text form is the table of `palpate settle`.
 
     Raises
     ------
     InputError
-        If a method is not known.
+        If a method is unknown.
 
     Examples
     --------
@@ -190,14 +190,14 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
     console.print("|error| in % of the settled value", highlight=False)
     print_table((*heads, f">in {level:.0%}", ">±"), rows, console=console)
     console.print(
-        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
+        f"[dim]of rest: median |error| in % of the remaining change; in {level:.0%}: fraction of "
         "holds inside their interval; ±: median half-width in %[/dim]",
         highlight=False,
     )
 
 
 def format_figure(figure: float | None) -> str:
-    """Return a percentage or a time with as many decimals as its column can hold."""
+    """Return a figure as text, with two decimals below 10 and none from 100."""
     if figure is None or not np.isfinite(figure):
         return "-"
     if abs(figure) >= 1e4:

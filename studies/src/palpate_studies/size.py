@@ -330,10 +330,10 @@ def list_estimates(found: Sequence[SizedStrawberry]) -> list[tuple[Measurement, 
 
 def draw(found: Mapping[str, Sequence[SizedStrawberry]], *, shown: int) -> Figure:
     """Draw the first strawberries of each level as in the paper's Figure 14."""
-    from palpate.plots.style import GREY, look_of, new_figure
+    from palpate.plots.style import GREY, method_style, new_figure
 
     ends = (30.0, 42.0)
-    (grey, square), (blue, dot) = look_of("recorded"), look_of("relaxation")
+    (grey, square), (blue, dot) = method_style("recorded"), method_style("relaxation")
     with new_figure(columns=len(found), width_in=4.2 * len(found), height_in=3.4) as (figure, axes):
         for axis, (level, every) in zip(axes[0], found.items(), strict=True):
             some = every[:shown]

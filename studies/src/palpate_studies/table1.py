@@ -200,12 +200,12 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
 
 def figure_6(errors: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """Draw the mean error over the cut-off, published and simulated."""
-    from palpate.plots.style import look_of, new_figure
+    from palpate.plots.style import method_style, new_figure
 
     with new_figure(width_in=6.5, height_in=4.0) as (figure, axes):
         axis = axes[0, 0]
         for method, rows in errors.items():
-            colour, marker = look_of(method)
+            colour, marker = method_style(method)
             ours = [row["mean_abs_error_percent"] for row in rows]
             axis.plot(CUTOFFS_S, ours, color=colour, marker=marker, label=f"{method}, simulated")
             if method in PUBLISHED:
