@@ -140,7 +140,7 @@ class AccessControl:
             host = urlsplit(f"//{headers.get('host', '')}").hostname or ""
             origin = headers.get("origin")
             foreign = origin is not None and urlsplit(origin).netloc != headers.get("host")
-        except ValueError:  # "[::1" and the like
+        except ValueError:  # such as "[::1"
             return False
         return not foreign and (not self._loopback or is_loopback(host))
 

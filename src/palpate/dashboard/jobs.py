@@ -253,7 +253,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
 
 
 def open_hand(order: OpenHand, *, context: JobContext) -> None:
-    """Open the hand and wait until it stands still; a stop request halts it."""
+    """Open the hand and wait until it is stationary; a stop request halts the hand."""
     gripper, clock, array = (
         context.rig_with_gripper.gripper,
         context.rig.clock,

@@ -28,7 +28,7 @@ Path: TypeAlias = Sequence[ClosingState]
 
 #: Default fraction of objects that may be damaged at the limit: a requirement.
 NOMINAL_RATE = 0.01
-#: Probability that the rupture force lies above the lower bound.
+#: Probability that the rupture force is above the lower bound.
 LOWER_BOUND_LEVEL = 0.95
 FOLDS = 5
 #: Search range of the bound, ln N.

@@ -120,17 +120,17 @@ def _replace_implausible(reading: Measurement, *, now: float) -> Measurement:
 
 
 def is_certain(settled: Settled, *, plan: Plan) -> bool:
-    """Return whether the interval of the settled reading is narrow limit for a decision.
+    """Return whether the interval of the settled reading is narrow enough for a decision.
 
     Waiting helps only while the forecast's uncertainty exceeds half of the force law's uncertainty.
     """
     reading = settled.reading
     half = max(reading.high - reading.middle, reading.middle - reading.low)
     of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
-    limit = max(plan.decide_half_width, of_law)
+    max_half_width = max(plan.decide_half_width, of_law)
     # An unproven curve shape is acceptable: the interval includes the whole predicted change.
     known = reading.status in (Status.OK, Status.UNPROVEN)
-    return known and half <= limit * abs(reading.middle)
+    return known and half <= max_half_width * abs(reading.middle)
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:

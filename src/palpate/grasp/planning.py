@@ -82,7 +82,7 @@ def plan_grasp(
     InputError
         If a force or the expected size is out of range.
     CalibrationError
-        If the calibration lacks what the grasp needs.
+        If the calibration lacks data for this grasp.
     """
     check_target_force(target_force_n, name="target_force_n")
     check_target_force(lift_force_n, name="lift_force_n")

@@ -1,1 +1,1 @@
-"""The physical twin: object, fingers, sheet, divider and converter. All it gives is simulated."""
+"""The physical twin: object, fingers, sheet, divider and converter. All output is simulated."""

@@ -100,8 +100,8 @@ class Family:
             return np.expm1(coordinate)
         bend = _LOG_START / (1.0 + _LOG_START)
         low = np.minimum(coordinate, bend)
-        beyond = np.maximum(coordinate - bend, 0.0) * (1.0 + _LOG_START) ** 2 / _LOG_START
-        return low / (1.0 - low) * np.exp(beyond)
+        log_ratio = np.maximum(coordinate - bend, 0.0) * (1.0 + _LOG_START) ** 2 / _LOG_START
+        return low / (1.0 - low) * np.exp(log_ratio)
 
 
 def _draw_two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
