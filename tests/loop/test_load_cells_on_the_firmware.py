@@ -57,6 +57,6 @@ def test_absent_load_cell_amplifier_is_named_and_can_be_omitted(rig: Rig) -> Non
     rig.board.set_load(0, 40_000)
     rig.clock.sleep_s(0.1)
     both = BoardLoadCell(rig.array, clock=rig.clock, newtons_per_count=(1e-5, 1e-5))
-    with pytest.raises(DeviceError, match="load cell 1 gives no reading"):
+    with pytest.raises(DeviceError, match="load cell 1 sends no reading"):
         both.tare()
     BoardLoadCell(rig.array, clock=rig.clock, newtons_per_count=(1e-5,)).tare()

@@ -106,12 +106,12 @@ def _print(item: str, found: ItemBruise) -> None:
         for side in found.sides
     ]
     # Rows and columns are numbered from 1.
-    columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if it is")
+    columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if bruised")
     print_table(columns, rows, console=console)
     changes = {
         "all pixels before": found.before_percent,
         "all pixels now": found.sides[0].mean_percent,
-        "pixels that may lie on the bruise": found.sides[0].pixels_percent,
+        "pixels that may be on the bruise": found.sides[0].pixels_percent,
     }
     known = [f"{name} {value:.1f} %" for name, value in changes.items() if value is not None]
     console.print(f"Mean relative change: {', '.join(known)}")

@@ -72,7 +72,7 @@ class Gain:
         return Gain(log_mean=mean, log_sd=spread, law_sd=self.law_sd)
 
     def apply_to(self, estimate: ForceEstimate) -> ForceEstimate:
-        """Apply the gain to the law's estimate; the limits of weak forces do not change.
+        """Apply the gain to the law's estimate; an estimate of 0 retains its limits.
 
         >>> law_sd = np.log(2.0) / ndtri(0.95)
         >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),

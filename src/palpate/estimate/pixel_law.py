@@ -1,8 +1,8 @@
 """Force as a sum over pixels, each computed from the pixel's excess conductance.
 
 Forces of pixels add up to the total force. Conductances do not, because a pixel's law is nonlinear
-and has a threshold. The same force on four pixels or on two therefore gives different summed
-conductances, but the same sum of pixel forces.
+and has a threshold. The same force on four pixels or on two therefore has different sums of
+conductances, but equal sums of pixel forces.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Creep of one sheet after a step, measured in its force calibration.
 
-A general predictor has a wide prior for the creep of a sheet. The calibration measures it: for each
-hold it has the reading soon after the last step, and the settled reading. In between, creep is
-approximately uniform in the logarithm of time. Without this information, the median force error of
-soft fingers is 23 % instead of 13 %, and their results at 4 N are 2 s later (60 simulated grasps
-per row, level `lab`). Rigid fingers are hardly affected.
+A general predictor has a wide prior for the creep of a sheet. The calibration measures the creep of
+each hold, from the reading soon after the last step to the settled reading. Between these readings,
+creep is approximately uniform in the logarithm of time. Without this information, the median force
+error of soft fingers is 23 % instead of 13 %, and their results at 4 N are 2 s later (60 simulated
+grasps per row, level `lab`). Rigid fingers are hardly affected.
 """
 
 from __future__ import annotations

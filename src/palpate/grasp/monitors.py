@@ -3,7 +3,7 @@
 A monitor is a class with `__init__(plan)` and `check`. Add a monitor that needs the estimate to
 `GRIP_MONITORS` below; it is skipped on uncertain frames and during the release. Create a monitor
 that needs every frame in `run_grasp`. `runner.py` checks the gripper's reports. The monitors of
-pixels, servo current and gripper movements keep state, and are in modules of their own.
+pixels, servo current and gripper movements have a state, and are in separate modules.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class Plan:
         movement. They differ because the sheet lags.
     compliance : Compliance or None
         Compliance of pads, fingers and servo. None for pressure-driven fingers, whose pressure
-        gives no width: without `bend`, neither size nor stiffness is measured.
+        shows no width: without `bend`, neither size nor stiffness is measured.
     steepest_n : float
         Upper bound of the rise of force per mm or kPa of closing, for any object.
     gripper : GripperLimits

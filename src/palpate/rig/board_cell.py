@@ -124,8 +124,8 @@ def measure_mean_counts(array: SerialArray, *, cells: Sequence[int], clock: Cloc
             raise _silence_error(cell)
         if readings_hz < _MIN_HZ:
             raise DeviceError(
-                f"load cell {cell} gives {readings_hz:.0f} readings a second, which lag by about "
-                "half a second; connect the RATE pin of its HX711 to the supply (80 a second)"
+                f"load cell {cell} sends {readings_hz:.0f} readings per second, about half a "
+                "second late; connect the RATE pin of its HX711 to the supply (80 per second)"
             )
     return [float(mean) for mean in np.mean(raw, axis=0)]
 
@@ -147,7 +147,7 @@ def _check_sample(found: Sequence[CellSample], cell: int) -> int:
     raw = found[cell].raw
     if raw == NO_READING:
         raise DeviceError(
-            f"load cell {cell} gives no reading; check the wires and the supply of its HX711 "
+            f"load cell {cell} sends no reading; check the wires and the supply of its HX711 "
             "(hardware/README.md names the pins)"
         )
     if not _LOWEST < raw < _HIGHEST:

@@ -106,7 +106,7 @@ def test_board_cell_reading_after_pause_is_current(desk: Desk) -> None:
 @pytest.mark.parametrize("cell", [0, 1])
 def test_board_cell_tare_without_reading_is_refused(desk: Desk, cell: int) -> None:
     desk.board.raw[cell] = NO_READING
-    with pytest.raises(DeviceError, match=f"load cell {cell} gives no reading"):
+    with pytest.raises(DeviceError, match=f"load cell {cell} sends no reading"):
         desk.cell(1e-5, 1e-5).tare()
 
 
@@ -154,7 +154,7 @@ def test_board_cell_stuck_during_pause_is_refused_at_first_reading(desk: Desk) -
 
 def test_board_cell_slow_cell_is_refused(desk: Desk) -> None:
     desk.board.reading_hz[0] = 10.0
-    with pytest.raises(DeviceError, match=r"load cell 0 gives (9|10) readings a second.*RATE"):
+    with pytest.raises(DeviceError, match=r"load cell 0 sends (9|10) readings per second.*RATE"):
         desk.cell(1e-5, 1e-5).tare()
 
 
