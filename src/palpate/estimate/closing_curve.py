@@ -242,9 +242,9 @@ def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _
     precision += np.diag(known**-2.0)
     moment = weight @ (design * off_mm[..., None])
     mean = np.asarray(np.linalg.solve(precision, moment[..., None])[..., 0], dtype=float)
-    left = (weight @ (off_mm**2)[..., None])[..., 0] - (moment * mean).sum(axis=-1)
+    residual = (weight @ (off_mm**2)[..., None])[..., 0] - (moment * mean).sum(axis=-1)
     volume = np.log(weight).sum(axis=-1) - np.linalg.slogdet(precision)[1]
-    evidence = 0.5 * (volume - left)
+    evidence = 0.5 * (volume - residual)
     mean[..., 0] += middle_mm
     if not curve.is_certain[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2

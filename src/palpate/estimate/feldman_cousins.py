@@ -54,8 +54,8 @@ def median_above_zero(measured: float, *, freedom: float) -> float:
     >>> [round(median_above_zero(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
     [0.5, 0.7, 4.0]
     """
-    left = float(stdtr(freedom, measured))
-    return measured - float(stdtrit(freedom, 0.5 * left))
+    probability = float(stdtr(freedom, measured))
+    return measured - float(stdtrit(freedom, 0.5 * probability))
 
 
 def _log_likelihood(error: ArrayLike, freedom: float) -> FloatArray:

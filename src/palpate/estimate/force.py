@@ -221,9 +221,9 @@ class PowerForceLaw:
             offset = (
                 _fit_log(log_x, log_y, weight, with_offset=True) if len(x) > MIN_PAIRS else plain
             )
-            coefficients, covariance, left, _ = min(plain, offset, key=lambda fit: fit[3])
+            coefficients, covariance, errors, _ = min(plain, offset, key=lambda fit: fit[3])
             weight, residual_sd, floor_n = _scatter(
-                left, y, used=int(np.count_nonzero(coefficients))
+                errors, y, used=int(np.count_nonzero(coefficients))
             )
         return cls(
             coefficients=(float(coefficients[0]), float(coefficients[1]), float(coefficients[2])),
@@ -266,19 +266,19 @@ class PowerForceLaw:
 
 
 def _scatter(
-    left: FloatArray, force_n: FloatArray, *, used: int
+    errors: FloatArray, force_n: FloatArray, *, used: int
 ) -> tuple[FloatArray, float, float]:
     """Return weights of ln force, its scatter for firm forces, and the scatter in newtons.
 
     The variance of ln force is modelled as sd**2 (1 + (weak / force)**2). The likeliest candidate
     for `weak` is selected; BIC penalises values above 0.
     """
-    freedom, best = len(left) - used, (np.inf, np.ones_like(left), 0.0, 0.0)
+    freedom, best = len(errors) - used, (np.inf, np.ones_like(errors), 0.0, 0.0)
     for weak_n in np.array(_WEAK_RATIOS) * float(force_n.min()):
         factor = 1.0 + (weak_n / force_n) ** 2
-        sd = float(np.sqrt(max(float(np.sum(left**2 / factor)) / freedom, 1e-24)))
-        badness = len(left) * np.log(sd) + 0.5 * float(np.log(factor).sum())
-        badness += 0.5 * np.log(len(left)) * (weak_n > 0)
+        sd = float(np.sqrt(max(float(np.sum(errors**2 / factor)) / freedom, 1e-24)))
+        badness = len(errors) * np.log(sd) + 0.5 * float(np.log(factor).sum())
+        badness += 0.5 * np.log(len(errors)) * (weak_n > 0)
         if badness < best[0]:
             best = (badness, 1.0 / np.sqrt(factor), sd, sd * float(weak_n))
     return best[1:]
@@ -319,9 +319,9 @@ def _fit_log(
     found = least_squares(
         residuals, start, bounds=([-np.inf, 0.0, 0.0][:count], upper), loss="cauchy", f_scale=scale
     )
-    left = residuals(found.x)
+    errors = residuals(found.x)
     jacobian = np.asarray(found.jac, dtype=float)
-    squares = float(left @ left)
+    squares = float(errors @ errors)
     freedom = len(log_x) - count
     covariance = np.zeros((3, 3))
     # pinv: an offset on its bound has no gradient to invert.
@@ -329,4 +329,4 @@ def _fit_log(
     coefficients = np.zeros(3)
     coefficients[:count] = found.x
     bic = len(log_x) * np.log(max(float(found.cost), 1e-24)) + count * np.log(len(log_x))
-    return coefficients, covariance, left / weight, float(bic)
+    return coefficients, covariance, errors / weight, float(bic)

@@ -309,8 +309,8 @@ class ForceLaw:
         weight = np.linalg.solve(design @ gain + scatter, gain.T).T
         self.mean = self.mean + weight @ (log_n - design @ self.mean)
         # Joseph form, valid for any gain.
-        left = np.eye(len(self.mean)) - weight @ design
-        self.covariance = left @ self.covariance @ left.T + weight @ scatter @ weight.T
+        reduction = np.eye(len(self.mean)) - weight @ design
+        self.covariance = reduction @ self.covariance @ reduction.T + weight @ scatter @ weight.T
         self.known += len(log_n)
         self.least_n = min(self.least_n, float(np.exp(log_n.min())))
 

@@ -90,9 +90,9 @@ class PixelReading:
             scaled = design * weight[:, None]
             weights = nnls(scaled, force * weight, maxiter=_MOST_ITERATIONS)[0]
             fractions = (basis @ weights) * weight[:, None] / _RELATIVE_ERROR
-            left = force * weight / _RELATIVE_ERROR - fractions.sum(axis=1)
+            residual = force * weight / _RELATIVE_ERROR - fractions.sum(axis=1)
             prior = np.eye(gains.size) / GAIN_SD**2
-            gains = 1.0 + np.linalg.solve(fractions.T @ fractions + prior, fractions.T @ left)
+            gains = 1.0 + np.linalg.solve(fractions.T @ fractions + prior, fractions.T @ residual)
         return cls(
             exponents=EXPONENTS,
             weights=tuple(weights.tolist()),
@@ -150,13 +150,13 @@ class PixelForceLaw:
         x, y = require_pairs(x[keep], y[keep])
         of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
         # Readings near the threshold have a small weight, because they would tilt the line.
-        log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
+        log_x, log_ratio, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
         weight_of = np.bincount(of_run, weights=weight)
         middle = np.bincount(of_run, weights=weight * log_x) / weight_of
-        offset = np.bincount(of_run, weights=weight * left) / weight_of
+        offset = np.bincount(of_run, weights=weight * log_ratio) / weight_of
         away = log_x - middle[of_run]
         precision = (_RELATIVE_ERROR / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
-        slope = float((weight * away * (left - offset[of_run])).sum() / precision)
+        slope = float((weight * away * (log_ratio - offset[of_run])).sum() / precision)
         # Lag can tilt the line so far that the force falls with the reading.
         slope = max(slope, _LEAST_EXPONENT - 1.0)
         return cls(

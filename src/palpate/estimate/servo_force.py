@@ -169,9 +169,9 @@ def _fit_line(pairs: CurrentPairs, gears: GearFriction | None) -> tuple[float, f
     offsets = np.equal.outer(number, np.unique(number)).astype(float)
     design = np.column_stack([force, offsets])
     found = np.linalg.lstsq(design, current, rcond=None)[0]
-    left = current - design @ found
+    errors = current - design @ found
     freedom = max(force.size - found.size, 1)
-    return float(found[0]), float(found[1:].mean()), float(np.sqrt(left @ left / freedom))
+    return float(found[0]), float(found[1:].mean()), float(np.sqrt(errors @ errors / freedom))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

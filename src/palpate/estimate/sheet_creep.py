@@ -84,9 +84,9 @@ class SheetCreep:
             return forecast
         quantile = float(ndtri(0.5 + forecast.level / 2))
         elapsed = math.log(max(since_s, self.early_s) / self.early_s)
-        left = max(1.0 - elapsed / math.log(self.settled_s / self.early_s), 0.0)
-        own = now * math.exp(left * self.log_mean)
-        own_sd = max(left * math.hypot(self.log_sd, _CREEP_SD * self.log_mean), _LEAST_SD)
+        remaining = max(1.0 - elapsed / math.log(self.settled_s / self.early_s), 0.0)
+        own = now * math.exp(remaining * self.log_mean)
+        own_sd = max(remaining * math.hypot(self.log_sd, _CREEP_SD * self.log_mean), _LEAST_SD)
         general_sd = max(
             (forecast.high - forecast.low) / (2 * quantile * forecast.middle), _LEAST_SD
         )

@@ -284,10 +284,12 @@ class ContactEstimate(HandMotion):
         reading = float(plan.reading.reading(excess))
         if self.residual is not None and self.released_s is not None:
             # Creep decays approximately as the inverse of the time since release.
-            left = (self.residual.time_s - self.released_s) / max(time_s - self.released_s, 1e-3)
-            fingers = fingers - left * np.array(self.residual.finger_percent)
-            relative_percent -= left * self.residual.relative_percent
-            reading -= left * self.residual.reading
+            fraction = (self.residual.time_s - self.released_s) / max(
+                time_s - self.released_s, 1e-3
+            )
+            fingers = fingers - fraction * np.array(self.residual.finger_percent)
+            relative_percent -= fraction * self.residual.relative_percent
+            reading -= fraction * self.residual.reading
         return Touch(
             time_s=time_s,
             finger_percent=tuple(fingers.tolist()),

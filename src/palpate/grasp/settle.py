@@ -215,8 +215,8 @@ def reduce_force(
     slope, excess_n = slope_n(estimate, plan), estimate.force_n - goal_n
     closure = estimate.closure - max(excess_n / slope, plan.smallest_step)
     opened = max(closure - SETTLE.easing_fraction * goal_n / slope - plan.backlash, 0.0)
-    left = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
-    estimate.set_force(left * estimate.force_n, left * estimate.force_high_n)
+    fraction = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
+    estimate.set_force(fraction * estimate.force_n, fraction * estimate.force_high_n)
     correction.return_closure = closure
     correction.count, correction.next_forecast_s = correction.count + 1, 0.0
     return GripperCommand(target=quantize_target(opened, plan), rate=plan.squeeze_rate)

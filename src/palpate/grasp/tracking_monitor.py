@@ -114,8 +114,8 @@ class CommandTracking:
         False
         """
         travel = self.target - self.begin
-        left = max(self.ends_s - now_s, 0.0) * self.rate
-        expected = abs(travel) - min(left, abs(travel))
+        remaining = max(self.ends_s - now_s, 0.0) * self.rate
+        expected = abs(travel) - min(remaining, abs(travel))
         if expected < GUARDS.min_travel_fraction * limits.span:
             return None
         made = math.copysign(1.0, travel) * (limits.drive_reading(state) - self.begin)

@@ -203,9 +203,11 @@ def estimate_noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArra
     """
     if time_s.size < 3:
         return np.zeros(len(values))
-    left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    deviation = values[:, 1:-1] - left * values[:, :-2] - (1 - left) * values[:, 2:]
+    earlier_weight = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
+    deviation = (
+        values[:, 1:-1] - earlier_weight * values[:, :-2] - (1 - earlier_weight) * values[:, 2:]
+    )
     square = np.square(deviation, out=deviation)
-    square /= 1 + left**2 + (1 - left) ** 2
-    variance, late = square.mean(axis=1), square[:, left.size // 2 :].mean(axis=1)
+    square /= 1 + earlier_weight**2 + (1 - earlier_weight) ** 2
+    variance, late = square.mean(axis=1), square[:, earlier_weight.size // 2 :].mean(axis=1)
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

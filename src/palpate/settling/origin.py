@@ -88,9 +88,9 @@ def _find_baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.int
         return np.zeros(len(values), dtype=np.intp)
     is_off = change > _FLAT * total
     flat = is_off.argmax(axis=1) - 1
-    left = (change > _DEPARTED * total).argmax(axis=1)
+    departed = (change > _DEPARTED * total).argmax(axis=1)
     duration_s = time_s[flat] - time_s[0]
-    is_sudden = (time_s[left] - time_s[flat] <= _SUDDEN * duration_s) | (left == flat + 1)
+    is_sudden = (time_s[departed] - time_s[flat] <= _SUDDEN * duration_s) | (departed == flat + 1)
     # Excludes constant holds, which never leave the baseline.
     end: NDArray[np.intp] = np.where((flat >= min_end) & is_sudden & is_off.any(axis=1), flat, 0)
     return end
