@@ -25,7 +25,7 @@ def written(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_text_in_svg_is_text_with_one_kind_of_minus(written: Path) -> None:
+def test_svg_contains_text_with_minus_signs(written: Path) -> None:
     text = (written / "plot.svg").read_text()
     assert "change of resistance, %" in text
     labels = re.findall(r"<text[^>]*>([^<]*)</text>", text)
@@ -34,19 +34,19 @@ def test_text_in_svg_is_text_with_one_kind_of_minus(written: Path) -> None:
 
 
 @pytest.mark.slow
-def test_fonts_in_pdf_can_be_edited(written: Path) -> None:
+def test_pdf_contains_editable_fonts(written: Path) -> None:
     document = (written / "plot.pdf").read_bytes()
     assert b"/FontType 42" in document or b"/Type0" in document
     assert b"/Type3" not in document
 
 
 @pytest.mark.slow
-def test_an_axis_within_one_decade_has_numbers(written: Path) -> None:
+def test_log_axis_within_one_decade_has_tick_labels(written: Path) -> None:
     labels = re.findall(r"<text[^>]*>([^<]*)</text>", (written / "plot.svg").read_text())
     assert {"1", "2", "5"} <= set(labels)
 
 
-def test_numbers_between_powers_of_ten_stand_in_line_with_them() -> None:
+def test_log_axis_aligns_minor_and_major_labels() -> None:
     with new_figure() as (figure, axes):
         axes[0, 0].plot([0.02, 2.0], [0.0, 1.0])
         log_axis(axes[0, 0].xaxis)
@@ -57,7 +57,7 @@ def test_numbers_between_powers_of_ten_stand_in_line_with_them() -> None:
     assert max(tops) - min(tops) < 0.5
 
 
-def test_a_legend_below_is_never_cut() -> None:
+def test_legend_below_long_names_fit_the_figure() -> None:
     """Long names: fewer columns than were asked for."""
     with new_figure(columns=1, width_in=7.2, height_in=4.4) as (figure, axes):
         for name in ("short", "a long name " * 6, "another long name " * 4):
@@ -68,7 +68,7 @@ def test_a_legend_below_is_never_cut() -> None:
     assert legend.get_texts()[0].get_text() == "short"
 
 
-def test_a_legend_below_is_read_row_by_row() -> None:
+def test_legend_below_orders_entries_row_by_row() -> None:
     names = ["before", "after", "alone", "before, published", "after, published"]
     with new_figure() as (figure, axes):
         for name in names:
@@ -82,13 +82,13 @@ def test_a_legend_below_is_read_row_by_row() -> None:
     assert sorted(places, key=places.__getitem__) == names
 
 
-def test_png_is_sharp_in_print(written: Path) -> None:
+def test_png_has_300_dots_per_inch(written: Path) -> None:
     header = (written / "plot.png").read_bytes()[16:20]
     assert int.from_bytes(header) == 2100, "7 inches at 300 dots"
 
 
 @pytest.mark.parametrize(("arm", "sign"), [(FALL, -1), (RISE, 1)])
-def test_the_colours_grow_lighter_from_rest_both_ways(
+def test_pixel_color_becomes_lighter_with_the_change(
     arm: tuple[tuple[int, int, int], ...], sign: int
 ) -> None:
     light = [0.3 * red + 0.6 * green + 0.1 * blue for red, green, blue in arm]
@@ -99,7 +99,7 @@ def test_the_colours_grow_lighter_from_rest_both_ways(
     assert not is_dark(sign * 80.0)
 
 
-def test_plots_have_the_colours_of_the_page() -> None:
+def test_change_colormap_agrees_with_pixel_color() -> None:
     colors = change_colormap()
     for percent in (-80.0, 0.0, 80.0):
         red, green, blue, _ = colors((percent + 80.0) / 160.0)

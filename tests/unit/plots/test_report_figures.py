@@ -50,7 +50,7 @@ def said(text: str, *, about: About = About.RIPENESS, source: Source = Source.PA
     return Verdict(item_id="A17", about=about, text=text, given_at=NOON, source=source)
 
 
-def test_history_starts_at_zero_and_a_wide_interval_does_not_flatten_it() -> None:
+def test_history_figure_starts_at_zero_and_limits_wide_intervals() -> None:
     grasps = [
         grasp(24 * day, stiffness=4 - day, above=300.0 if day == 1 else 0.5) for day in (0, 1, 2)
     ]
@@ -61,20 +61,20 @@ def test_history_starts_at_zero_and_a_wide_interval_does_not_flatten_it() -> Non
     assert figure.axes[0].get_ylabel() == "stiffness (N/mm)"
 
 
-def test_what_a_person_said_is_marked() -> None:
+def test_history_figure_marks_verdicts_of_people_only() -> None:
     words = (said("ripe", source=Source.PERSON), said("hard"))
     figure = history_figure(page(grasp(0), verdicts=words), "size_mm", label="size (mm)", zone=UTC)
     assert [text.get_text() for text in figure.axes[0].texts] == ["ripe"]
 
 
-def test_pixels_are_shown_for_the_last_grasp_of_each_side() -> None:
+def test_pixels_figure_shows_the_last_grasp_of_each_side() -> None:
     figure = pixels_figure([grasp(0), grasp(1), grasp(24)])
     assert [axis.get_title() for axis in figure.axes] == ["0°", "90°"]
     assert [text.get_text() for text in figure.axes[0].texts] == ["−30", "–", "−60", "−5"]
     assert pixels_figure([]) is None
 
 
-def test_kinds_beyond_the_colours_share_grey() -> None:
+def test_size_stiffness_figure_excess_kinds_are_grey() -> None:
     pages = [page(grasp(1), kind=f"kind {n % 8}") for n in range(30)]
     figure = size_stiffness_figure(pages)
     lines = figure.axes[0].lines
@@ -84,20 +84,20 @@ def test_kinds_beyond_the_colours_share_grey() -> None:
     assert size_stiffness_figure([page()]) is None
 
 
-def test_softening_needs_two_days() -> None:
+def test_softening_figure_requires_two_days() -> None:
     assert softening_figure([page(grasp(0), grasp(1))]) is None
     figure = softening_figure([page(grasp(0), grasp(48, stiffness=1.5))])
     assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 1.5]
 
 
-def test_counts_keep_their_order_and_shorten_names() -> None:
+def test_counts_figure_preserves_order_and_shortens_names() -> None:
     figure = counts_figure([("ripe", 7), ("a name that is much longer than a bar", 2)])
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert labels == ["ripe", "a name that is much lon…"]
     assert [bar.get_width() for bar in figure.axes[0].patches] == [7, 2]
 
 
-def test_hours_count_what_was_not_held_apart() -> None:
+def test_hours_figure_separates_grasps_that_were_not_held() -> None:
     figure = hours_figure([grasp(0), grasp(0.5), grasp(3)], zone=UTC)
     heights = [bar.get_height() for bar in figure.axes[0].patches]
     assert sum(heights) == 3
@@ -112,13 +112,13 @@ def test_hours_count_what_was_not_held_apart() -> None:
         (None, (said("ripe"),), "not named"),
     ],
 )
-def test_what_a_person_calls_it_comes_first(
+def test_kind_of_prefers_the_kind_stated_by_a_person(
     kind: str | None, verdicts: tuple[Verdict, ...], name: str
 ) -> None:
     assert kind_of(page(kind=kind, verdicts=verdicts)) == name
 
 
-def test_a_figure_takes_its_colours_from_the_page() -> None:
+def test_inline_svg_uses_css_variables_and_escapes_text() -> None:
     with page_figure() as (figure, (axis,)):
         axis.plot([0, 1], [0, 1], color=INK)
         axis.set_title("<b>")

@@ -10,7 +10,7 @@ from palpate.plots.settle import Panel, settle_figure
 from palpate.plots.style import letter_panels
 
 
-def test_long_titles_stay_above_their_panels() -> None:
+def test_settle_figure_long_titles_do_not_overlap() -> None:
     time_s = np.arange(0.0, 20.0, 0.1)
     names = [f"q15late_press_60s_15_a{n}_9346f7" for n in range(3)]
     panels = [

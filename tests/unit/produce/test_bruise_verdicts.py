@@ -94,13 +94,15 @@ def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float)
     return examine_item(store, item, model=model, given_at=TUESDAY, **options)
 
 
-def test_labels_train_each_available_reference(model: BruiseModel) -> None:
+def test_learn_bruise_model_trains_each_available_reference(model: BruiseModel) -> None:
     assert set(model.learners) == {"class", "item"}
     assert model.learners["item"].fractions.tolist() == pytest.approx([1 / 3, 2 / 3])
     assert model.learned_on == "24 labelled items of kind apple of the store"
 
 
-def test_bruised_and_sound_side_are_distinguished(store: Store, model: BruiseModel) -> None:
+def test_examine_item_distinguishes_bruised_and_sound_side(
+    store: Store, model: BruiseModel
+) -> None:
     store.add_grasp(grasp("A17", pixels(), side=90.0))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=MONDAY + timedelta(seconds=20)))
     store.add_item(Item(item_id="A17", kind="apple"))
@@ -113,7 +115,9 @@ def test_bruised_and_sound_side_are_distinguished(store: Store, model: BruiseMod
     assert (kept.text, kept.probability) == (BRUISED, found.probability)
 
 
-def test_repeated_grasps_of_a_side_leave_the_probability(store: Store, model: BruiseModel) -> None:
+def test_examine_item_repeated_grasp_leaves_probability_unchanged(
+    store: Store, model: BruiseModel
+) -> None:
     change = pixels(soft=(1, 0))
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", change))
@@ -124,7 +128,7 @@ def test_repeated_grasps_of_a_side_leave_the_probability(store: Store, model: Br
     assert twice.probability == pytest.approx(once.probability)
 
 
-def test_rare_bruises_lower_the_probability(store: Store, model: BruiseModel) -> None:
+def test_examine_item_low_prior_lowers_the_odds(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
     half, seldom = judge(store, model), judge(store, model, bruised_fraction=0.01)
@@ -132,7 +136,7 @@ def test_rare_bruises_lower_the_probability(store: Store, model: BruiseModel) ->
     assert odds[0] / odds[1] == pytest.approx(99.0)
 
 
-def test_the_earlier_record_of_a_side_is_the_first_visit_with_it(store: Store) -> None:
+def test_examine_item_compares_with_the_first_visit_of_the_side(store: Store) -> None:
     model = default_model()
     before = pixels(spread=0.0)
     store.add_grasp(grasp("A17", before, side=3.0, size=67.0))
@@ -144,7 +148,7 @@ def test_the_earlier_record_of_a_side_is_the_first_visit_with_it(store: Store) -
     assert found.is_bruised
 
 
-def test_pixels_that_carry_less_are_named(store: Store) -> None:
+def test_examine_item_lists_pixels_with_reduced_load(store: Store) -> None:
     store.add_grasp(grasp("A17", pixels(spread=0.0)))
     store.add_grasp(grasp("A17", pixels(soft=(1, 1), spread=0.0), at=TUESDAY))
     side = judge(store, default_model()).sides[0]
@@ -152,27 +156,29 @@ def test_pixels_that_carry_less_are_named(store: Store) -> None:
     assert side.pixels_percent == pytest.approx(-15.0)
 
 
-def test_missing_reference_names_the_remedy(store: Store, model: BruiseModel) -> None:
+def test_examine_item_without_reference_raises_with_remedy(
+    store: Store, model: BruiseModel
+) -> None:
     store.add_item(Item(item_id="B1", kind="pear"))
     store.add_grasp(grasp("B1", pixels()))
     with pytest.raises(InputError, match=r"no reference to compare with.*--angle-deg 90"):
         judge(store, model, "B1")
 
 
-def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> None:
+def test_examine_item_without_pixel_data_raises(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="apple"))
     with pytest.raises(InputError, match=r"'B1': no completed grasp of it has pixel data"):
         judge(store, model, "B1")
 
 
-def test_a_model_that_lacks_the_reference_says_so(store: Store, model: BruiseModel) -> None:
+def test_examine_item_reference_unknown_to_model_raises(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels()))
     store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
     with pytest.raises(InputError, match="has none of the references"):
         judge(store, model)
 
 
-def test_other_rigs_and_other_kinds_are_no_class(store: Store) -> None:
+def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -> None:
     for item, kind, rig, against in (
         ("A17", "apple", "bench", "class"),
         ("A18", "apple", "elsewhere", "item"),
@@ -185,31 +191,31 @@ def test_other_rigs_and_other_kinds_are_no_class(store: Store) -> None:
         assert judge(store, default_model(), item).sides[0].against == against
 
 
-def test_visits_are_parted_by_long_pauses() -> None:
+def test_group_visits_splits_at_long_pauses() -> None:
     times = [MONDAY + timedelta(minutes=minute) for minute in (0, 20, 45, 90)]
     visits = group_visits([grasp("A17", pixels(), at=at) for at in times])
     assert [len(visit) for visit in visits] == [3, 1]
 
 
-def test_slipped_grasps_and_those_without_pixels_are_not_used() -> None:
+def test_usable_grasps_excludes_slips_and_missing_pixels() -> None:
     whole = grasp("A17", pixels())
     slipped = replaced(whole, outcome=Outcome.SLIPPED)
     blind = replaced(whole, pixel_settled_percent=None)
     assert usable_grasps([slipped, whole, blind]) == (whole,)
 
 
-def test_too_few_labels_are_refused(store: Store) -> None:
+def test_learn_bruise_model_too_few_labels_raises(store: Store) -> None:
     with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
         learn_bruise_model(store, kind="pear")
 
 
-def test_shipped_sides_are_labelled_simulated() -> None:
+def test_default_model_is_marked_simulated() -> None:
     model = default_model()
     assert "simulated" in model.learned_on
     assert tuple(model.learners) == REFERENCES
 
 
-def test_fingers_with_too_few_pixels_are_refused() -> None:
+def test_fit_load_shape_too_few_pixels_raises() -> None:
     with pytest.raises(InputError, match="at least 2 x 2 pixels"):
         fit_load_shape(np.zeros((2, 2)))
     dead = pixels()

@@ -35,9 +35,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     return calls
 
 
-def test_file_and_its_name_are_synced_to_disk(
-    tmp_path: Path, synced: list[tuple[int, int]]
-) -> None:
+def test_atomic_path_syncs_file_and_folder(tmp_path: Path, synced: list[tuple[int, int]]) -> None:
     final = tmp_path / "pad.json"
     with atomic_path(final) as partial:
         partial.write_text("whole")
@@ -45,7 +43,7 @@ def test_file_and_its_name_are_synced_to_disk(
     assert synced == [(inode, 5), (tmp_path.stat().st_ino, tmp_path.stat().st_size)]
 
 
-def test_a_file_keeps_its_mode_and_a_link_stays_one(tmp_path: Path) -> None:
+def test_atomic_path_preserves_mode_and_symlink(tmp_path: Path) -> None:
     real, link = tmp_path / "real.json", tmp_path / "link.json"
     real.write_text("old")
     real.chmod(0o640)
@@ -64,7 +62,7 @@ def transaction(path: Path, *, writes: bool) -> Iterator[Any]:
     engine.dispose()
 
 
-def test_writer_locks_from_the_start_and_reader_never(tmp_path: Path) -> None:
+def test_sqlite_writer_locks_at_begin_and_reader_does_not_lock(tmp_path: Path) -> None:
     path = tmp_path / "items.sqlite"
     Store.open(path).close()
     other = sqlite3.connect(path, timeout=0, isolation_level=None)
@@ -79,7 +77,7 @@ def test_writer_locks_from_the_start_and_reader_never(tmp_path: Path) -> None:
     other.close()
 
 
-def test_commit_is_synced_to_disk(tmp_path: Path) -> None:
+def test_sqlite_commit_uses_full_synchronisation(tmp_path: Path) -> None:
     with transaction(tmp_path / "items.sqlite", writes=False) as connection:
         asked = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
@@ -89,7 +87,7 @@ def test_commit_is_synced_to_disk(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_frozen_server_loses_no_grasp_and_delays_no_writer(
+def test_frozen_server_neither_loses_records_nor_blocks_writers(
     postgresql_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import psycopg

@@ -40,7 +40,7 @@ def answered() -> tuple[GraspResult, list[Observation]]:
     return result, seen
 
 
-def test_hold_measurements_of_an_answered_grasp_contain_the_width(
+def test_hold_measurements_completed_grasp_contains_width(
     answered: tuple[GraspResult, list[Observation]],
 ) -> None:
     result, seen = answered
@@ -48,7 +48,7 @@ def test_hold_measurements_of_an_answered_grasp_contain_the_width(
     assert 40.0 < width.low <= width.value <= width.high < 49.0
 
 
-def test_hold_measurements_without_answer_or_width_are_empty(
+def test_hold_measurements_without_answer_or_width_is_empty(
     answered: tuple[GraspResult, list[Observation]],
 ) -> None:
     result, seen = answered

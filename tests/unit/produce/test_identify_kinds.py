@@ -45,14 +45,14 @@ def rng() -> np.random.Generator:
 
 
 @pytest.mark.slow
-def test_identify_known_kinds_named_and_seldom_rejected(rng: np.random.Generator) -> None:
+def test_identify_known_kinds_are_named_and_rarely_rejected(rng: np.random.Generator) -> None:
     known = Identifier(labelled(rng))
     found = [(kind, known.identify(grasps(rng, kind))) for kind in KINDS for _ in range(100)]
     assert np.mean([identity.best_guess == kind for kind, identity in found]) > 0.97
     assert np.mean([identity.rejected for _, identity in found]) <= 0.09
 
 
-def test_identify_stranger_is_unknown(rng: np.random.Generator) -> None:
+def test_identify_untrained_kind_is_unknown(rng: np.random.Generator) -> None:
     identity = Identifier(labelled(rng)).identify([np.array((5.5, -1.0))])
     assert identity.rejected
     assert identity.kind == UNKNOWN
@@ -60,14 +60,14 @@ def test_identify_stranger_is_unknown(rng: np.random.Generator) -> None:
     assert identity.confidence == pytest.approx(1 - identity.usual)
 
 
-def test_identify_between_kinds_the_background_is_probable(rng: np.random.Generator) -> None:
+def test_identify_between_two_kinds_raises_background_probability(rng: np.random.Generator) -> None:
     identity = Identifier(labelled(rng)).identify([np.array((3.6, 1.0))])
     assert sum(identity.probability.values()) == pytest.approx(1.0)
     assert set(identity.probability) == {*KINDS, UNKNOWN}
     assert identity.probability[UNKNOWN] > 0.2
 
 
-def test_identify_too_few_items_reject_none(rng: np.random.Generator) -> None:
+def test_identify_with_few_training_items_rejects_nothing(rng: np.random.Generator) -> None:
     known = Identifier(labelled(rng, items=5))
     assert known.learner.items_missing == 4
     assert not known.identify([np.array((9.0, -5.0))]).rejected
@@ -92,20 +92,20 @@ def test_label_identity_is_certain() -> None:
     assert label_identity(UNKNOWN).rejected
 
 
-def test_touch_of_needs_every_feature() -> None:
+def test_grasp_features_requires_every_feature() -> None:
     size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     nothing = Measurement(value=0.0, low=0.0, high=1.0, unit="n_per_mm")
     assert grasp_features({"size_mm": size}) is None
     assert grasp_features({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
 
 
-def test_combine_keeps_the_common_error() -> None:
+def test_combine_many_grasps_retains_the_common_error() -> None:
     one = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     assert combine([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_learner_each_method_names_items_not_seen(rng: np.random.Generator, method: str) -> None:
+def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, method: str) -> None:
     rows, labels, items = table(rng)
     known = LabelLearner(allow_unknown=False, methods=(method,)).fit(rows, labels, items=items)
     assert known.method == method
@@ -116,7 +116,7 @@ def test_learner_each_method_names_items_not_seen(rng: np.random.Generator, meth
 
 
 @pytest.mark.slow
-def test_learner_rows_of_an_item_stay_on_one_side(rng: np.random.Generator) -> None:
+def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) -> None:
     # Labels that only the item's name explains: rows of one item are twins, items are noise.
     names = [str(number) for number in range(40)]
     rows = [point + 1e-6 * k for point in rng.standard_normal((40, 2)) for k in range(2)]
@@ -127,13 +127,13 @@ def test_learner_rows_of_an_item_stay_on_one_side(rng: np.random.Generator) -> N
     assert by_item.score().right < 0.7 < by_row.score().right
 
 
-def test_learner_label_of_one_item_is_learned() -> None:
+def test_learner_label_with_a_single_item_is_predicted() -> None:
     rows = [[2.0], [2.1], [1.0], [1.1], [0.0]]
     known = LabelLearner(allow_unknown=False, methods=("discriminant",)).fit(rows, list("aabbc"))
     assert known.predict([[2.05], [1.05], [0.0]]) == ["a", "b", "c"]
 
 
-def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> None:
+def test_learner_score_on_random_labels_is_near_chance(rng: np.random.Generator) -> None:
     rows, labels = rng.standard_normal((80, 3)), 40 * ["a", "b"]
     score = LabelLearner(allow_unknown=False).fit(rows, labels).score()
     assert score.right == pytest.approx(0.5, abs=0.15)
@@ -142,7 +142,7 @@ def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> No
     assert sum(sum(row.values()) for row in score.confusion.values()) == score.items == 80
 
 
-def test_learner_one_label_without_strangers_raises(rng: np.random.Generator) -> None:
+def test_learner_single_label_without_unknown_raises(rng: np.random.Generator) -> None:
     rows, labels, items = table(rng, kinds=("small",))
     with pytest.raises(InputError, match=r"two labels.*; found small 20"):
         LabelLearner(allow_unknown=False).fit(rows, labels, items=items)

@@ -33,7 +33,7 @@ def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
     )
 
 
-def test_measure_many_items_recovers_the_simulated_agreement() -> None:
+def test_calculate_agreement_many_items_recovers_simulated_figures() -> None:
     measured = calculate_agreement(
         made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,))
     )
@@ -53,7 +53,7 @@ def test_measure_many_items_recovers_the_simulated_agreement() -> None:
 
 
 @pytest.mark.slow
-def test_agreement_intervals_cover_the_ceiling_at_their_level() -> None:
+def test_agreement_intervals_cover_the_ceiling_at_nominal_level() -> None:
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
         measure_agreement(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
@@ -65,14 +65,14 @@ def test_agreement_intervals_cover_the_ceiling_at_their_level() -> None:
     assert 15 <= sum(covered) <= 20
 
 
-def test_agreement_without_a_second_reading_does_not_know_the_ceiling() -> None:
+def test_agreement_without_repeats_has_no_ceiling() -> None:
     found = measure_agreement(made_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
     assert math.isnan(found.figures["r_squared_ceiling"].value)
     assert found.figures["r_squared"].value > 0.5
 
 
 @pytest.mark.slow
-def test_effort_counts_readings_time_and_items() -> None:
+def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     demand = Demand(tolerance=1.0)
     found = measure_agreement(made_readings(4000, seed=3), demand)
     effort = estimate_effort(found, demand, grasp_s=10.0, handling_s=5.0)
@@ -83,7 +83,7 @@ def test_effort_counts_readings_time_and_items() -> None:
     assert effort.mismatch < 0.25
 
 
-def test_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
+def test_estimate_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
     random = np.random.default_rng(4)
     item = np.repeat(np.arange(100), 2)
     readings = PairedReadings(
@@ -100,7 +100,7 @@ def test_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
 
 
 @pytest.mark.slow
-def test_confusion_counts_every_pair_once() -> None:
+def test_count_grades_counts_every_pair_once() -> None:
     readings = made_readings(50, seed=5)
     found = measure_agreement(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
     confusion = count_grades(found, (9.0, 11.0))
@@ -109,7 +109,7 @@ def test_confusion_counts_every_pair_once() -> None:
     assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
 
 
-def test_cost_weights_each_wrong_grade_by_its_price() -> None:
+def test_cost_weights_wrong_grades_with_their_prices() -> None:
     readings = made_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = calculate_agreement(readings, demand)
@@ -125,7 +125,7 @@ def test_cost_weights_each_wrong_grade_by_its_price() -> None:
     offset=st.floats(-10.0, 10.0),
     ratio=st.floats(0.01, 100.0),
 )
-def test_deming_line_error_free_points_give_the_exact_line(
+def test_deming_lines_error_free_points_give_the_exact_line(
     slope: float, offset: float, ratio: float
 ) -> None:
     x = np.array([0.0, 1.0, 2.5, 4.0])
@@ -134,7 +134,7 @@ def test_deming_line_error_free_points_give_the_exact_line(
 
 
 @given(st.integers(0, 1000))
-def test_scatter_does_not_depend_on_the_order_of_rows(seed: int) -> None:
+def test_estimate_scatter_is_independent_of_row_order(seed: int) -> None:
     readings = made_readings(12, seed=seed)
     order = np.random.default_rng(seed).permutation(readings.item.size)
     one = estimate_scatter(readings.reference, readings.item)

@@ -103,13 +103,13 @@ def rule() -> RipenessRule:
     return RipenessRule.learn(items, labels=labels, stages=STAGES)
 
 
-def test_round_bodies_are_compared_at_one_force() -> None:
+def test_firmness_of_round_body_is_independent_of_force() -> None:
     # Hertz: pressed eight times as hard, the same fruit is twice as stiff.
     soft, pressed = grasp("a", 2.0, force_n=5.0), grasp("a", 4.0, force_n=40.0)
     assert firmness_of(soft) == pytest.approx(firmness_of(pressed))
 
 
-def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
+def test_firmness_of_soft_fingers_falls_with_shared_pixels() -> None:
     hard, soft = soft_grasp([-60, -60, -1, -1]), soft_grasp([-40, -40, -30, -30])
     felt_hard, felt_soft = firmness_of(hard), firmness_of(soft)
     assert felt_soft < felt_hard
@@ -122,32 +122,32 @@ def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
     )
 
 
-def test_a_grasp_that_measured_nothing_has_no_firmness() -> None:
+def test_firmness_of_unloaded_or_slipped_grasp_is_none() -> None:
     assert firmness_of(soft_grasp([0.0, 1.0, -0.5, 0.0])) is None
     slipped = make_grasp("a", taken_at=FIRST, rig="x", origin="hardware", outcome=Outcome.SLIPPED)
     assert firmness_of(slipped) is None
 
 
-def test_mornings_that_begin_earlier_are_days_of_their_own() -> None:
+def test_group_by_day_earlier_morning_is_a_separate_day() -> None:
     times = [0.0, 0.01, 0.9, 0.95, 2.1]
     days = group_by_day((FIRST + timedelta(days=at), 1.0) for at in times)
     assert [day.grasps for day in days] == [2, 2, 1]
 
 
 @pytest.mark.slow
-def test_courses_are_learned_from_items_that_softened(rule: RipenessRule) -> None:
+def test_rule_learn_recovers_the_simulated_course(rule: RipenessRule) -> None:
     assert rule.course.hard == pytest.approx(HARD, abs=0.15)
     assert rule.course.soft == pytest.approx(SOFT, abs=0.15)
     assert rule.course.pace_days == pytest.approx(0.8, rel=0.35)
 
 
-def test_boundaries_are_learned_where_labels_change(rule: RipenessRule) -> None:
+def test_find_boundary_recovers_the_labelled_boundaries(rule: RipenessRule) -> None:
     assert np.exp([rule.find_boundary(stage) for stage in STAGES[1:]]) == pytest.approx(
         BOUNDS, rel=0.12
     )
 
 
-def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessRule) -> None:
+def test_judge_new_items_has_correct_stages_and_coverage(rule: RipenessRule) -> None:
     halfway, items = made_up(25, seed=2)
     ripe = math.log(BOUNDS[1])
     exact, covered = [], []
@@ -163,7 +163,7 @@ def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessR
     assert np.mean(covered) > 0.8
 
 
-def test_more_days_narrow_the_days_to_ripe(rule: RipenessRule) -> None:
+def test_judge_more_days_narrow_the_interval(rule: RipenessRule) -> None:
     days = [
         DayFirmness(day=float(d), firmness=firmness(4.0, d), grasps=2, spread=0.05)
         for d in range(4)
@@ -176,7 +176,7 @@ def test_more_days_narrow_the_days_to_ripe(rule: RipenessRule) -> None:
     assert widths[1] < 0.7 * widths[0]
 
 
-def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
+def test_judge_single_outlier_does_not_change_the_stage(rule: RipenessRule) -> None:
     days = [
         DayFirmness(day=float(d), firmness=firmness(2.0, d), grasps=2, spread=0.05)
         for d in range(5)
@@ -189,7 +189,7 @@ def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
     assert rule.judge(wild).stage == rule.judge(days).stage
 
 
-def test_day_with_many_grasps_has_more_weight(rule: RipenessRule) -> None:
+def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
     felt = math.log(BOUNDS[1]) + 0.12
     few, many = (
@@ -201,7 +201,7 @@ def test_day_with_many_grasps_has_more_weight(rule: RipenessRule) -> None:
     assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
 
 
-def test_scatter_of_a_day_is_combined_with_the_usual_one(rule: RipenessRule) -> None:
+def test_judge_large_scatter_of_a_day_lowers_the_probability(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.1))
     felt = math.log(BOUNDS[1]) + 0.12
     calm, wild = (
@@ -211,7 +211,7 @@ def test_scatter_of_a_day_is_combined_with_the_usual_one(rule: RipenessRule) -> 
     assert wild.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
 
 
-def test_learning_refuses_items_without_softening() -> None:
+def test_course_learn_items_with_too_few_days_raises() -> None:
     still = [
         [
             DayFirmness(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1)
@@ -223,14 +223,14 @@ def test_learning_refuses_items_without_softening() -> None:
         Course.learn(still)
 
 
-def test_a_stage_without_label_is_named() -> None:
+def test_learn_stages_missing_or_unknown_label_raises() -> None:
     with pytest.raises(InputError, match="no item is labelled 'overripe'"):
         learn_stages([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"], items="abc", stages=STAGES)
     with pytest.raises(InputError, match="label 'mushy' is not a stage of ripeness"):
         learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
 
 
-def test_stages_have_the_names_of_the_user(rule: RipenessRule) -> None:
+def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
     felt = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
     stages = ("green", "turning", "ready")
@@ -241,7 +241,7 @@ def test_stages_have_the_names_of_the_user(rule: RipenessRule) -> None:
         found.find_boundary("green")
 
 
-def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
+def test_judge_by_first_day_uses_softening_since_then() -> None:
     days = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     assert judge_by_first_day(days).stage == "hard"
     later = [*days, DayFirmness(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
@@ -249,7 +249,7 @@ def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
     assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
 
 
-def test_day_is_the_mean_firmness_of_its_grasps() -> None:
+def test_group_by_day_averages_over_softness() -> None:
     found = group_by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
     assert math.exp(found[0].firmness) == pytest.approx(3.0, rel=1e-4)
 
@@ -279,7 +279,7 @@ def store() -> Store:
 
 
 @pytest.mark.slow
-def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
+def test_ripeness_rule_from_store_gives_a_stored_verdict(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
     said = judge_ripeness(history, rule=learned, ripe="ripe")
@@ -293,7 +293,7 @@ def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
     assert kept.details["basis"] == "labels"
 
 
-def test_missing_records_are_reported(store: Store) -> None:
+def test_ripeness_without_labels_or_firmness_raises(store: Store) -> None:
     with pytest.raises(InputError, match="no mango grasped with a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     nothing = firmness_history((), item_id="A18", drive="width")

@@ -39,7 +39,7 @@ def write(tmp_path: Path) -> Callable[[str], Path]:
     return written
 
 
-def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None:
+def test_read_rules_preserves_order_and_conditions(write: Callable[[str], Path]) -> None:
     book = read_rules(write(GOOD))
     assert book.bins == ("small", "ripe", "by hand")
     assert book.most_grasps == 3
@@ -56,7 +56,7 @@ def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None
     assert ripe.confidence == 0.9
 
 
-def test_example_rules_file_is_valid() -> None:
+def test_read_rules_accepts_the_example_file() -> None:
     book = read_rules(ROOT / "examples" / "sorting-rules.toml")
     assert "eggs" in book.bins
     assert book.default_bin == "by hand"
@@ -92,7 +92,7 @@ def test_example_rules_file_is_valid() -> None:
         ),
     ],
 )
-def test_mistake_in_a_rules_file_is_one_line_with_its_place(
+def test_read_rules_mistake_raises_one_line_with_line_number(
     write: Callable[[str], Path],
     old: str,
     new: str,
@@ -104,7 +104,7 @@ def test_mistake_in_a_rules_file_is_one_line_with_its_place(
     assert "rules.toml" in str(caught.value)
 
 
-def test_a_file_without_rules_or_conditions_is_refused(write: Callable[[str], Path]) -> None:
+def test_read_rules_without_rules_or_conditions_raises(write: Callable[[str], Path]) -> None:
     for rules in ("", "rule = []", "rule = [1]", "rule = {}"):
         with pytest.raises(InputError, match=r"has no \[\[rule\]\]"):
             read_rules(write(f'default = "x"\n{rules}'))
@@ -112,7 +112,7 @@ def test_a_file_without_rules_or_conditions_is_refused(write: Callable[[str], Pa
         read_rules(write('default = "x"\n[[rule]]\nbin = "y"'))
 
 
-def test_missing_rules_file_is_refused(tmp_path: Path) -> None:
+def test_read_rules_missing_file_raises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_rules(tmp_path / "none.toml")
 
@@ -131,7 +131,7 @@ def rule(bin_name: str, conditions: str) -> str:
         ('ripeness = ["ripe", "soft"]', 'class = "kiwi"\nripeness = "soft"'),
     ],
 )
-def test_a_rule_that_nothing_reaches_is_refused(
+def test_read_rules_unreachable_rule_raises(
     write: Callable[[str], Path], first: str, second: str
 ) -> None:
     text = 'default = "x"\n' + rule("a", first) + rule("b", second)
@@ -151,7 +151,7 @@ def test_a_rule_that_nothing_reaches_is_refused(
         ),
     ],
 )
-def test_partly_overlapping_ranges_are_refused(
+def test_read_rules_partial_overlap_raises(
     write: Callable[[str], Path],
     first: str,
     second: str,
@@ -175,14 +175,14 @@ def test_partly_overlapping_ranges_are_refused(
         ("firmness = [0, 40]", "size_mm = [0, 60]"),
     ],
 )
-def test_exceptions_before_the_general_rule_are_accepted(
+def test_read_rules_accepts_exceptions_and_separate_conditions(
     write: Callable[[str], Path], first: str, second: str
 ) -> None:
     text = 'default = "x"\n' + rule("a", first) + rule("b", second)
     assert len(read_rules(write(text)).rules) == 2
 
 
-def test_class_without_labels_is_refused(write: Callable[[str], Path]) -> None:
+def test_check_kinds_class_without_labels_raises(write: Callable[[str], Path]) -> None:
     book = read_rules(write(GOOD))
     with pytest.raises(InputError, match=r"line 8: class 'avocado' has fewer than 3 .*kiwi, lime"):
         check_kinds(book, known_kinds={"kiwi", "lime"}, path="rules.toml")

@@ -105,7 +105,7 @@ def by_size() -> dict[float, Felt]:
     return on_sensor(6)
 
 
-def test_width_follows_from_the_pressure_at_contact() -> None:
+def test_contact_width_interval_covers_the_true_width() -> None:
     covered = list[bool]()
     for seed in (6, 7, 8):
         widths = {size: felt.measured["contact_mm"] for size, felt in on_sensor(seed).items()}
@@ -118,7 +118,7 @@ def test_width_follows_from_the_pressure_at_contact() -> None:
     assert sum(covered) >= 5
 
 
-def test_shared_pixels_are_corrected_for_the_size(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_correction_reduces_the_effect_of_size(by_size: dict[float, Felt]) -> None:
     small, large = (by_size[size] for size in SIZES_MM)
     read = small.read - large.read
     freed = [felt.freed()["shared_pixels"] for felt in (small, large)]
@@ -127,7 +127,9 @@ def test_shared_pixels_are_corrected_for_the_size(by_size: dict[float, Felt]) ->
     assert all(one.low <= one.value <= one.high for one in freed)
 
 
-def test_shared_pixels_are_corrected_for_the_force(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_correction_exponent_of_force_is_at_most_a_third(
+    by_size: dict[float, Felt],
+) -> None:
     felt = by_size[SIZES_MM[0]]
     force = felt.measured["force_n"]
     harder = felt.freed(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
@@ -136,7 +138,7 @@ def test_shared_pixels_are_corrected_for_the_force(by_size: dict[float, Felt]) -
     assert 0.05 < power <= 1.0 / 3.0 + 1e-9
 
 
-def test_shared_pixels_need_a_width_and_an_answer(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, Felt]) -> None:
     felt = by_size[SIZES_MM[0]]
     layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
     assert fraction_of_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
@@ -151,14 +153,14 @@ def test_shared_pixels_need_a_width_and_an_answer(by_size: dict[float, Felt]) ->
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
-def test_width_is_found_from_any_first_step(first: int) -> None:
+def test_width_at_contact_is_independent_of_the_first_step(first: int) -> None:
     force_n = np.array([0.3, 0.8, 2.0, 4.0])
     pressure_kpa = 10.0 + BEND.compliance.deflection_mm(force_n) / BEND.mm_per_kpa
     said = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
     assert said == pytest.approx(60.0)
 
 
-def test_residual_before_the_touch_is_ignored() -> None:
+def test_width_at_contact_ignores_residual_before_contact() -> None:
     force_n = np.array([1.4, 0.2, 0.6, 3.0])
     pressure_kpa = np.array(
         [4.0, *(10.0 + BEND.compliance.deflection_mm(force_n[1:]) / BEND.mm_per_kpa)]
@@ -166,7 +168,7 @@ def test_residual_before_the_touch_is_ignored() -> None:
     assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
 
 
-def test_closing_without_a_light_touch_has_no_exponent(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_without_half_load_are_not_corrected(by_size: dict[float, Felt]) -> None:
     """The last grasp's residual fades: all pixels but one read less than at first."""
     felt = by_size[SIZES_MM[0]]
     last = max(one.time_s for one in felt.result.moments if one.name == "answer")

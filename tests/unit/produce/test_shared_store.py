@@ -55,7 +55,7 @@ def waiting(store: Store) -> int:
 
 
 @pytest.mark.slow
-def test_history_has_the_grasps_of_every_station(open_store: OpenStore) -> None:
+def test_shared_store_history_contains_grasps_of_every_station(open_store: OpenStore) -> None:
     with open_store("one") as one, open_store("two") as two:
         first, second = grasp_after(), grasp_after(hours=1)
         one.add_grasp(replace(first, calibration_id=calibration_id_of("x")), calibration="x")
@@ -72,7 +72,7 @@ def test_history_has_the_grasps_of_every_station(open_store: OpenStore) -> None:
             assert store.away is None
 
 
-def test_verdict_about_a_grasp_of_another_station_is_kept(open_store: OpenStore) -> None:
+def test_verdict_on_grasp_of_another_station_is_stored(open_store: OpenStore) -> None:
     taken = replace(grasp_after(), calibration_id=calibration_id_of("x"))
     verdict = Verdict(
         item_id="A17", about=About.RIPENESS, text="ripe", given_at=TIME, grasp_id=taken.grasp_id
@@ -88,7 +88,7 @@ def test_verdict_about_a_grasp_of_another_station_is_kept(open_store: OpenStore)
         assert one.grasps_of("A17") == (taken,)
 
 
-def test_item_set_here_leaves_the_columns_set_elsewhere(open_store: OpenStore) -> None:
+def test_add_item_preserves_columns_set_by_another_station(open_store: OpenStore) -> None:
     with open_store("one") as one, open_store("two") as two:
         one.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=TIME))
         one.send()
@@ -100,7 +100,7 @@ def test_item_set_here_leaves_the_columns_set_elsewhere(open_store: OpenStore) -
 
 
 @pytest.mark.slow
-def test_records_sent_twice_are_in_the_shared_store_once(open_store: OpenStore) -> None:
+def test_send_repeated_records_are_stored_once(open_store: OpenStore) -> None:
     with open_store("one") as store:
         store.add_grasps([grasp_after(hours=n) for n in range(450)])
         path = store.local_name.removeprefix("store ")
@@ -117,14 +117,14 @@ def test_records_sent_twice_are_in_the_shared_store_once(open_store: OpenStore) 
         ]
 
 
-def test_local_store_without_a_server_has_an_empty_outbox(tmp_path: Path) -> None:
+def test_local_store_without_server_has_empty_outbox(tmp_path: Path) -> None:
     with Store.open(tmp_path / "items.sqlite") as store:
         store.add_grasp(grasp_after())
         assert store.send() == 0
         assert waiting(store) == 0
 
 
-def test_impossible_state_folder_raises_one_line(
+def test_open_with_invalid_state_folder_raises(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("no folder")
@@ -144,7 +144,7 @@ def server() -> Iterator[PostgresqlProcess]:
 
 
 @pytest.mark.slow
-def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
+def test_server_restart_loses_no_record_and_preserves_order(
     server: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store_sender, "_RETRY_S", 0.05)

@@ -67,7 +67,9 @@ def hand(table: CrateTable) -> SortingHand:
 
 
 @pytest.mark.slow
-def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHand) -> None:
+def test_sorting_hand_measures_item_and_accepts_expected_size(
+    table: CrateTable, hand: SortingHand
+) -> None:
     egg = draw_crate(["egg"], seed=5)[0]
     table.place(egg)
     first = hand.grasp("egg-1")
@@ -88,7 +90,7 @@ def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHan
     assert not table.is_damaged()
 
 
-def test_hand_stays_clear_of_an_item_that_may_be_thicker(
+def test_sorting_hand_fast_approach_ends_before_a_thicker_side(
     table: CrateTable, hand: SortingHand
 ) -> None:
     watched = Watched(table)
@@ -104,7 +106,7 @@ def test_hand_stays_clear_of_an_item_that_may_be_thicker(
     assert all(command.target >= 40.5 * 1.15 + 4 for command in swift)
 
 
-def test_hand_waits_until_the_sheet_has_recovered(hand: SortingHand) -> None:
+def test_sorting_hand_waits_until_the_sheet_is_stable(hand: SortingHand) -> None:
     # A sheet of the field level whose creep is slow.
     slow = CrateTable(sensor=111, seed=3, level="field")
     there = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)

@@ -50,13 +50,13 @@ def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) 
     return TimedGrasp(grasp=one, lasted_s=10.0)
 
 
-def test_the_first_sure_rule_wins_and_says_why() -> None:
+def test_decide_first_confident_rule_applies_with_reason() -> None:
     found = decide(BOOK, Evidence(identity=looks(0.95, 0.04), grasps=1))
     assert (found.bin, found.needs_regrasp, found.rule) == ("kiwi", False, KIWI)
     assert found.why == "kiwi: kiwi 95 %; rule in line 3 met with 95 %; 1 grasp"
 
 
-def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
+def test_decide_ambiguous_kind_requests_grasps_up_to_the_limit() -> None:
     torn = looks(0.55, 0.40)
     assert decide(BOOK, Evidence(identity=torn, grasps=1)).needs_regrasp
     last = decide(BOOK, Evidence(identity=torn, grasps=3))
@@ -65,19 +65,19 @@ def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
     assert "closest rule in line 3 (kiwi): 55 %, 80 % required" in last.why
 
 
-def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
+def test_decide_unknown_item_is_grasped_twice() -> None:
     strange = looks(0.2, 0.1, rejected=True)
     assert decide(BOOK, Evidence(identity=strange, grasps=1)).needs_regrasp
     found = decide(BOOK, Evidence(identity=strange, grasps=2))
     assert (found.bin, found.needs_regrasp) == ("strangers", False)
 
 
-def test_background_class_alone_is_uncertain() -> None:
+def test_decide_high_background_probability_is_not_a_rejection() -> None:
     found = decide(BOOK, Evidence(identity=looks(0.05, 0.05), grasps=3))
     assert found.bin == "by hand"
 
 
-def test_undecided_exception_asks_for_another_grasp_first() -> None:
+def test_decide_undecided_earlier_rule_requests_a_grasp() -> None:
     small = Rule(bin="small", conditions=(KIWIS, Within("size_mm", 0, 50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
     on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
@@ -86,7 +86,7 @@ def test_undecided_exception_asks_for_another_grasp_first() -> None:
     assert decide(book, at_last).bin == "kiwi"
 
 
-def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
+def test_decide_missing_verdict_is_named_without_a_further_grasp() -> None:
     ripe = Rule(bin="ripe", conditions=(KIWIS, RIPE), line=2)
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
@@ -96,7 +96,7 @@ def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
     assert decide(book, known).bin == "ripe"
 
 
-def test_a_rule_may_ask_for_a_firmness() -> None:
+def test_decide_applies_firmness_conditions() -> None:
     firm = Rule(bin="firm", conditions=(Within("firmness", 50, 100),), line=2)
     book = RuleBook(rules=(firm,), default_bin="by hand", most_grasps=2)
     index = Measurement(value=60.0, low=54.0, high=66.0, unit="index")
@@ -111,14 +111,14 @@ def test_a_rule_may_ask_for_a_firmness() -> None:
     assert seen.firmness.value == 60.0
 
 
-def test_item_without_a_rule_says_so() -> None:
+def test_decide_without_matching_rule_uses_the_default_bin() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
     assert (found.bin, found.needs_regrasp) == ("by hand", False)
     assert "no rule matches" in found.why
 
 
-def test_item_without_a_rule_lists_all_evidence() -> None:
+def test_decide_without_matching_rule_lists_all_evidence() -> None:
     soon = Rule(bin="shop", conditions=(RIPE, OneOf("bruised", frozenset({"false"}))), line=4)
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
@@ -126,7 +126,7 @@ def test_item_without_a_rule_lists_all_evidence() -> None:
     assert "lime 98 %, hard 97 %, bruised 10 %: no rule matches" in decide(book, known).why
 
 
-def test_nothing_is_decided_before_the_first_grasp() -> None:
+def test_decide_without_grasp_requests_one() -> None:
     assert decide(BOOK, Evidence()).needs_regrasp
 
 
@@ -140,7 +140,7 @@ def _identifier() -> Identifier:
     return Identifier(items)
 
 
-def test_an_item_is_grasped_until_the_rules_are_sure() -> None:
+def test_sort_item_grasps_until_a_rule_applies() -> None:
     coming = [grasp(48.0, 2.3), grasp(51.0, 1.2), grasp(51.0, 1.2)]
     asked: list[float | None] = []
 
@@ -156,13 +156,13 @@ def test_an_item_is_grasped_until_the_rules_are_sure() -> None:
     assert done.size_mm.value == pytest.approx(49.5)
 
 
-def test_slipped_grasp_counts_as_a_try_without_evidence() -> None:
+def test_sort_item_slipped_grasps_count_without_evidence() -> None:
     slipped = grasp(50.0, 1.4, outcome=Outcome.SLIPPED)
     done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=lambda turn, size: slipped)
     assert (done.decision.bin, done.identity, len(done.grasps)) == ("by hand", None, 3)
 
 
-def test_label_replaces_the_guess() -> None:
+def test_sort_item_stated_kind_replaces_identification() -> None:
     done = sort_item(
         "A1", book=BOOK, identifier=None, grasp=lambda turn, size: grasp(20.0, 9.0), kind="lime"
     )
@@ -182,7 +182,7 @@ def said(
     )
 
 
-def test_evidence_of_several_verdicts_uses_the_last_of_each() -> None:
+def test_combine_evidence_uses_the_latest_verdict_of_each_subject() -> None:
     known = combine_evidence(
         [],
         identifier=None,
@@ -197,7 +197,7 @@ def test_evidence_of_several_verdicts_uses_the_last_of_each() -> None:
     assert known.ripeness == {"ripe": 0.6}
 
 
-def test_all_stages_count_where_the_verdict_names_them() -> None:
+def test_combine_evidence_uses_all_stage_probabilities() -> None:
     stages = {"ripe": 0.6, "overripe": 0.4}
     known = combine_evidence(
         [], identifier=None, verdicts=[said(About.RIPENESS, "ripe", 0.6, probabilities=stages)]
@@ -205,14 +205,14 @@ def test_all_stages_count_where_the_verdict_names_them() -> None:
     assert known.ripeness == stages
 
 
-def test_the_decision_becomes_a_verdict_with_its_reason() -> None:
+def test_bin_verdict_contains_bin_rule_line_and_reason() -> None:
     done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=lambda t, s: grasp(50, 1.4))
     verdict = bin_verdict(done, given_at=NOON)
     assert (verdict.about, verdict.text, verdict.details["rule_line"]) == (About.BIN, "kiwi", 3)
     assert verdict.explanation == done.decision.why
 
 
-def test_score_has_purity_of_placed_items_and_time_of_grasps() -> None:
+def test_score_sorting_returns_purity_and_items_per_hour() -> None:
     placed = [
         Placed(bin="kiwi", true_bin="kiwi", grasps=1, grasping_s=10.0),
         Placed(bin="kiwi", true_bin="lime", grasps=3, grasping_s=30.0),

@@ -72,7 +72,7 @@ def open_and_write(where: str | Path) -> None:
         store.send()
 
 
-def test_locked_store_is_reported(path: Path) -> None:
+def test_open_locked_store_raises_store_away_error(path: Path) -> None:
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another program for 0.05"):
@@ -99,7 +99,7 @@ def test_locked_store_is_reported(path: Path) -> None:
         "UPDATE verdicts SET details = ''",
     ],
 )
-def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
+def test_read_damaged_content_raises_one_line(path: Path, damage: str) -> None:
     force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
     with Store.open(path) as store:
         store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
@@ -118,7 +118,7 @@ def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
     assert "\n" not in str(said.value)
 
 
-def test_obsolete_measurement_is_ignored(path: Path) -> None:
+def test_read_ignores_obsolete_measurement(path: Path) -> None:
     force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
     with Store.open(path) as store:
         store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
@@ -131,7 +131,7 @@ def test_obsolete_measurement_is_ignored(path: Path) -> None:
         assert dict(next(iter(store.grasps())).measurements) == {"force_n": force}
 
 
-def test_readers_do_not_wait_for_a_writer(path: Path) -> None:
+def test_reader_is_not_blocked_by_a_writer(path: Path) -> None:
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with Store.open(path, create=False) as store:
@@ -140,7 +140,9 @@ def test_readers_do_not_wait_for_a_writer(path: Path) -> None:
 
 
 @pytest.mark.parametrize("folder_mode", [0o755, 0o555])
-def test_read_only_store_is_read_and_refuses_writes(without_root: Path, folder_mode: int) -> None:
+def test_read_only_store_is_readable_and_refuses_writes(
+    without_root: Path, folder_mode: int
+) -> None:
     path = without_root / "items of #3?.sqlite"
     with Store.open(path) as store:
         store.add_item(Item(item_id="A17", first_seen=SEEN))
@@ -156,7 +158,7 @@ def test_read_only_store_is_read_and_refuses_writes(without_root: Path, folder_m
         open_and_write(path)
 
 
-def test_read_only_older_store_is_read(without_root: Path) -> None:
+def test_read_only_store_of_older_schema_is_readable(without_root: Path) -> None:
     path = without_root / "items.sqlite"
     with sqlite3.connect(path) as connection:
         connection.executescript(SCHEMA_1.read_text())
@@ -167,7 +169,7 @@ def test_read_only_older_store_is_read(without_root: Path) -> None:
         assert [item.item_id for item in store.items()] == ["A17"]
 
 
-def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
+def test_open_read_only_with_leftover_wal_file_raises(without_root: Path) -> None:
     path = without_root / "items.sqlite"
     helper = Path(f"{path}-wal")
     Store.open(path).close()
@@ -183,13 +185,13 @@ def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
         Store.open(path, create=False)
 
 
-def test_folder_without_write_permission_raises_one_line(without_root: Path) -> None:
+def test_open_in_read_only_folder_raises(without_root: Path) -> None:
     without_root.chmod(0o555)
     with pytest.raises(StoreError, match="can't be opened; check the folder and its permissions"):
         Store.open(without_root / "items.sqlite")
 
 
-def test_full_disk_is_one_line(path: Path) -> None:
+def test_write_on_full_disk_raises_and_store_stays_readable(path: Path) -> None:
     engine = make_engine(store_url(path))
 
     def no_room(connection: Any, record: object) -> None:
@@ -211,7 +213,7 @@ def test_full_disk_is_one_line(path: Path) -> None:
         (None, r"is damaged; restore it from a backup"),
     ],
 )
-def test_file_that_is_no_store_or_damaged_is_refused_and_unchanged(
+def test_open_foreign_or_damaged_file_raises_and_preserves_the_file(
     path: Path, content: bytes | None, said: str
 ) -> None:
     if content is None:
@@ -223,7 +225,7 @@ def test_file_that_is_no_store_or_damaged_is_refused_and_unchanged(
     assert path.read_bytes() == content
 
 
-def test_missing_store_file_or_folder_is_refused(tmp_path: Path) -> None:
+def test_open_missing_file_or_folder_raises(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no such file; `palpate grasp --item NAME --store FILE`"):
         Store.open(tmp_path / "none.sqlite", create=False)
     assert not (tmp_path / "none.sqlite").exists()
@@ -234,12 +236,12 @@ def test_missing_store_file_or_folder_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("url", ["mysql://hall/items", "oracle://x", "://", "http://hall/items"])
-def test_url_of_another_database_is_refused(url: str) -> None:
+def test_open_url_of_another_database_raises(url: str) -> None:
     with pytest.raises(InputError, match="store "):
         Store.open(url)
 
 
-def test_the_default_is_the_variable_then_a_file_here(
+def test_store_url_default_is_the_variable_or_a_local_file(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PALPATE_STORE", "postgresql://packer:secret@hall3/items")
@@ -251,7 +253,7 @@ def test_the_default_is_the_variable_then_a_file_here(
 
 
 @pytest.mark.slow
-def test_server_that_refuses_or_lacks_the_database_is_one_line(postgresql_server: str) -> None:
+def test_server_without_database_or_user_raises(postgresql_server: str) -> None:
     url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
     with pytest.raises(StoreError, match="no such database on the server") as refused:
         open_and_write(url.format("nothing_here"))
@@ -260,7 +262,7 @@ def test_server_that_refuses_or_lacks_the_database_is_one_line(postgresql_server
         open_and_write(f"postgresql://nobody@/postgres?host={postgresql_server}")
 
 
-def test_server_that_is_away_is_one_line(tmp_path: Path) -> None:
+def test_server_without_answer_raises_one_line_without_password(tmp_path: Path) -> None:
     with pytest.raises(StoreAwayError, match="no answer; check the server") as away:
         open_and_write(f"postgresql://palpate:secret@/items?host={tmp_path}")
     assert away.value.exit_status == 3
@@ -268,14 +270,14 @@ def test_server_that_is_away_is_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(away.value)
 
 
-def test_server_user_without_write_permission_raises_one_line(postgresql_url: str) -> None:
+def test_read_only_server_raises(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     separator = "%20-c%20default_transaction_read_only=on"
     with pytest.raises(StoreError, match="read-only; name the primary server"):
         open_and_write(f"{postgresql_url}{separator}")
 
 
-def test_locked_server_is_one_line(postgresql_url: str) -> None:
+def test_locked_server_table_raises_store_away_error(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     engine = make_engine(store_url(postgresql_url))
     with engine.begin() as connection:
@@ -285,7 +287,7 @@ def test_locked_server_is_one_line(postgresql_url: str) -> None:
     engine.dispose()
 
 
-def test_store_connects_again_after_the_server_cut_it_off(postgresql_url: str) -> None:
+def test_store_reconnects_after_the_server_closed_the_connection(postgresql_url: str) -> None:
     with Store.open(postgresql_url) as store:
         engine = make_engine(store_url(postgresql_url))
         with engine.begin() as connection:
@@ -299,13 +301,13 @@ def test_store_connects_again_after_the_server_cut_it_off(postgresql_url: str) -
         engine.dispose()
 
 
-def test_a_server_without_its_driver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_open_postgresql_without_driver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[postgresql\]'"):
         Store.open("postgresql://hall3/items")
 
 
-def test_store_without_its_extra_names_the_extra() -> None:
+def test_store_without_sqlalchemy_names_the_extra() -> None:
     code = (
         "import sys; sys.modules['sqlalchemy'] = None; sys.argv = ['palpate', 'items']; "
         "from palpate.cli import main; main()"
@@ -316,7 +318,7 @@ def test_store_without_its_extra_names_the_extra() -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_parquet_without_its_extra_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parquet_without_pyarrow_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[data\]'"):
         require_parquet()

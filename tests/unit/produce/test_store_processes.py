@@ -58,7 +58,7 @@ def in_order(lines: str, found: list[str]) -> bool:
     [("sqlite", "write"), ("postgresql", "write"), ("postgresql", "send")],
     indirect=["url"],
 )
-def test_process_killed_before_each_statement_loses_nothing_acknowledged(
+def test_process_killed_before_any_statement_loses_no_acknowledged_grasp(
     url: str, work: str
 ) -> None:
     """A grasp is stored completely or not, and once in the shared store, in order."""
@@ -71,7 +71,7 @@ def test_process_killed_before_each_statement_loses_nothing_acknowledged(
         assert in_order(done.stdout, [grasp.grasp_id for grasp in store.grasps()])
 
 
-def test_ten_processes_that_begin_with_no_store_lose_nothing(url: str) -> None:
+def test_concurrent_processes_creating_the_store_lose_no_grasp(url: str) -> None:
     writers = start(url, processes=WRITERS, grasps=GRASPS)
     out, _ = writers.communicate(timeout=120)
     assert writers.returncode == 0
@@ -82,7 +82,7 @@ def test_ten_processes_that_begin_with_no_store_lose_nothing(url: str) -> None:
         assert len(store.grasps_of("shared")) == WRITERS * GRASPS / 2
 
 
-def test_writer_killed_while_writing_loses_nothing_acknowledged(url: str) -> None:
+def test_writer_killed_during_write_loses_no_acknowledged_grasp(url: str) -> None:
     rng = random.Random(0)
     writers = start(url, processes=KILLS, grasps=100_000)
     said: set[str] = set()

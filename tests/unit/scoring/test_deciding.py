@@ -13,7 +13,7 @@ TIME_S = np.arange(0.0, 21.0, 0.07)
 HOLD = 100.0 - 4.0 * np.log(TIME_S + 0.5)
 
 
-def test_a_stricter_width_is_met_later() -> None:
+def test_find_decision_smaller_half_width_decides_later() -> None:
     loose, strict = (
         find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=percent)
         for percent in (8.0, 2.0)
@@ -25,7 +25,7 @@ def test_a_stricter_width_is_met_later() -> None:
     assert half_width <= 0.02 * strict.estimate.value
 
 
-def test_later_samples_change_nothing() -> None:
+def test_find_decision_ignores_later_samples() -> None:
     decision = find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=4.0)
     spoilt = np.where(decision.time_s < TIME_S, 1e6, HOLD)
     again = find_decision(TIME_S, spoilt, method=Relaxation(), half_width_percent=4.0)
@@ -33,7 +33,7 @@ def test_later_samples_change_nothing() -> None:
     assert again.estimate.value == decision.estimate.value
 
 
-def test_a_hold_that_never_is_sure_says_so() -> None:
+def test_find_decision_short_hold_is_not_decided() -> None:
     short = TIME_S < 1.0
     decision = find_decision(
         TIME_S[short], HOLD[short], method=Relaxation(), half_width_percent=0.01
@@ -42,7 +42,7 @@ def test_a_hold_that_never_is_sure_says_so() -> None:
     assert decision.time_s == TIME_S[short][-1]
 
 
-def test_a_constant_hold_is_not_called_settled() -> None:
+def test_find_decision_constant_hold_is_not_decided() -> None:
     decision = find_decision(
         TIME_S, np.full_like(TIME_S, 5.0), method=Relaxation(), half_width_percent=1.0
     )
@@ -51,6 +51,6 @@ def test_a_constant_hold_is_not_called_settled() -> None:
 
 
 @pytest.mark.parametrize("percent", [0.0, -1.0, float("nan")])
-def test_a_width_must_be_positive(percent: float) -> None:
+def test_find_decision_non_positive_half_width_raises(percent: float) -> None:
     with pytest.raises(ValueError, match="must be positive"):
         find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=percent)

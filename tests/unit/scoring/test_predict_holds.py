@@ -27,7 +27,7 @@ def keys(rows: list) -> list[tuple]:
 
 
 @pytest.mark.parametrize(("holds_at_a_time", "samples_at_a_time"), [(1, 10**9), (512, 400)])
-def test_rows_do_not_depend_on_batching(
+def test_predict_holds_is_independent_of_batching(
     monkeypatch: pytest.MonkeyPatch, holds_at_a_time: int, samples_at_a_time: int
 ) -> None:
     holds = [hold("a"), hold("b", rate_hz=5), hold("c", sink=2.0), hold("d", until_s=9)]
@@ -47,7 +47,7 @@ def test_rows_do_not_depend_on_batching(
     assert [np.isnan(key[4]) for key in together[::4]] == [False, False, False, True]
 
 
-def test_what_comes_after_the_cutoff_is_not_looked_at() -> None:
+def test_predict_holds_ignores_samples_after_the_cutoff() -> None:
     whole = hold("a")
     later = whole.time_s > 2.5
     other = Hold(
@@ -65,7 +65,7 @@ def test_what_comes_after_the_cutoff_is_not_looked_at() -> None:
     assert [row.settled for row in first] != [row.settled for row in second]
 
 
-def test_a_hold_without_samples_before_the_cutoff_is_too_short() -> None:
+def test_predict_holds_without_samples_before_cutoff_is_too_short() -> None:
     late = Hold(hold_id="a", channel="x", time_s=np.array([3.0, 20.0]), values=np.array([1.0, 2.0]))
     [row] = predict_holds(
         [late], methods={"recorded": Recorded()}, cutoffs_s=[2.5], horizon_s=20.0, level=0.9
@@ -75,7 +75,7 @@ def test_a_hold_without_samples_before_the_cutoff_is_too_short() -> None:
     assert (row.channel, row.settled) == ("x", 2.0)
 
 
-def test_decisions_carry_their_time_and_use_nothing_later() -> None:
+def test_decide_holds_equals_prediction_at_the_decision_time() -> None:
     options = {"half_width_percent": 4.0, "horizon_s": 20.0, "level": 0.9}
     methods = {"relaxation": Relaxation()}
     [row] = decide_holds([hold("a")], methods=methods, **options)
@@ -88,7 +88,7 @@ def test_decisions_carry_their_time_and_use_nothing_later() -> None:
     assert same.predicted == pytest.approx(row.predicted, rel=1e-12)
 
 
-def test_a_method_without_intervals_never_decides() -> None:
+def test_decide_holds_method_without_intervals_is_not_decided() -> None:
     [row] = decide_holds(
         [hold("a", until_s=5)],
         methods={"recorded": Recorded()},

@@ -23,7 +23,7 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def test_score_of_holds_is_what_the_command_prints(path: Path, palpate: Command) -> None:
+def test_score_agrees_with_the_settle_command(path: Path, palpate: Command) -> None:
     options = [text for name in METHODS for text in ("--method", name)]
     options += [text for cutoff_s in CUTOFFS_S for text in ("--cutoff", str(cutoff_s))]
     table = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
@@ -33,7 +33,7 @@ def test_score_of_holds_is_what_the_command_prints(path: Path, palpate: Command)
     assert [line for line in str(table).splitlines() if line.rstrip() not in lines] == []
 
 
-def test_score_as_a_data_frame_has_a_row_for_each_method_and_cutoff(path: Path) -> None:
+def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:
     frame = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
     table = frame.to_dataframe()
     assert list(zip(table["method"], table["cutoff_s"], strict=True)) == [
@@ -42,6 +42,6 @@ def test_score_as_a_data_frame_has_a_row_for_each_method_and_cutoff(path: Path) 
     assert (table["holds"] == 2).all()
 
 
-def test_score_with_an_unknown_method_is_refused(path: Path) -> None:
+def test_score_with_unknown_method_raises(path: Path) -> None:
     with pytest.raises(InputError, match="no method 'magic'"):
         score(read_holds(path), methods=["magic"])
