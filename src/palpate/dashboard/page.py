@@ -185,14 +185,14 @@ def _add_panel(
     ui.on("item", show_item)
     ui.on("recording", show_recording)
 
-    def go_back(event: GenericEventArguments) -> None:
+    def show_tab_of_url(event: GenericEventArguments) -> None:
         """Show the tab of the URL after the browser's back or forward button."""
         _, first, *rest = str(event.args).split("/", 2)
         tabs.set_value(next((name for name, path in TABS.items() if path == f"/{first}"), "Set up"))
         if rest and first == "items":
             open_item(unquote(rest[0]))
 
-    ui.on("went", go_back)
+    ui.on("went", show_tab_of_url)
     # `visit` skips the push to the browser history if the URL already has this path.
     tabs.on_value_change(
         lambda event: ui.run_javascript(f"window.visit({json.dumps(TABS[event.value])})")

@@ -137,10 +137,10 @@ def draw_mixed_crate(
 ) -> list[CrateItem]:
     """Draw a shuffled crate of trained kinds and a fraction of untrained kinds."""
     rng = np.random.default_rng([seed, 31])
-    strangers = round(items * unknown_fraction)
-    trained, unknown = list(TRAINED_KINDS), list(UNTRAINED_KINDS)
-    kinds = [trained[k % len(trained)] for k in range(items - strangers)]
-    kinds += [unknown[k % len(unknown)] for k in range(strangers)]
+    untrained_items = round(items * unknown_fraction)
+    trained, untrained = list(TRAINED_KINDS), list(UNTRAINED_KINDS)
+    kinds = [trained[k % len(trained)] for k in range(items - untrained_items)]
+    kinds += [untrained[k % len(untrained)] for k in range(untrained_items)]
     return draw_crate(rng.permutation(kinds).tolist(), seed=seed, prefix=prefix)
 
 
