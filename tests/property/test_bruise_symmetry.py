@@ -1,4 +1,4 @@
-"""Bruise results do not depend on which finger or finger end is in contact."""
+"""Bruise features do not depend on the finger, or finger end, with the bruise."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from hypothesis.extra.numpy import arrays
 from palpate.produce.bruise.shape import contrast, fit_load_shape, pixel_contrast
 
 CHANGES = arrays(np.float64, (4, 2), elements=st.floats(-99.0, 5.0))
-#: Name -> what is done to the pixels.
+#: Name and operation on the pixels.
 MOVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "fingers swapped": lambda change: change[[2, 3, 0, 1]],
-    "turned over along": lambda change: change[[1, 0, 3, 2]],
-    "turned over across": lambda change: change[:, ::-1],
+    "fingers exchanged": lambda change: change[[2, 3, 0, 1]],
+    "mirrored along": lambda change: change[[1, 0, 3, 2]],
+    "mirrored across": lambda change: change[:, ::-1],
 }
 
 

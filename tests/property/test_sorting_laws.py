@@ -17,11 +17,11 @@ from palpate.produce.sorting.rules import Rule, RuleBook, decide
 LN = st.floats(-3.0, 6.0)
 
 
-def touch(value: tuple[float, float], *, shift: float = 0.0) -> FloatArray:
+def features(value: tuple[float, float], *, shift: float = 0.0) -> FloatArray:
     return np.array(value) + shift
 
 
-def known(shift: float = 0.0) -> Identifier:
+def train_identifier(shift: float = 0.0) -> Identifier:
     rng = np.random.default_rng(6)
     centres = {"kiwi": (3.9, 0.4), "lime": (3.8, 1.3), "apple": (4.1, 1.7)}
     return Identifier(
@@ -33,7 +33,7 @@ def known(shift: float = 0.0) -> Identifier:
     )
 
 
-KNOWN, SHIFTED = known(), known(shift=1.5)
+IDENTIFIER, SHIFTED = train_identifier(), train_identifier(shift=1.5)
 grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 
 
@@ -42,7 +42,7 @@ grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 def test_identify_probabilities_are_valid_and_sum_to_one(
     touches: list[tuple[float, float]],
 ) -> None:
-    found = KNOWN.identify([touch(one) for one in touches])
+    found = IDENTIFIER.identify([features(one) for one in touches])
     assert sum(found.probability.values()) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())
     assert 0.0 < found.usual <= 1.0
@@ -53,18 +53,18 @@ def test_identify_probabilities_are_valid_and_sum_to_one(
 @settings(deadline=None, max_examples=60)
 @given(grasps)
 def test_identify_is_independent_of_grasp_order(touches: list[tuple[float, float]]) -> None:
-    there = [touch(one) for one in touches]
-    back = KNOWN.identify(there[::-1])
-    found = KNOWN.identify(there)
-    assert dict(back.probability) == pytest.approx(dict(found.probability), abs=1e-6)
+    points = [features(one) for one in touches]
+    reverse = IDENTIFIER.identify(points[::-1])
+    found = IDENTIFIER.identify(points)
+    assert dict(reverse.probability) == pytest.approx(dict(found.probability), abs=1e-6)
 
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
 def test_identify_is_independent_of_units(touches: list[tuple[float, float]]) -> None:
     """A change of units in training and test data does not change the result."""
-    found = KNOWN.identify([touch(one) for one in touches])
-    moved = SHIFTED.identify([touch(one, shift=1.5) for one in touches])
+    found = IDENTIFIER.identify([features(one) for one in touches])
+    moved = SHIFTED.identify([features(one, shift=1.5) for one in touches])
     assert dict(moved.probability) == pytest.approx(dict(found.probability), abs=1e-6)
     assert moved.usual == pytest.approx(found.usual)
 
@@ -141,5 +141,5 @@ def test_complementary_size_ranges_have_total_probability_one(
 ) -> None:
     below, above = Within("size_mm", -1e9, cut), Within("size_mm", cut, 1e9)
     seen = Evidence(size_mm=size)
-    chances = [half.probability(seen) for half in (below, above)]
-    assert sum(chance or 0.0 for chance in chances) == pytest.approx(1.0)
+    probabilities = [condition.probability(seen) for condition in (below, above)]
+    assert sum(one or 0.0 for one in probabilities) == pytest.approx(1.0)

@@ -1,4 +1,4 @@
-"""Figures as inline SVG with the fonts and the light and dark colours of a page."""
+"""Figures as inline SVG with the fonts and the colours of a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures for print: text stays text, minus signs are one, axes have numbers."""
+"""Figures for print: editable text, minus signs, axis labels and colours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.plots.style import PLOT_ENDINGS, legend_below, log_axis, new_figure
 
 @pytest.fixture
 def written(tmp_path: Path) -> Path:
-    """A figure with a negative axis and a logarithmic one, in every format."""
+    """Write a figure with a negative and a logarithmic axis in every format."""
     with new_figure(columns=2) as (figure, axes):
         axes[0, 0].plot([-20.0, 0.0], [-40.0, 0.0])
         axes[0, 0].set_xlabel("change of resistance, %")
@@ -58,7 +58,7 @@ def test_log_axis_aligns_minor_and_major_labels() -> None:
 
 
 def test_legend_below_long_names_fit_the_figure() -> None:
-    """Long names: fewer columns than were asked for."""
+    """Check that long names reduce the number of columns."""
     with new_figure(columns=1, width_in=7.2, height_in=4.4) as (figure, axes):
         for name in ("short", "a long name " * 6, "another long name " * 4):
             axes[0, 0].plot([0, 1], [0, 1], label=name)

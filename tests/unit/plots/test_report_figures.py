@@ -1,4 +1,4 @@
-"""Figures of the reports: what they show, and when there is nothing to show."""
+"""Figures of reports: content, and None without data."""
 
 from __future__ import annotations
 
@@ -62,8 +62,9 @@ def test_history_figure_starts_at_zero_and_limits_wide_intervals() -> None:
 
 
 def test_history_figure_marks_verdicts_of_people_only() -> None:
-    words = (said("ripe", source=Source.PERSON), said("hard"))
-    figure = history_figure(page(grasp(0), verdicts=words), "size_mm", label="size (mm)", zone=UTC)
+    verdicts = (said("ripe", source=Source.PERSON), said("hard"))
+    history = page(grasp(0), verdicts=verdicts)
+    figure = history_figure(history, "size_mm", label="size (mm)", zone=UTC)
     assert [text.get_text() for text in figure.axes[0].texts] == ["ripe"]
 
 

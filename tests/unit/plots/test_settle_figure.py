@@ -1,4 +1,4 @@
-"""Panels of holds: no title runs into the next panel, or off the page."""
+"""Panels of holds: titles neither overlap nor leave the page."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def test_settle_figure_long_titles_do_not_overlap() -> None:
     figure = settle_figure(panels, methods={}, horizon_s=20.0, level=0.9)
     letter_panels(figure)
     figure.draw_without_rendering()
-    words = [
+    boxes = [
         one.get_window_extent()
         for one in figure.findobj(Text)
         if isinstance(one, Text) and (one.get_text() in "abc" or one.get_text()[:3] == "q15")
         if one.get_text()
     ]
-    assert len(words) == 6
-    assert not any(a.overlaps(b) for i, a in enumerate(words) for b in words[:i])
-    assert max(one.x1 for one in words) <= figure.bbox.x1
+    assert len(boxes) == 6
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert max(one.x1 for one in boxes) <= figure.bbox.x1

@@ -1,7 +1,8 @@
-"""Processes that write grasps to a store and print each acknowledged one on a line.
+"""Processes that write grasps to a store and print a line for each acknowledged grasp.
 
-``many STORE PROCESSES COUNT`` writes side by side; ``steps STORE write|send`` kills a process with
-``kill -9`` before each of its SQL statements in turn, until one lives to the end.
+``many STORE PROCESSES COUNT`` writes from several processes at the same time. ``steps STORE
+write|send`` kills one process after another with ``kill -9``, each before the next SQL statement,
+until a process completes.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ from palpate.produce.store import Store
 
 
 def write(store: Store, number: int) -> None:
-    felt = Measurement(value=number, low=number, high=number, unit="n_per_mm")
+    stiffness = Measurement(value=number, low=number, high=number, unit="n_per_mm")
     grasp = Grasp(
-        # Items of their own, and one that all write to.
+        # Alternate between an item of this process and an item shared by all processes.
         item_id=f"of-{os.getpid()}" if number % 2 else "shared",
         taken_at=datetime.now(UTC),
         rig="sim-rigid",
         drive="width",
         origin="twin",
         outcome=Outcome.HELD,
-        measurements={"stiffness_n_per_mm": felt},
+        measurements={"stiffness_n_per_mm": stiffness},
     )
     store.add_grasp(grasp)
-    # Acknowledged: from here on it must not be lost.
+    # The grasp is acknowledged and must not be lost from now on.
     os.write(1, f"{os.getpid()} {grasp.grasp_id}\n".encode())
 
 
@@ -44,13 +45,13 @@ def write_many(where: str, count: int) -> None:
     with Store.open(where) as store:
         for number in range(count):
             write(store, number)
-            # Two that send the same items may get in each other's way: they send again.
+            # Concurrent senders of the same item may conflict; the next call sends again.
             with suppress(StoreAwayError):
                 store.send()
 
 
 def kill_before(step: int) -> None:
-    """End this process before its n-th statement, BEGIN and COMMIT included."""
+    """Kill this process before its n-th statement, including BEGIN and COMMIT."""
     steps = count_up(1)
 
     def listen(*_: object) -> None:
@@ -75,7 +76,7 @@ def kill_at_every_step(where: str, *, sends: bool) -> None:
         def work(step: int = step) -> None:
             with Store.open(where) as store:
                 if sends:
-                    # What the process before left unsent comes first.
+                    # Send the remaining records of the previous process first.
                     store.send()
                     write(store, step)
                 kill_before(step)

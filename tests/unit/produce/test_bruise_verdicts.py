@@ -1,4 +1,4 @@
-"""Bruises of stored items: references, training by labels, and texts."""
+"""Bruises of stored items: references, training with labels, and messages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RNG = np.random.default_rng(8)
 
 
 def pixels(*, soft: tuple[int, int] | None = None, spread: float = 2.0) -> np.ndarray:
-    """Return changes of a sound side, or of one with a pixel that carries little."""
+    """Return the changes of a sound side, or of a side with a pixel of low load."""
     change = -50.0 + spread * RNG.standard_normal((4, 2))
     if soft is not None:
         change[soft] = -15.0
@@ -66,7 +66,7 @@ def label(store: Store, item: str, text: str, *, at: datetime = MONDAY) -> None:
 
 
 def labelled() -> Store:
-    """Return a store with twelve sound and twelve bruised apples, felt on Monday."""
+    """Return a store with twelve sound and twelve bruised apples, grasped on Monday."""
     made = Store.open("sqlite://")
     for number in range(12):
         for text, soft in ((SOUND, None), (BRUISED, (int(number % 4), int(number % 2)))):
@@ -80,13 +80,13 @@ def labelled() -> Store:
 
 @pytest.fixture
 def store() -> Store:
-    """Return such a store."""
+    """Return a store with labelled apples."""
     return labelled()
 
 
 @pytest.fixture(scope="module")
 def model() -> BruiseModel:
-    """Return what the labels of such a store teach."""
+    """Return the model learned from the labelled apples."""
     return learn_bruise_model(labelled(), kind="apple")
 
 
@@ -131,8 +131,8 @@ def test_examine_item_repeated_grasp_leaves_probability_unchanged(
 def test_examine_item_low_prior_lowers_the_odds(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
-    half, seldom = judge(store, model), judge(store, model, bruised_fraction=0.01)
-    odds = [one.probability / (1 - one.probability) for one in (half, seldom)]
+    common, rare = judge(store, model), judge(store, model, bruised_fraction=0.01)
+    odds = [one.probability / (1 - one.probability) for one in (common, rare)]
     assert odds[0] / odds[1] == pytest.approx(99.0)
 
 
@@ -198,10 +198,10 @@ def test_group_visits_splits_at_long_pauses() -> None:
 
 
 def test_usable_grasps_excludes_slips_and_missing_pixels() -> None:
-    whole = grasp("A17", pixels())
-    slipped = replaced(whole, outcome=Outcome.SLIPPED)
-    blind = replaced(whole, pixel_settled_percent=None)
-    assert usable_grasps([slipped, whole, blind]) == (whole,)
+    complete = grasp("A17", pixels())
+    slipped = replaced(complete, outcome=Outcome.SLIPPED)
+    without_pixels = replaced(complete, pixel_settled_percent=None)
+    assert usable_grasps([slipped, complete, without_pixels]) == (complete,)
 
 
 def test_learn_bruise_model_too_few_labels_raises(store: Store) -> None:

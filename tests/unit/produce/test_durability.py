@@ -1,4 +1,4 @@
-"""Acknowledged records survive a power cut, a second writer and a dead server."""
+"""Durability of acknowledged records: power failure, second writer, frozen server."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from palpate.produce.store.engine import make_engine, store_url
 
 @pytest.fixture
 def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
-    """Return a list that records each file sync: inode, and size then."""
+    """Return a list of all file syncs: inode and size at the sync."""
     calls: list[tuple[int, int]] = []
-    really = os.fsync
+    original_fsync = os.fsync
 
     def fsync(descriptor: int) -> None:
         found = os.fstat(descriptor)
         calls.append((found.st_ino, found.st_size))
-        really(descriptor)
+        original_fsync(descriptor)
 
     monkeypatch.setattr(os, "fsync", fsync)
     return calls
@@ -38,7 +38,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
 def test_atomic_path_syncs_file_and_folder(tmp_path: Path, synced: list[tuple[int, int]]) -> None:
     final = tmp_path / "pad.json"
     with atomic_path(final) as partial:
-        partial.write_text("whole")
+        partial.write_text("12345")
         inode = partial.stat().st_ino
     assert synced == [(inode, 5), (tmp_path.stat().st_ino, tmp_path.stat().st_size)]
 
@@ -79,11 +79,11 @@ def test_sqlite_writer_locks_at_begin_and_reader_does_not_lock(tmp_path: Path) -
 
 def test_sqlite_commit_uses_full_synchronisation(tmp_path: Path) -> None:
     with transaction(tmp_path / "items.sqlite", writes=False) as connection:
-        asked = {
+        pragmas = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
             for name in ("synchronous", "journal_mode", "foreign_keys")
         }
-    assert asked == {"synchronous": 2, "journal_mode": "wal", "foreign_keys": 1}
+    assert pragmas == {"synchronous": 2, "journal_mode": "wal", "foreign_keys": 1}
 
 
 @pytest.mark.slow

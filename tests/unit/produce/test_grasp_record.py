@@ -1,4 +1,4 @@
-"""The width of the hand at the answer, as it is stored with a grasp."""
+"""Stored width of the gripper at the answer of a grasp."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def answered() -> tuple[GraspResult, list[Observation]]:
+def completed() -> tuple[GraspResult, list[Observation]]:
+    """Return the result and the observations of a completed grasp."""
     calibration = calibrate_twin(seed=5, level="lab", apart_from="ball-44lbs")
     world = World(
         draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="lab"
@@ -41,19 +42,20 @@ def answered() -> tuple[GraspResult, list[Observation]]:
 
 
 def test_hold_measurements_completed_grasp_contains_width(
-    answered: tuple[GraspResult, list[Observation]],
+    completed: tuple[GraspResult, list[Observation]],
 ) -> None:
-    result, seen = answered
+    result, seen = completed
     width = hold_measurements(seen, result=result, drive="width")["width_mm"]
     assert 40.0 < width.low <= width.value <= width.high < 49.0
 
 
 def test_hold_measurements_without_answer_or_width_is_empty(
-    answered: tuple[GraspResult, list[Observation]],
+    completed: tuple[GraspResult, list[Observation]],
 ) -> None:
-    result, seen = answered
-    lost = replace(result, moments=())
-    assert hold_measurements(seen, result=lost, drive="width") == {}
+    result, seen = completed
+    unanswered = replace(result, moments=())
+    assert hold_measurements(seen, result=unanswered, drive="width") == {}
     assert hold_measurements((), result=result, drive="width") == {}
-    blind = [replace(one, gripper=GripperState(time_s=0.0, pressure_kpa=5.0)) for one in seen]
-    assert hold_measurements(blind, result=result, drive="width") == {}
+    state = GripperState(time_s=0.0, pressure_kpa=5.0)
+    without_width = [replace(one, gripper=state) for one in seen]
+    assert hold_measurements(without_width, result=result, drive="width") == {}

@@ -1,4 +1,4 @@
-"""The kind of an item: probabilities, and items that are none of the labelled kinds."""
+"""Identification of items: probabilities of kinds, and unknown items."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def labelled(rng: np.random.Generator, *, items: int = 20) -> list[tuple[str, li
 def table(
     rng: np.random.Generator, kinds: Sequence[str] = ("small", "hard"), *, items: int = 20
 ) -> tuple[list[FloatArray], list[str], list[str]]:
-    """Two rows of each item, its label and its name."""
+    """Return rows, labels and item names, with two rows per item."""
     found = [(kind, k, row) for kind in kinds for k in range(items) for row in grasps(rng, kind)]
     return (
         [row for *_, row in found],
@@ -117,7 +117,8 @@ def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, m
 
 @pytest.mark.slow
 def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) -> None:
-    # Labels that only the item's name explains: rows of one item are twins, items are noise.
+    # Items are random points, and rows of an item are nearly equal: only a split within an item
+    # makes the labels predictable.
     names = [str(number) for number in range(40)]
     rows = [point + 1e-6 * k for point in rng.standard_normal((40, 2)) for k in range(2)]
     labels = [("a", "b")[number % 2] for number in range(40) for _ in range(2)]

@@ -1,4 +1,4 @@
-"""Agreement with a reference: estimated figures against the ones that were put in."""
+"""Agreement with a reference: estimated figures compared with simulated ones."""
 
 from __future__ import annotations
 

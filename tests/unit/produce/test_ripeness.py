@@ -1,4 +1,4 @@
-"""Ripeness: firmness of grasps, drift, courses, stages and the text for an item."""
+"""Ripeness: firmness of grasps, courses, stages and verdicts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
 
 FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-#: Course of the made-up items: stiffness falls from 6 to 1 N/mm; boundaries in N/mm.
+#: Course of the simulated items: stiffness falls from 6 to 1 N/mm; boundaries in N/mm.
 HARD, SOFT, BOUNDS = math.log(6.0), math.log(1.0), (4.5, 2.5, 1.5)
 
 
@@ -41,7 +41,7 @@ def grasp(
     force_n: float = 5.0,
     width_mm: float = 60.0,
 ) -> Grasp:
-    def felt(value: float, unit: str) -> Measurement:
+    def measured(value: float, unit: str) -> Measurement:
         return Measurement(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
 
     return make_grasp(
@@ -50,9 +50,9 @@ def grasp(
         rig="bench.toml",
         origin="hardware",
         measurements={
-            "firmness": firmness_index(felt(stiffness, "n_per_mm")),
-            "force_n": felt(force_n, "n"),
-            "width_mm": felt(width_mm, "mm"),
+            "firmness": firmness_index(measured(stiffness, "n_per_mm")),
+            "force_n": measured(force_n, "n"),
+            "width_mm": measured(width_mm, "mm"),
         },
     )
 
@@ -76,7 +76,7 @@ def stage(value: float) -> str:
     return STAGES[sum(value < math.log(bound) for bound in BOUNDS)]
 
 
-def made_up(
+def simulate_items(
     count: int, *, seed: int, noise: float = 0.05, days: int = 6
 ) -> tuple[list[float], list[list[DayFirmness]]]:
     rng = np.random.default_rng(seed)
@@ -98,28 +98,26 @@ def made_up(
 
 @pytest.fixture(scope="module")
 def rule() -> RipenessRule:
-    halfway, items = made_up(8, seed=1)
+    halfway, items = simulate_items(8, seed=1)
     labels = [[stage(firmness(half, d)) for d in range(6)] for half in halfway]
     return RipenessRule.learn(items, labels=labels, stages=STAGES)
 
 
 def test_firmness_of_round_body_is_independent_of_force() -> None:
-    # Hertz: pressed eight times as hard, the same fruit is twice as stiff.
+    # Hertz: with eight times the force, the same fruit is twice as stiff.
     soft, pressed = grasp("a", 2.0, force_n=5.0), grasp("a", 4.0, force_n=40.0)
     assert firmness_of(soft) == pytest.approx(firmness_of(pressed))
 
 
 def test_firmness_of_soft_fingers_falls_with_shared_pixels() -> None:
     hard, soft = soft_grasp([-60, -60, -1, -1]), soft_grasp([-40, -40, -30, -30])
-    felt_hard, felt_soft = firmness_of(hard), firmness_of(soft)
-    assert felt_soft < felt_hard
-    alike = soft_grasp([-50, -50, -50, -50])
-    assert firmness_of(alike) == pytest.approx(-math.log(4))
-    # Freed of size and force, where the closing told the width.
-    freed = Measurement(value=3.2, low=3.0, high=4.0, unit="pixels")
-    assert firmness_of(replace(alike, measurements={"shared_pixels": freed})) == pytest.approx(
-        -math.log(3.2)
-    )
+    assert firmness_of(soft) < firmness_of(hard)
+    uniform = soft_grasp([-50, -50, -50, -50])
+    assert firmness_of(uniform) == pytest.approx(-math.log(4))
+    # A pixel count corrected for size and force replaces the raw count.
+    corrected = Measurement(value=3.2, low=3.0, high=4.0, unit="pixels")
+    with_count = replace(uniform, measurements={"shared_pixels": corrected})
+    assert firmness_of(with_count) == pytest.approx(-math.log(3.2))
 
 
 def test_firmness_of_unloaded_or_slipped_grasp_is_none() -> None:
@@ -148,17 +146,17 @@ def test_find_boundary_recovers_the_labelled_boundaries(rule: RipenessRule) -> N
 
 
 def test_judge_new_items_has_correct_stages_and_coverage(rule: RipenessRule) -> None:
-    halfway, items = made_up(25, seed=2)
+    halfway, items = simulate_items(25, seed=2)
     ripe = math.log(BOUNDS[1])
     exact, covered = [], []
     for half, days in zip(halfway, items, strict=True):
         crossing = half + 0.8 * math.log((HARD - SOFT) / (ripe - SOFT) - 1.0)
         for count in range(1, 7):
-            said = rule.judge(days[:count])
-            exact.append(said.stage == stage(firmness(half, count - 1)))
+            judged = rule.judge(days[:count])
+            exact.append(judged.stage == stage(firmness(half, count - 1)))
             wait = crossing - (count - 1)
             if wait > 0:
-                covered.append(said.days_to_ripe.low <= wait <= said.days_to_ripe.high)
+                covered.append(judged.days_to_ripe.low <= wait <= judged.days_to_ripe.high)
     assert np.mean(exact) > 0.88
     assert np.mean(covered) > 0.8
 
@@ -169,9 +167,9 @@ def test_judge_more_days_narrow_the_interval(rule: RipenessRule) -> None:
         for d in range(4)
     ]
     widths = [
-        said.high - said.low
+        judged.high - judged.low
         for count in (1, 4)
-        if (said := rule.judge(days[:count]).days_to_ripe) is not None
+        if (judged := rule.judge(days[:count]).days_to_ripe) is not None
     ]
     assert widths[1] < 0.7 * widths[0]
 
@@ -181,19 +179,19 @@ def test_judge_single_outlier_does_not_change_the_stage(rule: RipenessRule) -> N
         DayFirmness(day=float(d), firmness=firmness(2.0, d), grasps=2, spread=0.05)
         for d in range(5)
     ]
-    wild = [
+    with_outlier = [
         *days[:2],
         DayFirmness(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan),
         *days[3:],
     ]
-    assert rule.judge(wild).stage == rule.judge(days).stage
+    assert rule.judge(with_outlier).stage == rule.judge(days).stage
 
 
 def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
-    felt = math.log(BOUNDS[1]) + 0.12
+    value = math.log(BOUNDS[1]) + 0.12
     few, many = (
-        scattered.judge([DayFirmness(day=3.0, firmness=felt, grasps=grasps, spread=0.25)])
+        scattered.judge([DayFirmness(day=3.0, firmness=value, grasps=grasps, spread=0.25)])
         for grasps in (2, 30)
     )
     assert (few.stage, many.stage) == ("conditioned", "conditioned")
@@ -203,16 +201,16 @@ def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> 
 
 def test_judge_large_scatter_of_a_day_lowers_the_probability(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.1))
-    felt = math.log(BOUNDS[1]) + 0.12
-    calm, wild = (
-        scattered.judge([DayFirmness(day=3.0, firmness=felt, grasps=6, spread=spread)])
+    value = math.log(BOUNDS[1]) + 0.12
+    calm, scattered_day = (
+        scattered.judge([DayFirmness(day=3.0, firmness=value, grasps=6, spread=spread)])
         for spread in (0.05, 0.9)
     )
-    assert wild.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
+    assert scattered_day.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
 
 
 def test_course_learn_items_with_too_few_days_raises() -> None:
-    still = [
+    constant = [
         [
             DayFirmness(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1)
             for d in (0, 1)
@@ -220,7 +218,7 @@ def test_course_learn_items_with_too_few_days_raises() -> None:
         for _ in range(5)
     ]
     with pytest.raises(InputError, match="0 items were grasped on 3 days or more, 4 are needed"):
-        Course.learn(still)
+        Course.learn(constant)
 
 
 def test_learn_stages_missing_or_unknown_label_raises() -> None:
@@ -231,10 +229,10 @@ def test_learn_stages_missing_or_unknown_label_raises() -> None:
 
 
 def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
-    felt = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
+    firmnesses = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
     stages = ("green", "turning", "ready")
-    learner = learn_stages(felt, labels, items="abcdef", stages=stages)
+    learner = learn_stages(firmnesses, labels, items="abcdef", stages=stages)
     found = replace(rule, stages=stages, learner=learner)
     assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="'green' is not reached by softening"):
@@ -245,8 +243,8 @@ def test_judge_by_first_day_uses_softening_since_then() -> None:
     days = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     assert judge_by_first_day(days).stage == "hard"
     later = [*days, DayFirmness(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
-    said = judge_by_first_day(later)
-    assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
+    judged = judge_by_first_day(later)
+    assert (judged.stage, judged.days_to_ripe, judged.basis) == ("ripe", None, "first day")
 
 
 def test_group_by_day_averages_over_softness() -> None:
@@ -256,14 +254,14 @@ def test_group_by_day_averages_over_softness() -> None:
 
 @pytest.fixture
 def store() -> Store:
-    kept = Store.open("sqlite://")
-    halfway, items = made_up(6, seed=4)
+    stored = Store.open("sqlite://")
+    halfway, items = simulate_items(6, seed=4)
     for number, (half, days) in enumerate(zip(halfway, items, strict=True)):
-        item_id = f"taught-{number}"
-        kept.add_item(Item(item_id=item_id, kind="avocado"))
+        item_id = f"labelled-{number}"
+        stored.add_item(Item(item_id=item_id, kind="avocado"))
         for day in days:
-            kept.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
-            kept.add_verdict(
+            stored.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
+            stored.add_verdict(
                 Verdict(
                     item_id=item_id,
                     about=About.RIPENESS,
@@ -272,30 +270,30 @@ def store() -> Store:
                     source=Source.PERSON,
                 )
             )
-    kept.add_item(Item(item_id="A17", kind="avocado"))
+    stored.add_item(Item(item_id="A17", kind="avocado"))
     for number in range(3):
-        kept.add_grasp(grasp("A17", math.exp(firmness(1.0, number)), day=number))
-    return kept
+        stored.add_grasp(grasp("A17", math.exp(firmness(1.0, number)), day=number))
+    return stored
 
 
 @pytest.mark.slow
 def test_ripeness_rule_from_store_gives_a_stored_verdict(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
-    said = judge_ripeness(history, rule=learned, ripe="ripe")
-    assert said.stage == stage(firmness(1.0, 2.0))
-    verdict = make_ripeness_verdict(said, history)
+    judged = judge_ripeness(history, rule=learned, ripe="ripe")
+    assert judged.stage == stage(firmness(1.0, 2.0))
+    verdict = make_ripeness_verdict(judged, history)
     assert store.add_verdict(verdict)
-    assert not store.add_verdict(make_ripeness_verdict(said, history))
-    kept = store.verdicts_of("A17", about=About.RIPENESS)[0]
-    assert (kept.text, kept.source) == (said.stage, Source.PALPATE)
-    assert kept.explanation.startswith("grasped 3 times on 3 days")
-    assert kept.details["basis"] == "labels"
+    assert not store.add_verdict(make_ripeness_verdict(judged, history))
+    stored = store.verdicts_of("A17", about=About.RIPENESS)[0]
+    assert (stored.text, stored.source) == (judged.stage, Source.PALPATE)
+    assert stored.explanation.startswith("grasped 3 times on 3 days")
+    assert stored.details["basis"] == "labels"
 
 
 def test_ripeness_without_labels_or_firmness_raises(store: Store) -> None:
     with pytest.raises(InputError, match="no mango grasped with a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
-    nothing = firmness_history((), item_id="A18", drive="width")
+    empty = firmness_history((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):
-        judge_ripeness(nothing, rule=None, ripe="ripe")
+        judge_ripeness(empty, rule=None, ripe="ripe")

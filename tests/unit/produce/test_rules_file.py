@@ -1,4 +1,4 @@
-"""Rules files: what they mean, and one clear line for every mistake."""
+"""Rules files: reading, and a one-line error for each mistake."""
 
 from __future__ import annotations
 

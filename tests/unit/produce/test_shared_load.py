@@ -1,4 +1,4 @@
-"""Soft fingers: width of an item, and pixels that share its load."""
+"""Soft fingers: width of an item at contact, and number of loaded pixels."""
 
 from __future__ import annotations
 
@@ -42,45 +42,45 @@ SIZES_MM = (58.0, 68.0)
 
 
 @dataclass(frozen=True)
-class Felt:
+class SensedGrasp:
     plan: Plan
     result: GraspResult
     seen: list[Observation]
-    beliefs: list[GraspState]
+    states: list[GraspState]
     measured: dict[str, Measurement]
 
     @property
-    def read(self) -> float:
+    def minus_log_pixels(self) -> float:
         pixels = answer_pixel_percent(self.seen, result=self.result, layout=self.plan.layout)
         found = minus_log_sharing(np.array(pixels, dtype=float))
         assert found is not None
         return found
 
-    def freed(self, **other: Measurement) -> dict[str, Measurement]:
+    def corrected(self, **other: Measurement) -> dict[str, Measurement]:
         measured = self.measured | other
         return fraction_of_pixels(
             self.seen, result=self.result, layout=self.plan.layout, measured=measured
         )
 
 
-def grasped(world: World, plan: Plan) -> Felt:
-    seen, beliefs, watch = list[Observation](), list[GraspState](), ClosingWatch(plan)
+def run_sensed_grasp(world: World, plan: Plan) -> SensedGrasp:
+    seen, states, watch = list[Observation](), list[GraspState](), ClosingWatch(plan)
     result = run_grasp(
         plan,
         array=TwinArray(world),
         gripper=TwinGripper(world),
         clock=world.clock,
         subscribers=[seen.append],
-        watchers=[watch.add_state, beliefs.append],
+        watchers=[watch.add_state, states.append],
     )
     assert result.force_n is not None
     measured = {"force_n": result.force_n} | watch.list_measurements()
-    return Felt(plan=plan, result=result, seen=seen, beliefs=beliefs, measured=measured)
+    return SensedGrasp(plan=plan, result=result, seen=seen, states=states, measured=measured)
 
 
 @cache
-def on_sensor(seed: int) -> dict[float, Felt]:
-    """Return one grasp of a small and a large fruit, otherwise alike."""
+def on_sensor(seed: int) -> dict[float, SensedGrasp]:
+    """Return a grasp of a small and of a large fruit with equal properties, by size."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="avocado", kind="soft")
     fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}
@@ -96,19 +96,19 @@ def on_sensor(seed: int) -> dict[float, Felt]:
             hold_s=0.0,
         )
         plan = replace(plan, force_step_n=1.2)
-        found[size_mm] = grasped(world, plan)
+        found[size_mm] = run_sensed_grasp(world, plan)
     return found
 
 
 @pytest.fixture(scope="module")
-def by_size() -> dict[float, Felt]:
+def by_size() -> dict[float, SensedGrasp]:
     return on_sensor(6)
 
 
 def test_contact_width_interval_covers_the_true_width() -> None:
     covered = list[bool]()
     for seed in (6, 7, 8):
-        widths = {size: felt.measured["contact_mm"] for size, felt in on_sensor(seed).items()}
+        widths = {size: sensed.measured["contact_mm"] for size, sensed in on_sensor(seed).items()}
         for size_mm, width in widths.items():
             assert width.low < width.value < width.high
             covered.append(width.low <= size_mm <= width.high)
@@ -118,36 +118,43 @@ def test_contact_width_interval_covers_the_true_width() -> None:
     assert sum(covered) >= 5
 
 
-def test_shared_pixels_correction_reduces_the_effect_of_size(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_correction_reduces_the_effect_of_size(
+    by_size: dict[float, SensedGrasp],
+) -> None:
     small, large = (by_size[size] for size in SIZES_MM)
-    read = small.read - large.read
-    freed = [felt.freed()["shared_pixels"] for felt in (small, large)]
+    read = small.minus_log_pixels - large.minus_log_pixels
+    corrected = [sensed.corrected()["shared_pixels"] for sensed in (small, large)]
     assert read > 0.05
-    assert abs(math.log(freed[1].value / freed[0].value)) < 0.6 * read
-    assert all(one.low <= one.value <= one.high for one in freed)
+    assert abs(math.log(corrected[1].value / corrected[0].value)) < 0.6 * read
+    assert all(one.low <= one.value <= one.high for one in corrected)
 
 
 def test_shared_pixels_correction_exponent_of_force_is_at_most_a_third(
-    by_size: dict[float, Felt],
+    by_size: dict[float, SensedGrasp],
 ) -> None:
-    felt = by_size[SIZES_MM[0]]
-    force = felt.measured["force_n"]
-    harder = felt.freed(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
-    # What was pressed by half as much again is harder by as much of that as the grasp showed.
-    power = math.log(felt.freed()["shared_pixels"].value / harder.value) / math.log(1.5)
-    assert 0.05 < power <= 1.0 / 3.0 + 1e-9
+    sensed = by_size[SIZES_MM[0]]
+    force = sensed.measured["force_n"]
+    harder = sensed.corrected(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
+    # With 1.5 times the force, the corrected count falls with the exponent measured in the grasp.
+    exponent = math.log(sensed.corrected()["shared_pixels"].value / harder.value) / math.log(1.5)
+    assert 0.05 < exponent <= 1.0 / 3.0 + 1e-9
 
 
-def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, Felt]) -> None:
-    felt = by_size[SIZES_MM[0]]
-    layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
-    assert fraction_of_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
-    lost = replace(felt.result, moments=())
-    assert fraction_of_pixels(felt.seen, result=lost, layout=layout, measured=felt.measured) == {}
-    held = felt.beliefs[-1]
-    assert contact_width(held, plan=replace(felt.plan, bend=None)) is None
+def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, SensedGrasp]) -> None:
+    sensed = by_size[SIZES_MM[0]]
+    layout, force = sensed.plan.layout, {"force_n": sensed.measured["force_n"]}
     assert (
-        contact_width(replace(held, estimate=replace(held.estimate, steps=())), plan=felt.plan)
+        fraction_of_pixels(sensed.seen, result=sensed.result, layout=layout, measured=force) == {}
+    )
+    unanswered = replace(sensed.result, moments=())
+    assert (
+        fraction_of_pixels(sensed.seen, result=unanswered, layout=layout, measured=sensed.measured)
+        == {}
+    )
+    held = sensed.states[-1]
+    assert contact_width(held, plan=replace(sensed.plan, bend=None)) is None
+    assert (
+        contact_width(replace(held, estimate=replace(held.estimate, steps=())), plan=sensed.plan)
         is None
     )
 
@@ -156,8 +163,8 @@ def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, Fel
 def test_width_at_contact_is_independent_of_the_first_step(first: int) -> None:
     force_n = np.array([0.3, 0.8, 2.0, 4.0])
     pressure_kpa = 10.0 + BEND.compliance.deflection_mm(force_n) / BEND.mm_per_kpa
-    said = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
-    assert said == pytest.approx(60.0)
+    width_mm = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
+    assert width_mm == pytest.approx(60.0)
 
 
 def test_width_at_contact_ignores_residual_before_contact() -> None:
@@ -168,21 +175,23 @@ def test_width_at_contact_ignores_residual_before_contact() -> None:
     assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
 
 
-def test_shared_pixels_without_half_load_are_not_corrected(by_size: dict[float, Felt]) -> None:
-    """The last grasp's residual fades: all pixels but one read less than at first."""
-    felt = by_size[SIZES_MM[0]]
-    last = max(one.time_s for one in felt.result.moments if one.name == "answer")
-    rest = np.asarray(felt.seen[0].frame.counts)
-    moved = next(o.frame.counts for o in reversed(felt.seen) if o.frame.time_s <= last) - rest
-    forgetting = np.full(rest.shape, -0.1)
-    forgetting.flat[np.argmax(np.abs(moved))] = 0.05
-    light = tuple(rest + forgetting * moved for _ in felt.seen)
+def test_shared_pixels_without_half_load_are_not_corrected(
+    by_size: dict[float, SensedGrasp],
+) -> None:
+    """Residual of the previous grasp recovers: all pixels except one fall below their rest."""
+    sensed = by_size[SIZES_MM[0]]
+    last = max(one.time_s for one in sensed.result.moments if one.name == "answer")
+    rest = np.asarray(sensed.seen[0].frame.counts)
+    moved = next(o.frame.counts for o in reversed(sensed.seen) if o.frame.time_s <= last) - rest
+    recovery = np.full(rest.shape, -0.1)
+    recovery.flat[np.argmax(np.abs(moved))] = 0.05
+    light = tuple(rest + recovery * moved for _ in sensed.seen)
     until_s = last - 1.0
     seen = [
         replace(one, frame=replace(one.frame, counts=counts))
-        if one.frame.time_s - felt.seen[0].frame.time_s > MEAN_S and one.frame.time_s < until_s
+        if one.frame.time_s - sensed.seen[0].frame.time_s > MEAN_S and one.frame.time_s < until_s
         else one
-        for one, counts in zip(felt.seen, light, strict=True)
+        for one, counts in zip(sensed.seen, light, strict=True)
     ]
-    freed = replace(felt, seen=seen).freed()["shared_pixels"]
-    assert freed.value == pytest.approx(math.exp(-felt.read))
+    corrected = replace(sensed, seen=seen).corrected()["shared_pixels"]
+    assert corrected.value == pytest.approx(math.exp(-sensed.minus_log_pixels))

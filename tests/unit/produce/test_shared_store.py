@@ -1,4 +1,4 @@
-"""Local records reach the shared store once, in order, during and after its absence."""
+"""Delivery of local records to the shared store: once, in order, after interruptions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OpenStore = Callable[[str], AbstractContextManager[Store]]
 
 @contextmanager
 def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator[Store]:
-    """Yield the store of one station: own state folder, shared server."""
+    """Yield the store of a station with its own state folder and the shared server."""
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     with Store.open(url) as store:
         yield store
@@ -39,7 +39,7 @@ def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator
 
 @pytest.fixture
 def open_store(postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OpenStore:
-    """Opens the store of the station of a name."""
+    """Return a function that opens the store of a named station."""
     return lambda name: station(monkeypatch, tmp_path / name, postgresql_url)
 
 
@@ -107,7 +107,7 @@ def test_send_repeated_records_are_stored_once(open_store: OpenStore) -> None:
         with sqlite3.connect(path) as connection:
             rows = connection.execute("SELECT * FROM outbox").fetchall()
         assert store.send() == 450
-        # As if the acknowledgement had been lost.
+        # Restore the rows, as after a lost acknowledgement.
         with connection:
             connection.executemany("INSERT INTO outbox VALUES (?, ?, ?, ?)", rows)
         connection.close()

@@ -1,4 +1,4 @@
-"""One item in a simulated hand: measured by the controller, near it the second time."""
+"""Timed grasps of an item with a simulated hand."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from palpate.twin.crate import CrateTable, draw_crate
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
-class Watched:
-    """A gripper that remembers how it was told to move."""
+class RecordingGripper:
+    """A gripper that records its commands."""
 
     def __init__(self, table: CrateTable) -> None:
         self._inner, self.sent = table.gripper, list[GripperCommand]()
@@ -93,23 +93,23 @@ def test_sorting_hand_measures_item_and_accepts_expected_size(
 def test_sorting_hand_fast_approach_ends_before_a_thicker_side(
     table: CrateTable, hand: SortingHand
 ) -> None:
-    watched = Watched(table)
+    with_size = RecordingGripper(table)
     table.place(draw_crate(["kiwi"], seed=6)[0])
     size = Measurement(value=40.0, low=39.5, high=40.5, unit="mm")
-    replace(hand, gripper=watched).grasp("kiwi-1", expected=size)
-    unknown = Watched(table)
-    replace(hand, gripper=unknown).grasp("kiwi-1")
-    slow = unknown.sent[1].rate
-    # It comes near faster than where nothing is known, but only as far as it is clear of the item.
-    swift = list(takewhile(lambda command: command.rate > 1.3 * slow, watched.sent))
-    assert len(swift) > 3
-    assert all(command.target >= 40.5 * 1.15 + 4 for command in swift)
+    replace(hand, gripper=with_size).grasp("kiwi-1", expected=size)
+    without_size = RecordingGripper(table)
+    replace(hand, gripper=without_size).grasp("kiwi-1")
+    slow_rate = without_size.sent[1].rate
+    # With a known size the approach is faster, but only outside the clearance.
+    fast = list(takewhile(lambda command: command.rate > 1.3 * slow_rate, with_size.sent))
+    assert len(fast) > 3
+    assert all(command.target >= 40.5 * 1.15 + 4 for command in fast)
 
 
 def test_sorting_hand_waits_until_the_sheet_is_stable(hand: SortingHand) -> None:
-    # A sheet of the field level whose creep is slow.
+    # A sheet of level field with slow creep.
     slow = CrateTable(sensor=111, seed=3, level="field")
-    there = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)
+    slow_hand = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)
     ball = draw_crate(["foam-ball"], seed=9)[0]
     slow.place(ball)
     slow.gripper.command(GripperCommand(target=ball.mean.size_mm - 12, rate=20.0))
@@ -118,9 +118,9 @@ def test_sorting_hand_waits_until_the_sheet_is_stable(hand: SortingHand) -> None
     slow.array.skip_until(slow.clock.now_s() + 2)
     waited_s = []
     for _ in range(2):
-        began_s = slow.clock.now_s()
-        there._wait_until_stable()
-        waited_s.append(slow.clock.now_s() - began_s)
+        start_s = slow.clock.now_s()
+        slow_hand._wait_until_stable()
+        waited_s.append(slow.clock.now_s() - start_s)
         slow.array.skip_until(slow.clock.now_s() + 60)
     assert 4 < waited_s[0] < 23
     assert waited_s[1] == pytest.approx(2.0, abs=0.3)

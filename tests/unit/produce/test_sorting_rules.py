@@ -1,4 +1,4 @@
-"""From an item's known facts to its bin, from first to last grasp."""
+"""Sorting rules: decision from the evidence, repeated grasps and score."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from palpate.produce.sorting.score import Placed, find_true_bin, score_sorting
 KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
 LIME = Rule(bin="lime", conditions=(OneOf("class", frozenset({"lime"})),), line=6)
-STRANGERS = Rule(bin="strangers", conditions=(OneOf("class", frozenset({UNKNOWN})),), line=9)
-BOOK = RuleBook(rules=(KIWI, LIME, STRANGERS), default_bin="by hand")
+UNKNOWN_RULE = Rule(bin="strangers", conditions=(OneOf("class", frozenset({UNKNOWN})),), line=9)
+BOOK = RuleBook(rules=(KIWI, LIME, UNKNOWN_RULE), default_bin="by hand")
 
 
-def looks(kiwi: float, lime: float, *, rejected: bool = False) -> Identity:
+def identity_of(kiwi: float, lime: float, *, rejected: bool = False) -> Identity:
     probability = {"kiwi": kiwi, "lime": lime, UNKNOWN: 1 - kiwi - lime}
     best = UNKNOWN if rejected else ("kiwi" if kiwi > lime else "lime")
     usual = 0.01 if rejected else 0.5
@@ -39,60 +39,61 @@ def mm(value: float, half: float = 0.5) -> Measurement:
 
 
 def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) -> TimedGrasp:
-    felt = Measurement(value=stiffness, low=0.8 * stiffness, high=1.25 * stiffness, unit="n_per_mm")
+    low, high = 0.8 * stiffness, 1.25 * stiffness
+    measured = Measurement(value=stiffness, low=low, high=high, unit="n_per_mm")
     one = make_grasp(
         "A1",
         rig="test",
         outcome=outcome,
-        measurements={"size_mm": mm(size_mm), "stiffness_n_per_mm": felt},
+        measurements={"size_mm": mm(size_mm), "stiffness_n_per_mm": measured},
         calibration_id="monday",
     )
     return TimedGrasp(grasp=one, lasted_s=10.0)
 
 
 def test_decide_first_confident_rule_applies_with_reason() -> None:
-    found = decide(BOOK, Evidence(identity=looks(0.95, 0.04), grasps=1))
+    found = decide(BOOK, Evidence(identity=identity_of(0.95, 0.04), grasps=1))
     assert (found.bin, found.needs_regrasp, found.rule) == ("kiwi", False, KIWI)
     assert found.why == "kiwi: kiwi 95 %; rule in line 3 met with 95 %; 1 grasp"
 
 
 def test_decide_ambiguous_kind_requests_grasps_up_to_the_limit() -> None:
-    torn = looks(0.55, 0.40)
-    assert decide(BOOK, Evidence(identity=torn, grasps=1)).needs_regrasp
-    last = decide(BOOK, Evidence(identity=torn, grasps=3))
+    ambiguous = identity_of(0.55, 0.40)
+    assert decide(BOOK, Evidence(identity=ambiguous, grasps=1)).needs_regrasp
+    last = decide(BOOK, Evidence(identity=ambiguous, grasps=3))
     assert (last.bin, last.needs_regrasp, last.probability) == ("by hand", False, None)
     assert "kiwi 55 % or lime 40 %" in last.why
     assert "closest rule in line 3 (kiwi): 55 %, 80 % required" in last.why
 
 
 def test_decide_unknown_item_is_grasped_twice() -> None:
-    strange = looks(0.2, 0.1, rejected=True)
-    assert decide(BOOK, Evidence(identity=strange, grasps=1)).needs_regrasp
-    found = decide(BOOK, Evidence(identity=strange, grasps=2))
+    unknown = identity_of(0.2, 0.1, rejected=True)
+    assert decide(BOOK, Evidence(identity=unknown, grasps=1)).needs_regrasp
+    found = decide(BOOK, Evidence(identity=unknown, grasps=2))
     assert (found.bin, found.needs_regrasp) == ("strangers", False)
 
 
 def test_decide_high_background_probability_is_not_a_rejection() -> None:
-    found = decide(BOOK, Evidence(identity=looks(0.05, 0.05), grasps=3))
+    found = decide(BOOK, Evidence(identity=identity_of(0.05, 0.05), grasps=3))
     assert found.bin == "by hand"
 
 
 def test_decide_undecided_earlier_rule_requests_a_grasp() -> None:
     small = Rule(bin="small", conditions=(KIWIS, Within("size_mm", 0, 50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
-    on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
-    assert decide(book, on_the_edge).needs_regrasp
-    at_last = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=3)
-    assert decide(book, at_last).bin == "kiwi"
+    at_limit = Evidence(identity=identity_of(0.97, 0.02), size_mm=mm(50), grasps=1)
+    assert decide(book, at_limit).needs_regrasp
+    after_last_grasp = Evidence(identity=identity_of(0.97, 0.02), size_mm=mm(50), grasps=3)
+    assert decide(book, after_last_grasp).bin == "kiwi"
 
 
 def test_decide_missing_verdict_is_named_without_a_further_grasp() -> None:
     ripe = Rule(bin="ripe", conditions=(KIWIS, RIPE), line=2)
     book = RuleBook(rules=(ripe,), default_bin="by hand")
-    found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
+    found = decide(book, Evidence(identity=identity_of(0.97, 0.02), grasps=1))
     assert not found.needs_regrasp
     assert "the rule in line 2 requires a ripeness verdict" in found.why
-    known = Evidence(identity=looks(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
+    known = Evidence(identity=identity_of(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
     assert decide(book, known).bin == "ripe"
 
 
@@ -113,7 +114,7 @@ def test_decide_applies_firmness_conditions() -> None:
 
 def test_decide_without_matching_rule_uses_the_default_bin() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
-    found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
+    found = decide(book, Evidence(identity=identity_of(0.98, 0.01), grasps=1))
     assert (found.bin, found.needs_regrasp) == ("by hand", False)
     assert "no rule matches" in found.why
 
@@ -122,7 +123,7 @@ def test_decide_without_matching_rule_lists_all_evidence() -> None:
     soon = Rule(bin="shop", conditions=(RIPE, OneOf("bruised", frozenset({"false"}))), line=4)
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
-    known = Evidence(identity=looks(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)
+    known = Evidence(identity=identity_of(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)
     assert "lime 98 %, hard 97 %, bruised 10 %: no rule matches" in decide(book, known).why
 
 
@@ -141,18 +142,18 @@ def _identifier() -> Identifier:
 
 
 def test_sort_item_grasps_until_a_rule_applies() -> None:
-    coming = [grasp(48.0, 2.3), grasp(51.0, 1.2), grasp(51.0, 1.2)]
-    asked: list[float | None] = []
+    results = [grasp(48.0, 2.3), grasp(51.0, 1.2), grasp(51.0, 1.2)]
+    expected_mm: list[float | None] = []
 
-    def one(turn: int, size: Measurement | None) -> TimedGrasp:
-        asked.append(None if size is None else size.value)
-        return coming[turn]
+    def take(turn: int, size: Measurement | None) -> TimedGrasp:
+        expected_mm.append(None if size is None else size.value)
+        return results[turn]
 
-    done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=one)
+    done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=take)
     assert done.decision.bin == "kiwi"
     assert len(done.grasps) == 2
     assert done.grasping_s == 20.0
-    assert asked == [None, 48.0], "the second grasp knows the size"
+    assert expected_mm == [None, 48.0], "the second grasp uses the measured size"
     assert done.size_mm.value == pytest.approx(49.5)
 
 

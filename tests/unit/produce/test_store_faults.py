@@ -1,4 +1,4 @@
-"""Messages for an unusable store: one line, and a fitting exit status."""
+"""Unusable stores: one-line messages and exit statuses."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SEEN = datetime(2026, 5, 1, tzinfo=UTC)
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def short_lock_timeout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(store_engine, "LOCK_TIMEOUT_S", 0.05)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
@@ -54,7 +54,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def without_root() -> Iterator[Path]:
-    """Drop root's rights, which ignore read-only files; yield a private folder."""
+    """Drop root privileges, which override file permissions; yield a private folder."""
     folder = Path(tempfile.mkdtemp(prefix="palpate-store-"))
     was = os.geteuid()
     if was == 0:
@@ -153,7 +153,7 @@ def test_read_only_store_is_readable_and_refuses_writes(
         with pytest.raises(StoreError, match="read-only; change the permissions of the file"):
             store.add_item(Item(item_id="B2"))
     assert [page.item.item_id for page in ItemStore(str(path)).pages(limit=9)] == ["A17"]
-    # Nothing moves before it is known that the grasp can be stored.
+    # Opening for writing also fails, so no gripper moves without a writable store.
     with pytest.raises(StoreError, match="read-only; change the permissions of the file"):
         open_and_write(path)
 
@@ -177,7 +177,7 @@ def test_open_read_only_with_leftover_wal_file_raises(without_root: Path) -> Non
         store.add_item(Item(item_id="A17", first_seen=SEEN))
         left = helper.read_bytes()
         before = path.read_bytes()
-    # As a program that was killed leaves it.
+    # Restore the state after a killed process.
     path.write_bytes(before)
     helper.write_bytes(left)
     without_root.chmod(0o555)
@@ -194,11 +194,11 @@ def test_open_in_read_only_folder_raises(without_root: Path) -> None:
 def test_write_on_full_disk_raises_and_store_stays_readable(path: Path) -> None:
     engine = make_engine(store_url(path))
 
-    def no_room(connection: Any, record: object) -> None:
+    def limit_pages(connection: Any, record: object) -> None:
         del record
         connection.execute("PRAGMA max_page_count = 1")
 
-    sa.event.listen(engine, "connect", no_room)
+    sa.event.listen(engine, "connect", limit_pages)
     with Store(engine, name="store items.sqlite") as store:
         with pytest.raises(StoreAwayError, match="the disk is full; make room"):
             store.add_calibration("long " * 10_000)
@@ -295,7 +295,7 @@ def test_store_reconnects_after_the_server_closed_the_connection(postgresql_url:
                 "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
                 "WHERE pid <> pg_backend_pid() AND datname = current_database()"
             )
-        # The pool notices, and connects anew.
+        # The pool detects the closed connection and reconnects.
         store.add_item(Item(item_id="A17"))
         assert [item.item_id for item in store.items()] == ["A17"]
         engine.dispose()

@@ -1,4 +1,4 @@
-"""Many processes write at once and are killed anywhere; no acknowledged grasp is lost."""
+"""Concurrent and killed writer processes lose no acknowledged grasp."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def start(url: str, *, processes: int, grasps: int) -> subprocess.Popen[str]:
 
 
 def written(url: str) -> set[str]:
-    """Return every grasp of the store, or of the shared one; each once, complete."""
+    """Return the IDs of all stored grasps; check that each is complete and stored once."""
     with Store.open(url, create=False) as store:
         grasps = list(store.grasps())
         assert store.away is None
@@ -48,9 +48,9 @@ def written(url: str) -> set[str]:
 
 
 def in_order(lines: str, found: list[str]) -> bool:
-    """Return whether acknowledged grasps come in the order of their acknowledgement."""
-    said = [line.split()[1] for line in lines.splitlines() if not line.startswith("steps")]
-    return [one for one in found if one in said] == said
+    """Return whether stored grasps are in the order of their acknowledgement."""
+    acknowledged = [line.split()[1] for line in lines.splitlines() if not line.startswith("steps")]
+    return [one for one in found if one in acknowledged] == acknowledged
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def in_order(lines: str, found: list[str]) -> bool:
 def test_process_killed_before_any_statement_loses_no_acknowledged_grasp(
     url: str, work: str
 ) -> None:
-    """A grasp is stored completely or not, and once in the shared store, in order."""
+    """Check that grasps are stored completely or not at all, once and in order."""
     command = [sys.executable, str(WRITER), "steps", url, work]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     steps = int(done.stdout.splitlines()[-1].split()[1])
@@ -88,7 +88,7 @@ def test_writer_killed_during_write_loses_no_acknowledged_grasp(url: str) -> Non
     said: set[str] = set()
     lines_left: dict[int, int] = {}
     assert writers.stdout is not None
-    # Each has the end of the pipe open until it is killed.
+    # Each process holds the pipe open until it is killed.
     for line in writers.stdout:
         pid, grasp_id = line.split()
         said.add(grasp_id)
@@ -101,7 +101,7 @@ def test_writer_killed_during_write_loses_no_acknowledged_grasp(url: str) -> Non
     assert len(lines_left) == KILLS
     found = written(url)
     assert said <= found
-    # At most the one that each was writing when it was killed.
+    # Each killed process may have stored one grasp without acknowledgement.
     assert len(found - said) <= KILLS
     if not url.startswith("postgresql"):
         with sqlite3.connect(url) as connection:

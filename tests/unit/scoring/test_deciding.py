@@ -1,4 +1,4 @@
-"""The first moment at which a prediction is sure enough."""
+"""Decision time: the first prediction with a sufficiently narrow interval."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def test_find_decision_smaller_half_width_decides_later() -> None:
 
 def test_find_decision_ignores_later_samples() -> None:
     decision = find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=4.0)
-    spoilt = np.where(decision.time_s < TIME_S, 1e6, HOLD)
-    again = find_decision(TIME_S, spoilt, method=Relaxation(), half_width_percent=4.0)
-    assert again.time_s == decision.time_s
-    assert again.estimate.value == decision.estimate.value
+    changed = np.where(decision.time_s < TIME_S, 1e6, HOLD)
+    second = find_decision(TIME_S, changed, method=Relaxation(), half_width_percent=4.0)
+    assert second.time_s == decision.time_s
+    assert second.estimate.value == decision.estimate.value
 
 
 def test_find_decision_short_hold_is_not_decided() -> None:

@@ -1,4 +1,4 @@
-"""Batches of holds: order, grids, and that nothing after the cut-off is looked at."""
+"""Predictions of many holds: order, batches, and no use of samples after the cut-off."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ def test_predict_holds_is_independent_of_batching(
 
 
 def test_predict_holds_ignores_samples_after_the_cutoff() -> None:
-    whole = hold("a")
-    later = whole.time_s > 2.5
-    other = Hold(
+    original = hold("a")
+    is_later = original.time_s > 2.5
+    changed = Hold(
         hold_id="a",
         channel=None,
-        time_s=whole.time_s,
-        values=np.where(later, 1e6, whole.values),
+        time_s=original.time_s,
+        values=np.where(is_later, 1e6, original.values),
     )
     options = {"cutoffs_s": [2.5], "horizon_s": 20.0, "level": 0.9}
     methods = METHODS | {"relaxation": Relaxation()}
     first, second = (
-        list(predict_holds([one], methods=methods, **options)) for one in (whole, other)
+        list(predict_holds([one], methods=methods, **options)) for one in (original, changed)
     )
     assert [row.predicted for row in first] == [row.predicted for row in second]
     assert [row.settled for row in first] != [row.settled for row in second]

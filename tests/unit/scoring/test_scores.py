@@ -1,4 +1,4 @@
-"""Scores: what counts as settled, what percentages are of, and where there is no figure."""
+"""Scores: settled values, percentages, unknown values and bootstrap intervals."""
 
 from __future__ import annotations
 
