@@ -29,7 +29,7 @@ _NOTES = {
     Status.TOO_SHORT: "short hold",
     Status.NOT_SETTLING: "not settling",
     Status.SATURATED: "outside range",
-    Status.FELL_BACK: "fell back",
+    Status.FELL_BACK: "fallback value",
 }
 
 

@@ -25,7 +25,7 @@ class Status(StrEnum):
     TOO_SHORT : "too_short"
         Too few samples or too short a time.
     NOT_SETTLING : "not_settling"
-        The reading returns, wanders or is constant.
+        The reading returns, rises and falls, or is constant.
     SATURATED : "saturated"
         The readout is at an end of its range.
     FELL_BACK : "fell_back"
