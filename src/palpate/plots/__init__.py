@@ -1,1 +1,1 @@
-"""Plots, all in one style; matplotlib is imported only when one is drawn."""
+"""Plots in a common style; matplotlib is imported only for drawing."""

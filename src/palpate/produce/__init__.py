@@ -1,1 +1,1 @@
-"""Items of produce: records of grasps, and the judgements that follow from them."""
+"""Items of produce: records of grasps, and judgements from the records."""

@@ -1,6 +1,6 @@
 """Stored records: items, grasps with their measurements, and verdicts.
 
-Plain values, stored by `Store`. Times are aware and in UTC.
+The records are plain values, stored by `Store`. Times have a time zone and are converted to UTC.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class Grasp:
 
     #: Name of the item; the store adds an unknown item with the grasp.
     item_id: str
-    #: When; aware.
+    #: Time of the grasp, with time zone.
     taken_at: datetime
     #: Name or file of the rig.
     rig: str
@@ -200,7 +200,7 @@ class Verdict:
     about: About
     #: The verdict itself, short: ``"ripe"``, ``"bruised"``, ``"kiwi"``, ``"bin 2"``.
     text: str
-    #: When; aware.
+    #: Time of the verdict, with time zone.
     given_at: datetime
     #: Probability that the verdict is correct, in [0, 1].
     probability: float | None = None
@@ -261,7 +261,7 @@ def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
         # JSON turns tuples into lists and keys into text.
         found: dict[str, object] = json.loads(json.dumps(dict(details), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise InputError(f"details can't be kept as JSON: {error}") from error
+        raise InputError(f"details can't be stored as JSON: {error}") from error
     return found
 
 

@@ -1,1 +1,1 @@
-"""Predictions of many holds, compared with the values that they settled to."""
+"""Predictions of many holds, compared with the settled values."""

@@ -83,8 +83,8 @@ class Prediction:
         return float(self.low <= self.settled <= self.high)
 
 
-def _percent(part: float, whole: float) -> float:
-    return 100 * part / abs(whole) if abs(whole) > 0 else np.nan
+def _percent(value: float, base: float) -> float:
+    return 100 * value / abs(base) if abs(base) > 0 else np.nan
 
 
 def predict_holds(

@@ -36,7 +36,7 @@ RNG = np.random.default_rng(8)
 
 
 def pixels(*, soft: tuple[int, int] | None = None, spread: float = 2.0) -> np.ndarray:
-    """Return the changes of a sound side, or of a side with a pixel of low load."""
+    """Return the changes of a sound side, or with one pixel of low load."""
     change = -50.0 + spread * RNG.standard_normal((4, 2))
     if soft is not None:
         change[soft] = -15.0

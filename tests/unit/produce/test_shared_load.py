@@ -80,7 +80,7 @@ def run_sensed_grasp(world: World, plan: Plan) -> SensedGrasp:
 
 @cache
 def on_sensor(seed: int) -> dict[float, SensedGrasp]:
-    """Return a grasp of a small and of a large fruit with equal properties, by size."""
+    """Return grasps of a small and a large fruit of equal stiffness, by size."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="avocado", kind="soft")
     fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}

@@ -1,1 +1,1 @@
-"""Bruise examination of an item against its history, other sides and sound items."""
+"""Bruise detection by comparison with earlier grasps, sound items and other sides."""

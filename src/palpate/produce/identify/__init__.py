@@ -1,1 +1,1 @@
-"""The kind of an item, identified from its grasps, or unknown."""
+"""Identification of an item's kind from its grasps."""

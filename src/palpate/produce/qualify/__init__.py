@@ -1,1 +1,1 @@
-"""Agreement of grasps with a reference instrument, and its ceiling."""
+"""Agreement of grasps with a reference instrument."""

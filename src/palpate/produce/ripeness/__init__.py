@@ -1,1 +1,1 @@
-"""Firmness of an item, softening of its kind, and days to ripe."""
+"""Ripeness of an item: firmness, course of softening, stage and days to ripe."""

@@ -1,7 +1,7 @@
 """Firmness of an item from a grasp: one number that decreases as the item softens.
 
 Fingers driven by width measure the item's stiffness. Fingers driven by pressure do not measure
-deformation. With them the firmness comes from the number of pixels that share the load: under the
+deformation. Their firmness is calculated from the number of pixels that share the load: under the
 same force a soft item touches more of the pad than a hard item (Hertz: the contact radius is
 proportional to the square root of the deformation). Both quantities are logarithms, so halving the
 quantity always causes the same change.

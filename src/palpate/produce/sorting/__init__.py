@@ -1,1 +1,1 @@
-"""Readable rules, and the bin that they choose for an item."""
+"""Sorting of items into bins with rules from a file."""
