@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.learning import FALSE_REJECT, UNKNOWN
+from palpate.produce.learning import FALSE_REJECT, UNIDENTIFIER
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 
@@ -40,31 +40,31 @@ grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 @settings(deadline=None, max_examples=60)
 @given(grasps)
 def test_identify_probabilities_are_valid_and_sum_to_one(
-    touches: list[tuple[float, float]],
+    points: list[tuple[float, float]],
 ) -> None:
-    found = IDENTIFIER.identify([features(one) for one in touches])
+    found = IDENTIFIER.identify([features(one) for one in points])
     assert sum(found.probability.values()) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())
     assert 0.0 < found.usual <= 1.0
     assert found.rejected == (found.usual <= FALSE_REJECT)
-    assert found.rejected == (found.kind == UNKNOWN)
+    assert found.rejected == (found.kind == UNIDENTIFIER)
 
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_identify_is_independent_of_grasp_order(touches: list[tuple[float, float]]) -> None:
-    points = [features(one) for one in touches]
-    reverse = IDENTIFIER.identify(points[::-1])
-    found = IDENTIFIER.identify(points)
+def test_identify_is_independent_of_grasp_order(points: list[tuple[float, float]]) -> None:
+    features_of_grasps = [features(one) for one in points]
+    reverse = IDENTIFIER.identify(features_of_grasps[::-1])
+    found = IDENTIFIER.identify(features_of_grasps)
     assert dict(reverse.probability) == pytest.approx(dict(found.probability), abs=1e-6)
 
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_identify_is_independent_of_units(touches: list[tuple[float, float]]) -> None:
+def test_identify_is_independent_of_units(points: list[tuple[float, float]]) -> None:
     """A change of units in training and test data does not change the result."""
-    found = IDENTIFIER.identify([features(one) for one in touches])
-    moved = SHIFTED.identify([features(one, shift=1.5) for one in touches])
+    found = IDENTIFIER.identify([features(one) for one in points])
+    moved = SHIFTED.identify([features(one, shift=1.5) for one in points])
     assert dict(moved.probability) == pytest.approx(dict(found.probability), abs=1e-6)
     assert moved.usual == pytest.approx(found.usual)
 
@@ -72,7 +72,7 @@ def test_identify_is_independent_of_units(touches: list[tuple[float, float]]) ->
 fractions = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(
     lambda t: sum(t) > 0
 )
-names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
+names = st.frozensets(st.sampled_from(["kiwi", "lime", UNIDENTIFIER]), min_size=1)
 spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
     lambda pair: Within("size_mm", pair[0], pair[0] + pair[1])
 )
@@ -98,10 +98,12 @@ sizes = st.tuples(st.floats(5, 75), st.floats(0.01, 10), st.floats(0.01, 10)).ma
 @st.composite
 def evidence(draw: st.DrawFn) -> Evidence:
     parts = np.array(draw(fractions))
-    probability = dict(zip(("kiwi", "lime", UNKNOWN), (parts / parts.sum()).tolist(), strict=True))
+    probability = dict(
+        zip(("kiwi", "lime", UNIDENTIFIER), (parts / parts.sum()).tolist(), strict=True)
+    )
     rejected = draw(st.booleans())
     identity = Identity(
-        kind=UNKNOWN if rejected else "kiwi",
+        kind=UNIDENTIFIER if rejected else "kiwi",
         probability=probability,
         usual=0.01 if rejected else 0.5,
         rejected=rejected,

@@ -14,7 +14,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent, answer_time_s
 from palpate.produce.records import MEASURED, Drive, Grasp
-from palpate.produce.ripeness.shared_load import fraction_of_pixels
+from palpate.produce.ripeness.shared_load import measure_shared_pixels
 from palpate.produce.store.writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
@@ -59,7 +59,7 @@ def make_grasp_record(
         origin=origin,
         outcome=result.outcome,
         measurements=measured
-        | fraction_of_pixels(observations, result=result, layout=layout, measured=measured),
+        | measure_shared_pixels(observations, result=result, layout=layout, measured=measured),
         pixel_settled_percent=answer_pixel_percent(observations, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,

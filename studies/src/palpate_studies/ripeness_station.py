@@ -28,7 +28,7 @@ from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.produce.ripeness.rule import RipenessRule
-from palpate.produce.ripeness.shared_load import fraction_of_pixels
+from palpate.produce.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -235,7 +235,7 @@ class _Bench:
             | hold_measurements(observations, result=result, drive=drive)
             | closing.list_measurements()
         )
-        measured |= fraction_of_pixels(
+        measured |= measure_shared_pixels(
             observations, result=result, layout=self._plan.layout, measured=measured
         )
         taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())

@@ -20,7 +20,7 @@ from palpate.grasp.state import GraspState
 from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent
 from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
-from palpate.produce.ripeness.shared_load import fraction_of_pixels
+from palpate.produce.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
@@ -58,7 +58,7 @@ class SensedGrasp:
 
     def corrected(self, **other: Measurement) -> dict[str, Measurement]:
         measured = self.measured | other
-        return fraction_of_pixels(
+        return measure_shared_pixels(
             self.seen, result=self.result, layout=self.plan.layout, measured=measured
         )
 
@@ -144,11 +144,14 @@ def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, Sen
     sensed = by_size[SIZES_MM[0]]
     layout, force = sensed.plan.layout, {"force_n": sensed.measured["force_n"]}
     assert (
-        fraction_of_pixels(sensed.seen, result=sensed.result, layout=layout, measured=force) == {}
+        measure_shared_pixels(sensed.seen, result=sensed.result, layout=layout, measured=force)
+        == {}
     )
     unanswered = replace(sensed.result, moments=())
     assert (
-        fraction_of_pixels(sensed.seen, result=unanswered, layout=layout, measured=sensed.measured)
+        measure_shared_pixels(
+            sensed.seen, result=unanswered, layout=layout, measured=sensed.measured
+        )
         == {}
     )
     held = sensed.states[-1]

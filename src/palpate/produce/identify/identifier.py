@@ -81,20 +81,21 @@ class Identifier:
         *,
         methods: Sequence[str] = METHODS,
     ) -> None:
-        known = [(kind, np.mean(touches, axis=0)) for kind, touches in training if len(touches)]
+        known = [(kind, np.mean(points, axis=0)) for kind, points in training if len(points)]
         self.learner = LabelLearner(methods=methods).fit(
             [point for _, point in known], [kind for kind, _ in known]
         )
         self.kinds = self.learner.labels
 
-    def identify(self, touches: Sequence[FloatArray]) -> Identity:
+    def identify(self, points: Sequence[FloatArray]) -> Identity:
         """Identify an item from all its grasps.
 
+        `points`: features of each grasp (`grasp_features`).
         Raises `ValueError` if there is no grasp.
         """
-        if not touches:
+        if not points:
             raise ValueError("an item that was never grasped can't be identified")
-        point = [np.mean(touches, axis=0)]
+        point = [np.mean(points, axis=0)]
         usual = float(self.learner.typicality(point)[0])
         found = Identity(
             kind=UNKNOWN,
@@ -107,7 +108,7 @@ class Identifier:
             ),
             usual=usual,
             rejected=usual <= FALSE_REJECT,
-            grasps=len(touches),
+            grasps=len(points),
         )
         return found if found.rejected else replace(found, kind=found.best_guess)
 

@@ -39,8 +39,8 @@ def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
         kind = stated.get(item.item_id, item.kind)
         if kind is None or item.item_id == without or len(training[kind]) >= _MOST_OF_A_KIND:
             continue
-        if touches := item_features(store.grasps_of(item.item_id)):
-            training[kind].append((kind, touches))
+        if points := item_features(store.grasps_of(item.item_id)):
+            training[kind].append((kind, points))
     enough = [kind for kind in training.values() if len(kind) >= FEWEST_ITEMS]
     return Identifier([one for kind in enough for one in kind])
 

@@ -46,7 +46,7 @@ _EARLIER_LOAD = 0.5
 _LEAST_RESISTANCE_PERCENT = 0.1
 
 
-def fraction_of_pixels(
+def measure_shared_pixels(
     observations: Sequence[Observation],
     *,
     result: GraspResult,

@@ -77,10 +77,10 @@ def combine_evidence(
 ) -> Evidence:
     """Combine the evidence of grasps and verdicts on an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
-    touches = item_features(held)
+    points = item_features(held)
     identity = None if kind is None else label_identity(kind)
-    if identity is None and identifier is not None and touches:
-        identity = identifier.identify(touches)
+    if identity is None and identifier is not None and points:
+        identity = identifier.identify(points)
     last = {one.about: one for one in sorted(verdicts, key=lambda one: one.given_at)}
     return Evidence(
         identity=identity,
