@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.learning import FALSE_REJECT, UNIDENTIFIER
+from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 
@@ -47,7 +47,7 @@ def test_identify_probabilities_are_valid_and_sum_to_one(
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())
     assert 0.0 < found.usual <= 1.0
     assert found.rejected == (found.usual <= FALSE_REJECT)
-    assert found.rejected == (found.kind == UNIDENTIFIER)
+    assert found.rejected == (found.kind == UNKNOWN)
 
 
 @settings(deadline=None, max_examples=60)
@@ -72,7 +72,7 @@ def test_identify_is_independent_of_units(points: list[tuple[float, float]]) -> 
 fractions = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(
     lambda t: sum(t) > 0
 )
-names = st.frozensets(st.sampled_from(["kiwi", "lime", UNIDENTIFIER]), min_size=1)
+names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
 spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
     lambda pair: Within("size_mm", pair[0], pair[0] + pair[1])
 )
@@ -98,12 +98,10 @@ sizes = st.tuples(st.floats(5, 75), st.floats(0.01, 10), st.floats(0.01, 10)).ma
 @st.composite
 def evidence(draw: st.DrawFn) -> Evidence:
     parts = np.array(draw(fractions))
-    probability = dict(
-        zip(("kiwi", "lime", UNIDENTIFIER), (parts / parts.sum()).tolist(), strict=True)
-    )
+    probability = dict(zip(("kiwi", "lime", UNKNOWN), (parts / parts.sum()).tolist(), strict=True))
     rejected = draw(st.booleans())
     identity = Identity(
-        kind=UNIDENTIFIER if rejected else "kiwi",
+        kind=UNKNOWN if rejected else "kiwi",
         probability=probability,
         usual=0.01 if rejected else 0.5,
         rejected=rejected,
