@@ -172,7 +172,7 @@ def test_claimed_symbols_are_used_by_study_and_command() -> None:
     """Both the study and a command import the named class or function from palpate."""
     for row in read_claims(DOCS):
         module, symbol = row["code"].split(":")
-        public = {one for one, home in palpate._HOMES.items() if home == module}
+        public = {one for one, home in palpate._MODULES.items() if home == module}
         judged = study_files(row["study"])
         in_study = [path for path in judged if "palpate_studies" in path.parts]
         assert any(imports(path, module, symbol, public) for path in in_study), row["name"]

@@ -261,14 +261,14 @@ def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path
         (["gentle.mcap", "cut.mcap", "--lerobot", "new"], "cut.mcap: decided again"),
         (
             ["gentle.mcap", "pad.mcap", "--lerobot", "new"],
-            "pad.mcap: the recording names no",
+            "pad.mcap: the recording has no gripper",
         ),
         (["gentle.mcap", "soft.mcap", "--lerobot", "new"], "must have one kind"),
         (["gentle.mcap", "--lerobot", "there"], "already exists"),
         (["gentle.mcap", "--lerobot", "no/new"], "create it first"),
-        (["gentle.mcap", "--lerobot", "new", "--holds"], "leave out"),
+        (["gentle.mcap", "--lerobot", "new", "--holds"], "can't be combined with"),
         (["gentle.mcap", "--fps", "15"], "--lerobot"),
-        (["gentle.mcap", "firm.mcap"], "one recording at a time"),
+        (["gentle.mcap", "firm.mcap"], "only one recording can be exported"),
     ],
 )
 def test_what_makes_no_data_set_is_refused_and_leaves_nothing(

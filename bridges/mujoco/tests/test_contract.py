@@ -37,5 +37,5 @@ def hand() -> Hand:
         gripper=TwinGripper(world),
         clock=world.clock,
         wait=world.clock.sleep_s,
-        where=lambda: world.drive_value(world.now_s()),
+        read_position=lambda: world.drive_value(world.now_s()),
     )

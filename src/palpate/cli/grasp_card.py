@@ -113,7 +113,7 @@ def _timings(result: GraspResult) -> Text:
     if result.decision_time_s is not None:
         parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
     if result.peak_force_n is not None:
-        parts.append(f"measured peak force {result.peak_force_n:.1f} N")
+        parts.append(f"peak force {result.peak_force_n:.1f} N")
     parts.append(f"{result.frames} frames, {result.frames_lost} lost")
     return Text("  ·  ".join(parts), style="dim")
 

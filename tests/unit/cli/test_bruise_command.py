@@ -56,7 +56,7 @@ def test_bruise_stores_each_verdict_with_the_item(filled: Path, palpate: Command
     ("arguments", "says"),
     [
         (("nobody",), "no item 'nobody'"),
-        (("A17", "--learn"), "learning needs 10 of each"),
+        (("A17", "--learn"), "training requires 10 of each"),
         (("A17", "--bruised-share", "1.5"), "--bruised-share"),
     ],
 )

@@ -176,8 +176,10 @@ def test_calibrate_settling_stores_only_long_holds(
     assert all(hold.time_s[-1] >= 19.5 for hold in held)
     error = palpate("calibrate", "settling", path, "--out", tmp_path / "fit.txt", status=2).err
     assert ".csv or .parquet" in error
-    monkeypatch.setattr(calibrate_settling, "_SHORTEST_S", 60.0)
-    assert "hold for longer" in palpate("calibrate", "settling", path, "--out", out, status=2).err
+    monkeypatch.setattr(calibrate_settling, "_MIN_HOLD_S", 60.0)
+    assert (
+        "record longer holds" in palpate("calibrate", "settling", path, "--out", out, status=2).err
+    )
 
 
 def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Command) -> None:

@@ -89,7 +89,7 @@ def test_grasp_with_unreachable_shared_store_is_stored_locally(
     out, err = palpate("items", "A17", "--store", nowhere, "--json")
     assert len(json.loads(out)["grasps"]) == 1
     assert "no answer; check the server" in err
-    assert "without other stations" in err
+    assert "without data of other stations" in err
 
 
 @pytest.mark.parametrize(("others", "rank"), [(7, None), (8, {"items": 8, "softer": 0.75})])

@@ -175,7 +175,7 @@ def test_record_missing_port_is_reported(tmp_path: Path, palpate: Command) -> No
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--rig", "sim-rigid"], "never end: give a --duration"),
+        (["--rig", "sim-rigid"], "would never end; give a --duration"),
         (["--rig", "sim-rigid", "--port", "x"], "--port can't be combined with --rig"),
         (["--rig", "nothing"], "no rig 'nothing'"),
         (["--rig", "gone.toml"], "gone.toml: no such file"),

@@ -44,7 +44,7 @@ def test_record_full_disk_exits_with_3(tmp_path: Path, palpate: Command) -> None
     began, failed = printed.err.splitlines()
     assert began.startswith("recording sim-rigid")
     assert failed.startswith(f"palpate: {path}: File too large. At most the last second")
-    assert "then run `palpate inspect --recover` on it" in failed
+    assert "then run `palpate inspect --recover` on the file" in failed
     assert frames_of(path)[0] > 0
 
 

@@ -273,7 +273,7 @@ def test_sort_on_other_rigs_reads_item_names_from_stdin(
     path.write_text(BY_SIZE)
     monkeypatch.setattr("sys.stdin", io.StringIO("A17\n\n\n"))
     out, err = palpate("sort", "--rules", path, "--rig", rig, "--store", store, "--json")
-    assert "then its name" in err
+    assert "enter its name" in err
     (row,) = json.loads(out)["rows"]
     assert (row["item_id"], row["belongs"]) == ("A17", None)
     with Store.open(store) as kept:

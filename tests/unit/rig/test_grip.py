@@ -75,7 +75,7 @@ def idle() -> Iterator[palpate.Rig]:
         ({"target_force_n": -1.0}, "target_force_n -1: must be above 0"),
         ({"target_force_n": 200.0}, "at most 15 N"),
         ({"target_force_n": float("nan")}, "target_force_n nan"),
-        ({"expect_size_mm": 0.0}, "expect_size_mm 0: give at least 1 mm"),
+        ({"expect_size_mm": 0.0}, "expect_size_mm 0: must be at least 1 mm"),
         ({"kind": "kiwi"}, "needs damage=FILE, which defines the kinds"),
     ],
 )

@@ -94,7 +94,7 @@ def test_open_rig_use_with_calibration_replaces_own_calibration(tmp_path: Path) 
     assert opened.is_simulated
     assert opened.calibration == other
     path.write_text("use = 'sim-soft'\ncalibration = 'pad.json'\n")
-    with pytest.raises(CalibrationError, match="of another sensor"):
+    with pytest.raises(CalibrationError, match="belongs to another sensor"):
         open_rig(str(path))
 
 
