@@ -136,7 +136,7 @@ def test_grasp_with_the_pneumatic_gripper_holds_the_object(
 
 
 STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
-    "supply lost": (RegulatorBoard.cut_supply, Outcome.GRIPPER_FAULT, "without supply?"),
+    "supply lost": (RegulatorBoard.cut_supply, Outcome.GRIPPER_FAULT, "missing supply"),
     "port vanishes": (RegulatorBoard.unplug, Outcome.GRIPPER_FAULT, "is gone"),
     "frames stop": (RegulatorBoard.silence, Outcome.SENSOR_LOST, "no frame from simulated board"),
     "ctrl-c": (lambda _: os.kill(os.getpid(), signal.SIGINT), Outcome.STOPPED, ""),

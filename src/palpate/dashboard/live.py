@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -24,6 +24,7 @@ from palpate.dashboard.messages import (
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
+from palpate.grasp.result import Moment
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import (
@@ -129,9 +130,14 @@ class Live:
         self._last_slot = -math.inf
         self._previous_time_s = 0.0
 
-    def freeze_curve(self) -> None:
-        """Stop extending the curve after another `_TAIL_S` seconds."""
+    def finish_grasp(self, moments: Sequence[Moment]) -> None:
+        """Show all events of the finished grasp, and extend its curve by `_TAIL_S` seconds.
+
+        The last progress of a grasp is lost if the next update is sent after the end.
+        """
         self._freeze_s = self.time_s + _TAIL_S
+        if self.progress is not None:
+            self.progress = replace(self.progress, moments=tuple(moments))
 
     def set_progress(self, progress: GraspProgress) -> None:
         """Update the progress of the grasp."""

@@ -193,7 +193,7 @@ class DeviceState:
             case Grasped():
                 self.grasped = note.found
                 if isinstance(note.order, GraspOrder):
-                    self.live.freeze_curve()
+                    self.live.finish_grasp(note.found.result.moments)
                     self._on_grasped(note.found, note.order)
             case CalibrationRenewed():
                 self.calibrated = note.found

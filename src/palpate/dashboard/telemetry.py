@@ -182,7 +182,10 @@ class Telemetry:
             link = replace(link, corrupt=events.corrupt, late=events.late)
         progress = self._progress if plan is None else None
         if plan is not None and grasp_state is not None and grasp_state.estimate.frames:
-            progress = self._progress = self._update_progress(grasp_state, plan)
+            progress = self._update_progress(grasp_state, plan)
+            with self._lock:
+                if self._plan is plan:
+                    self._progress = progress
         return Update(
             notes=notes,
             link=link,

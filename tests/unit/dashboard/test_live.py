@@ -26,7 +26,7 @@ from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ForceLaws
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, check_health
@@ -85,7 +85,7 @@ def test_live_curve_of_a_finished_grasp_is_retained_until_the_next(live: Live) -
     for second in range(300):
         live.add_frames(frames(500, from_s=float(second)))
         if second == 40:
-            live.freeze_curve()
+            live.finish_grasp(())
     times = [point.time_s for point in live.points_after(-math.inf)]
     assert times[0] == 0.0
     early_s = [time_s for time_s in times if time_s < 50.9]
@@ -93,6 +93,14 @@ def test_live_curve_of_a_finished_grasp_is_retained_until_the_next(live: Live) -
     assert len(times) < 2600 + POINTS_PER_S * CURVE_S
     live.clear_curve()
     assert live.points_after(-math.inf) == []
+
+
+def test_live_finished_grasp_shows_events_after_its_last_progress(live: Live) -> None:
+    live.set_progress(progress(1.0, 1.0))
+    released = Moment(time_s=1.02, name="held")
+    live.finish_grasp([released])
+    assert live.progress is not None
+    assert live.progress.moments == (released,)
 
 
 def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
