@@ -95,7 +95,7 @@ class Pattern:
                 "1-base",
                 "base tape",
                 (_tape(self.base),),
-                "cut from the back (liner down); in the sensor the adhesive faces up",
+                "cut with the liner down and the back up; in the sensor the adhesive faces up",
                 mirrored=True,
             ),
             Layer(

@@ -92,9 +92,7 @@ def judge_days(
             ours = rule.judge(days[:count])
             wait = ours.days_to_ripe
             if wait is None:
-                raise InputError(
-                    "the rule learned from labels has no course; label fruit of all stages"
-                )
+                raise InputError("the rule learned from labels gave no days to ripe")
             own = -1
             if felt.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)

@@ -151,7 +151,7 @@ class PolicyHand:
         wanted = [action.get(name, np.nan) for name in self.action_names]
         if not np.isfinite(wanted).all():
             names = ", ".join(self.action_names)
-            raise InputError(f"an action needs {names}, finite; got {action}")
+            raise InputError(f"an action needs finite values of {names}; got {action}")
         safe = self._limit_command(GripperCommand(target=wanted[0], rate=wanted[1]))
         if safe != self._sent:
             self._sent = safe = self._gripper.command(safe)
