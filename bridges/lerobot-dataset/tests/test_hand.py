@@ -67,7 +67,7 @@ def test_opening_is_never_cut_and_closing_again_starts_from_there() -> None:
 def test_an_action_without_a_number_is_refused(ball: Rig) -> None:
     hand = hand_of(ball, limit_n=6.0)
     for action in ({"width_mm": 40.0}, {"width_mm": float("nan"), "rate_mm_per_s": 5.0}):
-        with pytest.raises(InputError, match="width_mm, rate_mm_per_s, finite"):
+        with pytest.raises(InputError, match="finite values of width_mm, rate_mm_per_s"):
             hand.send(action)
 
 
