@@ -29,6 +29,9 @@ from palpate.signal.relative import (
 _TIME_S = attrgetter("time_s")
 #: Fewest frames for a slope of the force over time; with fewer, a spike would dominate.
 _RISE_FRAMES = 3
+#: Most readings stored since a movement: 20 s at 250 frames/s in full. Beyond it older readings are
+#: thinned, so that neither memory nor the time per frame grows in a long hold.
+MOST_TOUCHES = 6000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,9 +145,9 @@ class ContactEstimate(HandMotion):
     rest_frames : tuple of ndarray
         Resistances of the frames before the first movement.
     touches : tuple of Touch
-        Readings since the end of the last movement.
+        Readings since the end of the last movement; after 20 s the older ones are thinned.
     strongest_reading : float
-        Largest of these readings, stored because a long hold has tens of thousands of them.
+        Largest reading since the end of the last movement.
     frame_forces : tuple of pairs of float
         Time and grip force of the last frames, each from one frame, also during movements.
     steps : tuple of ClosingStep
@@ -206,7 +209,7 @@ class ContactEstimate(HandMotion):
     def now(self) -> Touch:
         """Mean of the last few frames since the last movement."""
         since_s = self.touches[-1].time_s - READING.now_s
-        # Binary search, because a long hold has thousands of readings.
+        # Binary search, because a hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
         last = self.touches[-max(READING.now_frames, recent) :]
         return Touch(
@@ -265,6 +268,9 @@ class ContactEstimate(HandMotion):
             return
         before = self.strongest_reading if self.touches else touch.reading
         self.strongest_reading, self.touches = max(before, touch.reading), (*self.touches, touch)
+        if len(self.touches) > MOST_TOUCHES:
+            half = MOST_TOUCHES // 2
+            self.touches = (*self.touches[:half:2], *self.touches[half:])
 
     def record_command(self, command: GripperCommand, *, plan: Plan) -> None:
         """Record a command that has been sent."""

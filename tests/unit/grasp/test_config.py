@@ -32,11 +32,11 @@ LOOP = (
 )
 #: Numbers of arithmetic: counts of a few, halves, percent, digits, and the variance of a uniform.
 PLAIN = {0, 1, 2, 3, 5, 6, 12, 100, 0.5}
-#: What else stands in the code, because no measurement depends on it: tolerances of arithmetic, the
-#: poll of an opening hand, ends of a search, the median of a squared normal variable.
+#: Other numbers in the code that no measurement depends on: tolerances of arithmetic, the poll of
+#: an opening hand, ends of a search, the size of a buffer, the median of a squared normal variable.
 FIXED = {
     "answers": {1e-3},
-    "estimator": {1e-3},
+    "estimator": {1e-3, 6000},
     "runner": {0.02},
     "safety_filter": {1e-9},
     "servo_evidence": {200.0, 0.05},
