@@ -82,7 +82,7 @@ _SIZES = """\
 
 default = "by hand"
 confidence = 0.8
-most_grasps = 2         # how often an item is grasped before it goes to the default bin
+most_grasps = 2         # maximum number of grasps of one item
 
 [[rule]]
 bin = "small"
@@ -163,8 +163,8 @@ def _grasp_apples(hand: _Station, apples: dict[str, TwinObject], day: int) -> li
     found = []
     for name, apple in apples.items():
         for angle_deg in _SIDES_DEG:
-            fell = name == "A17" and day > 0 and angle_deg == _SIDES_DEG[-1]
-            side = replace(apple, faces=_BruisedCheek(apple)) if fell else apple
+            is_bruised = name == "A17" and day > 0 and angle_deg == _SIDES_DEG[-1]
+            side = replace(apple, faces=_BruisedCheek(apple)) if is_bruised else apple
             found.append(hand.grasp(side, name, angle_deg=angle_deg))
     return found
 

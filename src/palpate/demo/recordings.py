@@ -22,7 +22,7 @@ _GAP_MM, _SPEED_MM_PER_S, _REST_S, _HOLD_S, _PAUSE_S = 6.0, 40.0, 2.0, 22.0, 8.0
 
 
 def write_recordings(folder: Path) -> list[Path]:
-    """Write three recordings of a pad with four presses of 22 s each.
+    """Write recordings of three simulated pads, each with four presses of 22 s.
 
     `folder`: created if absent.
     Writes `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and counts of a 10-bit

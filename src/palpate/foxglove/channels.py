@@ -18,7 +18,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.signal.relative import mean_change
 
 #: Topic of the heat map, a `foxglove.RawImage`: one 32-bit float per pixel, relative change in
-#: percent, NaN where a pixel does not read.
+#: percent, NaN without a reading.
 HEAT_MAP = "/heat_map"
 HEAT_MAP_ENCODING = "32FC1"
 

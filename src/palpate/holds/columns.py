@@ -159,11 +159,12 @@ def convert_to_seconds(
 ) -> tuple[NDArray[np.float64], str]:
     """Convert a clock column to seconds (NaN if missing); return seconds and source unit.
 
-    Absolute times (Unix, dates) are shifted so that the first reading is at 0.
+    Absolute times (Unix, dates, times of day) are shifted so that the first reading is at 0.
 
     `column`, shape (n_rows,): float64, datetime64, timedelta64, or text with ISO dates or times of
         day.
     `name`: the column's name, which may contain the unit.
+    `unit`: unit of a numeric column; None to infer it.
     Raises `InputError` if the unit can't be determined, or a text is not a time.
 
     >>> column = np.array([0.0, 20.0, 40.0])

@@ -1,7 +1,7 @@
 """Contacts and holds in a recording of any sensor.
 
-A movement is a change of at least a tenth of the recording's range within 0.3 s, such as a closing
-finger or a weight put down; a slow drift is not a movement. All thresholds are fractions of the
+A movement is a change of at least a tenth of the recording's range within 0.3 s, caused for example
+by a closing finger or a weight. A slow drift is not a movement. All thresholds are fractions of the
 range or multiples of the noise, so the result does not depend on the reading's scale, sign or
 offset.
 """
@@ -121,7 +121,8 @@ def find_stretches(time_s: FloatArray, values: FloatArray) -> ContactOutline:
     noise = 0.0
     if smooth.size > 2 * MEDIAN_CELLS:
         # Second differences are insensitive to drift and edges.
-        before, here, after = (smooth[at : smooth.size - 10 + at] for at in (0, 5, 10))
+        kept = smooth.size - 2 * MEDIAN_CELLS
+        before, here, after = (smooth[at : at + kept] for at in (0, MEDIAN_CELLS, 2 * MEDIAN_CELLS))
         noise = float(np.median(np.abs(after - 2 * here + before)) / 0.6745 / np.sqrt(6.0))
     step = max(MOVED_FRACTION * float(np.ptp(smooth)), MOVED_SIGMAS * noise)
     moving = _find_moving(smooth, step=step, cells=max(1, round(MOVED_WITHIN_S / cell_s)))
@@ -194,7 +195,7 @@ def _split_stretches(
 class Contact:
     """One contact, and whether a hold follows it."""
 
-    #: When the reading begins to move.
+    #: Time at which the reading begins to change.
     onset_s: float
     #: End of loading and start of the next movement: the limits of the hold.
     start_s: float

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import require_extra
 
-#: Stretch before the horizon whose mean counts as the settled value.
+#: Stretch before the horizon whose mean counts as the settled value, seconds.
 SETTLED_WINDOW_S = 0.5
 
 
@@ -70,7 +70,7 @@ class Hold:
 def measure_settled_value(
     time_s: NDArray[np.float64], values: NDArray[np.float64], *, horizon_s: float
 ) -> float:
-    """Return the mean of the last 0.5 s before the horizon; NaN where unrecorded.
+    """Return the mean over 0.5 s before the horizon; NaN for a shorter hold.
 
     A sample covers the time up to the next sample. A hold therefore reaches the horizon if its last
     sample is at most one median interval before the horizon.

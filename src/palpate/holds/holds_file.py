@@ -57,10 +57,10 @@ def iterate_holds(
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
     Columns are `hold_id,time_s,value` and optionally `channel`, `unit` and `loading_s`. The rows of
-    a hold must be contiguous; its channels may be interleaved. Predictors use the unit ``percent``
-    (change relative to rest) and the loading time of a slow loading; other values are optional. A
-    CSV file may use semicolons or tabs instead of commas, and then also decimal commas. Memory is
-    bounded by the longest hold, or by `until_s`.
+    a hold must be contiguous; its channels may be interleaved. Predictors use only the unit
+    ``percent`` (change relative to rest) and the duration of a slow loading. A CSV file may use
+    semicolons or tabs instead of commas, and then also decimal commas. Memory is bounded by the
+    longest hold, or by `until_s`.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _add_rows(
     later = time_s > previous_s
     if not later.all():
         bad = int(np.argmin(later))
-        how = "is repeated" if time_s[bad] == previous_s[bad] else "goes backwards"
+        how = "is repeated" if time_s[bad] == previous_s[bad] else "decreases"
         hold = f"hold {cells['hold_id']}" + (f" channel {label}" if label else "")
         raise InputError(
             f"{name} {table.place(int(rows[bad]))}: time {how} in {hold} ({previous_s[bad]:g} s, "

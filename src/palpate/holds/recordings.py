@@ -86,11 +86,11 @@ def read_recording(
         CSV, TSV and other text tables, gzipped or not, .xlsx, or Parquet.
     time_column : str, optional
         The clock; by default recognised by name (``time``, ``t``, ``timestamp``, ``ms``, ...).
-    time_unit : {"s", "ms", "us", "unix"}, optional
+    time_unit : {"s", "ms", "us", "ns", "unix"}, optional
         Unit of a numeric clock; by default inferred from the column's name or its values.
     value_columns : sequence of str, optional
         The sensors; by default recognised by name (``resistance``, ``A0``, ``value``, ...).
-    unit : {"ohm", "percent", "counts", "volt"}, optional
+    unit : {"ohm", "percent", "counts", "volt", "newton", "pascal"}, optional
         Unit of all value columns; by default inferred from their names.
     divider : Divider, optional
         Circuit with which counts were read; `cut_holds` then returns ohm.
@@ -98,7 +98,7 @@ def read_recording(
     Raises
     ------
     InputError
-        If the file, a table or a column isn't found, or time goes backwards.
+        If the file, a table or a column isn't found, or time decreases.
     MissingExtraError
         If the file format needs an extra that isn't installed.
 
@@ -270,7 +270,7 @@ def _order_times(
     if back.size:
         row = rows.start + int(known[back[0] + 1])
         raise InputError(
-            f"{where} {table.place(row)}: time goes backwards ({time_s[back[0]]:g} s, then "
+            f"{where} {table.place(row)}: time decreases ({time_s[back[0]]:g} s, then "
             f"{time_s[back[0] + 1]:g} s); sort the rows, or save each recording as its own file"
         )
     is_new = np.diff(time_s, prepend=-np.inf) > 0
@@ -304,7 +304,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     rest_s : tuple of float
         Start and end of a stretch without load, seconds of the recording.
     mean : bool
-        Whether to average over all columns (section 2.1), without missing or open readings.
+        Whether to average over all columns (section 2.1), ignoring missing and open readings.
 
     Raises
     ------

@@ -16,8 +16,8 @@ LARGEST_NUMBER = 1e150
 #: Rows read at a time: enough to hide NumPy's overhead, few enough for the cache (65536 rows took
 #: three times as long per row).
 ROWS_AT_A_TIME = 4096
-#: Longest line of a text table, and longest text in other tables: a file without line ends must not
-#: fill the memory.
+#: Longest line of a text table, and longest text in other tables. The limit prevents a file without
+#: line ends from filling the memory.
 LONGEST_LINE = 65536
 #: Up to this fraction, unusable rows are omitted and reported. They occur if a log begins or ends
 #: in the middle of a line, or a serial line loses a byte.
@@ -49,14 +49,14 @@ class Table:
         return f"{self.word} {self.numbers[row]}"
 
     def numeric(self) -> list[str]:
-        """Names of the columns with numbers."""
+        """Return the names of the columns with numbers."""
         return [
             n for n, c in self.columns.items() if c.dtype == np.float64 and np.isfinite(c).any()
         ]
 
 
 def is_usable(numbers: ArrayLike) -> NDArray[np.bool_]:
-    """Return which numbers are finite and at most `LARGEST_NUMBER`.
+    """Return which numbers are finite and at most `LARGEST_NUMBER` in magnitude.
 
     >>> is_usable([4700.0, float("nan"), float("-inf"), 1.7e308]).tolist()
     [True, False, False, False]

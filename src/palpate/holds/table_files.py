@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import date, datetime, time, timedelta
+from datetime import date, time, timedelta
 from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, NoReturn, TypeAlias
@@ -187,9 +187,9 @@ def _read_spreadsheet(path: Path) -> Table:
 
 def _cell_text(cell: Any) -> str:
     """Return a cell as text; integers are stored as floats in a workbook."""
-    if isinstance(cell, float) and not isinstance(cell, bool):
+    if isinstance(cell, float):
         return repr(int(cell)) if cell.is_integer() else repr(cell)
-    if isinstance(cell, datetime | date | time):
+    if isinstance(cell, date | time):
         return cell.isoformat()
     return repr(cell.total_seconds()) if isinstance(cell, timedelta) else str(cell)
 

@@ -293,9 +293,9 @@ def gather_rows(
 ) -> Table:
     """Return rows as a table that reports its omissions.
 
-    A column is text if at least half of its first piece is text. `word`: "line" or "row" in
-    messages.
+    A column is text if at least half of its first piece is text.
 
+    `word` ("line" or "row"): unit of the row numbers in messages.
     Raises `InputError` if there are no rows, or too many unusable ones.
     """
     names, width = layout.names, len(layout.names)

@@ -35,8 +35,8 @@ _CONTEXT = (
 def epcis_document(history: ItemHistory, *, created_at: datetime) -> dict[str, Any]:
     """Return an EPCIS document with one event for each grasp of an item.
 
-    Each event has a sensor report for every measurement and one for the bin. The fields
-    ``palpate:low`` and ``palpate:high`` are the limits of the measurement's interval.
+    Each event has a sensor report for each known size, force, stiffness, firmness and bin. The
+    fields ``palpate:low`` and ``palpate:high`` are the limits of the measurement's interval.
 
     `created_at`: creation date of the document, timezone-aware.
     """

@@ -56,7 +56,7 @@ class ModbusStation:
         return int(listening.sockets[0].getsockname()[1])
 
     async def refresh(self) -> None:
-        """Do nothing: registers are computed when a client reads them."""
+        """Do nothing, because registers are computed when a client reads them."""
 
     async def close(self) -> None:
         """Close every connection."""
@@ -110,7 +110,7 @@ class ModbusStation:
         elif command == STOP:
             if not await machine.stop():
                 raise CommandRefusedError(
-                    "the devices did not confirm the stop: use the emergency stop"
+                    "the devices did not confirm the stop; use the emergency stop"
                 )
         elif command == TAKE_OVER:
             await machine.take_over(DRIVER)

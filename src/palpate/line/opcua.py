@@ -183,7 +183,7 @@ class OpcUaStation:
                     _argument("Item", text, "empty for none"),
                     _argument("Kind", text, "of produce, for its damage limit; empty for none"),
                     _argument(
-                        "Stops", ua.VariantType.Int64, "Last known number of stops; -1 to ignore"
+                        "Stops", ua.VariantType.Int64, "last known number of stops; -1 to ignore"
                     ),
                 ],
                 [_argument("Recording", text, "name of the recording")],
@@ -204,7 +204,7 @@ class OpcUaStation:
         node, kind = self._nodes[name]
         await node.write_value(ua.Variant(value, kind))
 
-    # -- OPC UA methods: each returns its output arguments as variants --------------------------
+    # -- OPC UA methods, which return their output arguments or a status code --------------------
 
     async def _grasp(self, parent: Any, *arguments: ua.Variant) -> _Answer:
         values = [variant.Value for variant in arguments]

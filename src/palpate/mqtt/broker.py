@@ -35,7 +35,8 @@ class Broker:
     key: str | None = None
     #: Username of this station.
     username: str | None = None
-    #: Password; safer in `PALPATE_MQTT_PASSWORD` or in a file that only its owner can read.
+    #: Password, by default from `PALPATE_MQTT_PASSWORD`. A file with a password must be readable
+    #: only by its owner.
     password: str | None = None
 
     @property

@@ -24,7 +24,8 @@ with require_extra("--mqtt", extra="mqtt"):
 #: Maximum number of queued results: one day with a grasp every nine seconds, about 30 MB. Beyond
 #: this limit the oldest result is dropped and counted.
 MAX_QUEUED_RESULTS = 10_000
-#: The client reconnects after one and a half keepalive periods without an answer, seconds.
+#: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
+#: half periods, and the client reconnects after two.
 _KEEPALIVE_S = 10
 _CONNECT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
 #: Maximum time that `close` waits for the thread, seconds.

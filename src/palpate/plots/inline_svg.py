@@ -39,15 +39,13 @@ _INK_EVERYWHERE: dict[Any, Any] = {
 
 
 @contextmanager
-def page_figure(
-    *, columns: int = 1, width_in: float = 5.4, height_in: float = 2.9
-) -> Iterator[tuple[Figure, Any]]:
+def page_figure(*, columns: int = 1, height_in: float = 2.9) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure with a transparent background for a page, and its row of axes."""
     import matplotlib as mpl
 
     with (
         mpl.rc_context(_INK_EVERYWHERE),
-        new_figure(columns=columns, width_in=width_in, height_in=height_in) as (figure, axes),
+        new_figure(columns=columns, width_in=5.4, height_in=height_in) as (figure, axes),
     ):
         figure.patch.set_visible(False)
         for axis in axes[0]:
@@ -75,7 +73,7 @@ def inline_svg(figure: Figure, *, label: str) -> str:
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     # Remove unused IDs, which would be duplicates on a page with two figures.
     text = re.sub(rf' id="(?:{_UNUSED_IDS})[^"]*"', "", text)
-    # The form depends on the version of matplotlib.
+    # One of two forms, depending on the version of matplotlib.
     text = re.sub(r"font-family: [^;\"]*;?", "", text)
     text = re.sub(r"(font: [^;\"]*px)[^;\"]*", r"\1 var(--font)", text)
     for colour, variable, _, _ in THEME:

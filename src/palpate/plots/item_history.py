@@ -27,7 +27,7 @@ _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
 def history_figure(
     page: ItemHistory, name: str, *, label: str, zone: tzinfo | None = None
 ) -> Figure:
-    """Draw one measurement of an item over time, with its intervals and people's verdicts.
+    """Draw one measurement of an item over time, with intervals and people's ripeness labels.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def history_figure(
         )
         is_ok = np.array([m.status is Status.OK for _, m in measured], dtype=bool)
         axis.plot(times, value, color=BLUE, lw=1, alpha=0.45)
-        for mask, marker, filled in ((is_ok, "o", BLUE), (~is_ok, "o", "none")):
+        for mask, filled in ((is_ok, BLUE), (~is_ok, "none")):
             if mask.any():
                 axis.errorbar(
                     np.array(times)[mask],
                     value[mask],
                     yerr=np.clip([(value - low)[mask], (high - value)[mask]], 0, None),
-                    fmt=marker,
+                    fmt="o",
                     color=BLUE,
                     mfc=filled,
                     elinewidth=1.2,

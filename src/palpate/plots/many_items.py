@@ -70,7 +70,7 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
 
 
 def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None) -> Figure | None:
-    """Draw the stiffness of each item over its days; None without two days."""
+    """Draw stiffness over time; None if every item spans less than 12 h."""
     tracks = []
     for page in pages:
         name = "stiffness_n_per_mm"
@@ -95,7 +95,7 @@ def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None
                 color=colour,
                 ms=2.5,
                 lw=0.9,
-                alpha=_line_alpha(len(tracks)),
+                alpha=float(np.clip(6 / len(tracks), 0.08, 0.9)),
                 rasterized=len(tracks) > _MOST_VECTORS,
             )
         log_axis(axis.yaxis)
@@ -144,10 +144,8 @@ def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figu
                 label="not held",
             )
             figure.legend(loc="outside upper left", ncols=2, fontsize=8)
-        axis.set_xticks(
-            [h for h in hours if last - first < 12 or h % 3 == 0],
-            [f"{h:02d}:00" for h in hours if last - first < 12 or h % 3 == 0],
-        )
+        ticks = [h for h in hours if last - first < 12 or h % 3 == 0]
+        axis.set_xticks(ticks, [f"{h:02d}:00" for h in ticks])
         axis.grid(visible=False, axis="x")
         axis.yaxis.get_major_locator().set_params(integer=True)
         axis.set_ylabel("grasps per hour")
@@ -168,7 +166,3 @@ def _kind_styles(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:
     kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
     styles = list(zip(_COLOURS, _MARKERS, strict=True))
     return {kind: styles[k] if k < len(styles) else (GREY, ".") for k, kind in enumerate(kinds)}
-
-
-def _line_alpha(tracks: int) -> float:
-    return float(np.clip(6 / tracks, 0.08, 0.9))

@@ -12,6 +12,7 @@ from palpate.plots.style import BLUE, GREY, ORANGE, log_axis, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from palpate.produce.records import Drive
     from palpate.produce.ripeness.history import FirmnessHistory
     from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
@@ -22,7 +23,7 @@ _AHEAD_DAYS = 3.0
 def item_figure(
     history: FirmnessHistory, ripeness: Ripeness, *, rule: RipenessRule | None
 ) -> Figure:
-    """Draw the grasps of one item, the courses consistent with them, and the stages.
+    """Draw the grasps of one item, 90 % of its possible courses, and the stages.
 
     Parameters
     ----------
@@ -33,53 +34,48 @@ def item_figure(
     rule : RipenessRule, optional
         Course and stages; without a rule only the grasps are drawn.
     """
-    width = history.drive == "width"
     with new_figure(width_in=6.4, height_in=4.0) as (figure, axes):
         axis = axes[0][0]
         grasp_days = np.array([history.day_of(grasp.taken_at) for grasp in history.grasps])
         end = float(grasp_days.max()) + (_AHEAD_DAYS if rule is not None else 0.5)
         if rule is not None:
-            _draw_courses(axis, history, rule=rule, end=end, width=width)
-        shown = _select_shown(history.firmness, width)
-        axis.plot(grasp_days, shown, ".", color=GREY, label="grasps")
+            _draw_courses(axis, history, rule=rule, end=end)
+        readings = _convert_firmness(history.firmness, drive=history.drive)
+        axis.plot(grasp_days, readings, ".", color=GREY, label="grasps")
         days = [day.day for day in history.days]
-        means = [day.firmness for day in history.days]
-        axis.plot(days, _select_shown(means, width), "o", color=BLUE, label="mean of the day")
+        means = _convert_firmness([day.firmness for day in history.days], drive=history.drive)
+        axis.plot(days, means, "o", color=BLUE, label="mean of the day")
         log_axis(axis.yaxis)
         axis.set(
             xlabel="days since the first grasp", xlim=(-0.2, end), title=_title(history, ripeness)
         )
-        axis.set_ylabel("stiffness at 5 N (N/mm)" if width else "load shared by (pixels)")
         axis.tick_params(axis="y", which="minor", labelsize=7)
-        if not width:
+        if history.drive == "width":
+            axis.set_ylabel("stiffness at 5 N (N/mm)")
+        else:
+            axis.set_ylabel("number of loaded pixels")
             axis.invert_yaxis()
         axis.legend(loc="lower left", fontsize=7)
     return figure
 
 
-def _draw_courses(
-    axis: Any, history: FirmnessHistory, *, rule: RipenessRule, end: float, width: bool
-) -> None:
+def _draw_courses(axis: Any, history: FirmnessHistory, *, rule: RipenessRule, end: float) -> None:
     day = np.linspace(-0.2, end, 80)
     courses = rule.course.weigh_courses(history.days)
     firmness = courses.firmness(day)
     low, middle, high = np.array(
         [courses.quantile(firmness[:, k], [0.05, 0.5, 0.95]) for k in range(day.size)]
     ).T
-    axis.fill_between(
-        day,
-        _select_shown(low, width),
-        _select_shown(high, width),
-        color=BLUE,
-        alpha=0.15,
-        label="90 % of courses",
+    low, middle, high = (
+        _convert_firmness(values, drive=history.drive) for values in (low, middle, high)
     )
-    axis.plot(day, _select_shown(middle, width), color=BLUE, lw=1)
+    axis.fill_between(day, low, high, color=BLUE, alpha=0.15, label="90 % of courses")
+    axis.plot(day, middle, color=BLUE, lw=1)
     for stage in rule.stages[1:]:
-        level = float(_select_shown([rule.find_boundary(stage)], width)[0])
+        level = float(_convert_firmness(rule.find_boundary(stage), drive=history.drive))
         axis.axhline(level, color=ORANGE, lw=0.8, ls="--")
         axis.annotate(
-            f"{stage} below" if width else f"{stage} above",
+            f"{stage} below" if history.drive == "width" else f"{stage} above",
             (end, level),
             xytext=(-2, -2),
             textcoords="offset points",
@@ -90,10 +86,10 @@ def _draw_courses(
         )
 
 
-def _select_shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
+def _convert_firmness(firmness: ArrayLike, *, drive: Drive) -> NDArray[np.float64]:
     """Return the stiffness in N/mm, or the number of loaded pixels."""
     values = np.asarray(firmness, dtype=float)
-    return np.asarray(np.exp(values if width else -values))
+    return np.asarray(np.exp(values if drive == "width" else -values))
 
 
 def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ class Panel:
     title : str
         Title of the panel.
     hold : Hold
-        Hold with samples at least up to the horizon.
+        Hold to draw, up to the horizon.
     cutoff_s : float
         Time of the last sample that forecasts may use.
     """
@@ -73,7 +74,7 @@ def settle_figure(
     """
     above = len(overviews)
     columns = max(min(3, len(panels)), 2 if above else 1)
-    rows = above - (-len(panels) // columns)
+    rows = above + math.ceil(len(panels) / columns)
     with new_figure(
         rows=rows, columns=columns, width_in=0.8 + 3.4 * columns, height_in=0.8 + 2.6 * rows
     ) as (figure, grid):
@@ -110,7 +111,7 @@ def _value_label(unit: str | None) -> str:
 
 
 def _draw_overview(figure: Figure, row: Any, title: str, recording: CutColumn) -> None:
-    """Draw a recording across a row of the grid, its holds shaded and numbered."""
+    """Draw a recording across a row of the grid, with its holds shaded and numbered."""
     for axis in row:
         axis.remove()
     axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])

@@ -39,8 +39,6 @@ _LABELLED_DIGITS, _LABELLED_WITHIN_A_DECADE = "125", "1234568"
 #: Ratio of the limits of an axis above which only powers of ten are labelled.
 _CROWDED = 3e3
 
-#: Label of a colour bar's axes in matplotlib; such axes get no letter.
-COLORBAR = "<colorbar>"
 #: Width of a legend entry with its handle, inches.
 _ENTRY_IN = 1.75
 
@@ -130,7 +128,7 @@ def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> N
 
 def letter_panels(figure: Figure) -> None:
     """Add a letter to each panel, row by row; a single panel gets none."""
-    panels = [axis for axis in figure.axes if axis.get_visible() and axis.get_label() != COLORBAR]
+    panels = [axis for axis in figure.axes if axis.get_visible()]
     if len(panels) < 2:
         return
     for number, axis in enumerate(panels):

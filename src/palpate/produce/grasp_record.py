@@ -19,11 +19,11 @@ from palpate.produce.store.writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
 
-#: Answers of a grasp; width or pressure come from the gripper (`hold_measurements`).
+#: Measurements of a result; the gripper measures width or pressure (`hold_measurements`).
 _ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm", "firmness")
 
 #: Name of the gripper's own measurement for each kind of gripper.
-HOLD_NAMES: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
+_HOLD_NAMES: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
 
 
 def make_grasp_record(
@@ -86,7 +86,7 @@ def hold_measurements(
 
     `drive` ("width" or "pressure"): kind of gripper.
     """
-    name, until_s = HOLD_NAMES[drive], answer_time_s(result)
+    name, until_s = _HOLD_NAMES[drive], answer_time_s(result)
     if until_s is None:
         return {}
     reported = [

@@ -273,13 +273,13 @@ def make_pipeline(name: str) -> Any:
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
         from sklearn.ensemble import HistGradientBoostingClassifier
         from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline as in_line
+        from sklearn.pipeline import make_pipeline as join_steps
         from sklearn.preprocessing import StandardScaler
     return {
-        "discriminant": lambda: in_line(
+        "discriminant": lambda: join_steps(
             StandardScaler(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
         ),
-        "logistic": lambda: in_line(StandardScaler(), LogisticRegression(max_iter=5000)),
+        "logistic": lambda: join_steps(StandardScaler(), LogisticRegression(max_iter=5000)),
         "trees": lambda: HistGradientBoostingClassifier(
             max_iter=100, learning_rate=0.05, max_leaf_nodes=7, min_samples_leaf=5, random_state=0
         ),

@@ -84,7 +84,7 @@ class Item:
     batch: str | None = None
     #: A note for people.
     label: str | None = None
-    #: Time of the first record; None to let the store set it.
+    #: Time of the first record; None for the time of writing.
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
@@ -131,7 +131,7 @@ class Grasp:
     outcome: Outcome
     #: Measurements by name, see `MEASURED`. Missing measurements are omitted.
     measurements: Mapping[str, Measurement] = field(default_factory=lambda: MappingProxyType({}))
-    #: Relative change of each pixel when the answer was given, shape (rows, cols).
+    #: Relative change of each pixel at the answer, shape (rows, cols).
     pixel_settled_percent: PixelPercent | None = None
     #: Time from first contact to the answer; largest measured grip force.
     decision_time_s: float | None = None

@@ -20,8 +20,8 @@ from palpate.produce.ripeness.history import read_labelled_histories
 if TYPE_CHECKING:
     from palpate.produce.store import Store
 
-#: Features of a grade or a kind: means over an item's grasps. Those with names in "mm"
-#: are logarithms.
+#: Features of a grade or a kind: means over an item's grasps, as logarithms if the name ends in
+#: "mm".
 _GRADE_FEATURES = ("size_mm", "stiffness_n_per_mm", "firmness", "settled_percent")
 
 
@@ -62,9 +62,9 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
 def read_labels_about(store: Store, about: About, *, kind: str | None) -> LabelledTable:
     """Return the training table of the store's grasps and people's labels.
 
-    `about`: identity and bin (a grade) have one row per item, with or without a label. Ripeness has
-        one row per labelled day of an item grasped with fingers driven by width. Bruise has one row
-        per labelled side.
+    `about`: identity and bin (a grade) have one row per measured item, with or without a label.
+        Ripeness has one row per labelled day of an item grasped with fingers driven by width.
+        Bruise has one row per grasp of a labelled side, for the reference with the most rows.
     `kind`: only items of this kind; required for bruise and ripeness.
     Raises `InputError` if a required kind is missing, or the table is empty.
     """

@@ -285,7 +285,7 @@ def test_settle_invalid_options_exit_with_2_in_one_line(
         (b"hold_id,value\na,1\n", "line 1: no column time_s"),
         (b"hold_id,time_s,value\na,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
         (b"hold_id,time_s,value\na,0,1\na,1,oops\n", "line 3: value is 'oops'"),
-        (b"hold_id,time_s,value\na,1,1\na,0,1\n", "line 3: time goes backwards in hold a"),
+        (b"hold_id,time_s,value\na,1,1\na,0,1\n", "line 3: time decreases in hold a"),
         (bytes(range(256)) * 8, "not a text file"),
     ],
 )

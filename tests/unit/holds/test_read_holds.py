@@ -96,7 +96,7 @@ BAD_TEXT = {
     "text": (HEADER + "a,0,1\na,1,x2\n", "line 3: value is 'x2', not a finite number"),
     "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
-    "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time goes backwards in hold a"),
+    "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time decreases in hold a"),
     "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time is repeated in hold a"),
     "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields, but the header has 3"),
     "too few fields": (HEADER + "a,0,1\na,1\n", "line 3: 2 fields, but the header has 3"),
@@ -184,7 +184,7 @@ def table(**columns: object) -> pa.Table:
         ({"hold_id": [1.5, 1.5]}, "column hold_id is double; it must be text"),
         ({"value": [1.0, None]}, "row 2: value is missing"),
         ({"value": [1.0, float("nan")]}, "row 2: value is nan, not a finite number"),
-        ({"time_s": [1.0, 0.0]}, "row 2: time goes backwards"),
+        ({"time_s": [1.0, 0.0]}, "row 2: time decreases"),
     ],
 )
 def test_read_holds_invalid_parquet_error_names_row(

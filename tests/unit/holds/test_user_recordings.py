@@ -284,7 +284,7 @@ def test_settle_cut_option_replaces_contact_search(tmp_path: Path, palpate: Comm
         ("a,b\n" + "".join(f"{k % 9},{k}\n" for k in range(50)), "no time column recognised"),
         (table(TIME_S, 2000 + 500 * np.sin(TIME_S / 3)), "no contact found"),
         (table(TIME_S, np.full(TIME_S.size, 7.0)), "no contact found"),
-        (table(TIME_S[::-1], OHM), "time goes backwards"),
+        (table(TIME_S[::-1], OHM), "time decreases"),
         (table(TIME_S[:99], OHM[:99]) + "x,y\n" * 9, "no time in column time_s"),
         (table(TIME_S[:99], OHM[:99]) + "1,2,3\n" * 9, "line 101: 3 fields instead of 2"),
     ],

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 #: Maximum pause between grasps of one visit. Earlier visits are the item's history.
 _VISIT = timedelta(minutes=30)
-#: Minimum and maximum number of grasps of sound items for the reference "class".
+#: Minimum number of grasps of sound items for the reference "class". No further items are read
+#: after the second number of grasps.
 _FEWEST_SOUND, _MOST_SOUND = 6, 200
 #: Maximum angle between grasps of the same side, and minimum angle between independent sides,
 #: degrees.
@@ -67,7 +68,7 @@ class ItemBruise:
 
     #: Sides grasped in the last visit, highest probability of a bruise first.
     sides: tuple[SideVerdict, ...]
-    #: Mean change over all pixels in earlier grasps of the first side; None without any.
+    #: Mean change over all pixels on the first visit of the first side; None without one.
     before_percent: float | None
     #: Whether any grasp is simulated.
     simulated: bool
@@ -127,7 +128,8 @@ def examine_item(
     """Judge an item from its last visit, store the verdict, and return the result.
 
     `bruised_fraction`: prior probability that a side is bruised.
-    Raises `InputError` if the item is unknown, has no grasp with pixels, or has no reference.
+    Raises `InputError` if the item is unknown, has no grasp with pixels, has no reference of the
+    model, or has too few pixels in use.
     """
     item = store.item(item_id)
     grasps = usable_grasps(store.grasps_of(item_id))
@@ -253,7 +255,7 @@ def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
 
 
 def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
-    """Return grasps of items labelled sound, newest label first; none without a kind."""
+    """Return usable grasps of items labelled sound; none without a kind."""
     found: list[Grasp] = []
     if kind is None:
         return found

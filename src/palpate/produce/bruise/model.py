@@ -1,9 +1,9 @@
 """Probability of a bruise, learned from labelled sides.
 
 A side is compared with one reference. A logistic regression on the contrasts
-(`bruise.shape.contrast`) of labelled sides to the same reference gives the probability. If several
-references are available, the most informative one is used: on simulated apples a second reference
-adds nothing (study bruise).
+(`bruise.shape.contrast`) of labelled sides to the same reference estimates the probability. If
+several references are available, only the most informative one is used, because a second reference
+adds nothing on simulated apples (study bruise).
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class Demand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A figure with its interval by the bootstrap over items; NaN if unknown."""
+    """A figure with its interval from the bootstrap over items; NaN if unknown."""
 
     value: float
     low: float = math.nan
@@ -188,7 +188,7 @@ def calculate_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
 
 
 def count_grades(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int64]:
-    """Count pairs by the grades of the reference (rows) and the grasp (columns)."""
+    """Count pairs by the grades of reference (rows) and grasp (columns); empty without limits."""
     table = np.zeros((len(limits) + 1, len(limits) + 1), dtype=np.int64)
     np.add.at(table, (np.digitize(found.read, limits), np.digitize(found.converted, limits)), 1)
     return table if limits else table[:0, :0]

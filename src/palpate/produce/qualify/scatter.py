@@ -14,13 +14,13 @@ from palpate.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """Standard deviations by one-way analysis of variance (random effects, unequal groups).
+    """Standard deviations from a one-way analysis of variance (random effects, unequal groups).
 
     Attributes
     ----------
     between, within : float
         Standard deviation between items, and between readings of one item. `within` is NaN if no
-        item has two readings.
+        item has two readings, and `between` is then the total standard deviation.
     """
 
     between: float
@@ -44,7 +44,7 @@ class Scatter:
 
 
 def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
-    """Return the scatter of readings, without NaN readings.
+    """Return the scatter of readings, ignoring NaN.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
 def deming_lines(
     x: FloatArray, y: FloatArray, *, ratio: float, leave_out: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return slope and offset of `y` over `x` by Deming regression (errors in both).
+    """Return slope and offset of `y` over `x` from a Deming regression (errors in both).
 
     Parameters
     ----------

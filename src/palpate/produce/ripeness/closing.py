@@ -1,9 +1,9 @@
 """Width of an item at contact, measured with fingers driven by pressure.
 
-The pressure at contact gives the item's width. A calibration with rigid blocks provides the closure
-per pressure and the compliance of the fingers (`palpate.estimate.compliance`). At small forces the
-sheet is inaccurate; at large forces the fingers deflect by centimetres. At 1 N each error is a few
-tenths of a millimetre.
+The pressure at contact determines the item's width. A calibration with rigid blocks provides the
+closure per pressure and the compliance of the fingers (`palpate.estimate.compliance`). At small
+forces the sheet is inaccurate; at large forces the fingers deflect by centimetres. At 1 N each
+error is a few tenths of a millimetre.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ClosingWatch:
             self._hold_state = grasp_state
 
     def list_measurements(self) -> dict[str, Measurement]:
-        """Return the measurements by name; empty if the item was not held."""
+        """Return the measurements by name; empty if the item was not held or measured."""
         if self._hold_state is None:
             return {}
         width = contact_width(self._hold_state, plan=self.plan)

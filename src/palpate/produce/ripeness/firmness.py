@@ -24,7 +24,7 @@ from palpate.produce.records import Grasp
 #: Grip force of the ripeness measurement: enough to deform a hard fruit by a third of a millimetre,
 #: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
 RIPENESS_N = 5.0
-#: Minimum fall of a pixel's resistance in the calculation; a smaller fall is replaced by this one.
+#: Minimum fall of a pixel's resistance in the calculation; smaller falls are raised to this value.
 _LEAST_PERCENT = 1.0
 DAY_S = 86_400.0
 
@@ -49,9 +49,10 @@ def firmness_of(grasp: Grasp) -> float | None:
 
     Fingers driven by width: ln of the stiffness in N/mm at 5 N. The stiffness of a round body is
     proportional to the cube root of the force. The firmness index is the source, because a gentle
-    squeeze often gives only a bound on the stiffness. Fingers driven by pressure: -ln of the number
-    of pixels that share the load. If the closing measured the width, that number is corrected for
-    size and force (`palpate.produce.ripeness.shared_load`). The two scales are not comparable.
+    squeeze often yields only a bound on the stiffness. Fingers driven by pressure: -ln of the
+    number of pixels that share the load. If the closing measured the width, that number is
+    corrected for size and force (`palpate.produce.ripeness.shared_load`). The two scales are not
+    comparable.
 
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement
@@ -85,7 +86,7 @@ def firmness_of(grasp: Grasp) -> float | None:
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:
-    """Return -ln of the effective number of loaded pixels; None without load.
+    """Return -ln of the effective number of loaded pixels; None without load or two pixels.
 
     The effective number is (sum of excess conductance)^2 / sum of (excess conductance)^2.
 
@@ -103,7 +104,7 @@ def minus_log_sharing(percent: ArrayLike) -> float | None:
 
 
 def group_by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFirmness, ...]:
-    """Group firmness readings by day (24 h from the first grasp), oldest first.
+    """Group firmness readings into days of 24 h, oldest first.
 
     The mean is taken over softness, because the firmness of hard items has large outliers.
 
@@ -117,8 +118,7 @@ def group_by_day(readings: Iterable[tuple[datetime, float]]) -> tuple[DayFirmnes
     if not ordered:
         return ()
     elapsed_days = [(at - ordered[0][0]).total_seconds() / DAY_S for at, _ in ordered]
-    # The offset of a quarter day keeps grasps of one morning together if mornings start at
-    # different hours.
+    # Days begin 6 h before the time of the first grasp, because mornings start at different hours.
     number = np.floor(np.array(elapsed_days) + 0.25).astype(int)
     days = []
     for one in np.unique(number):

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: Maximum time between a label and the day of grasps that it applies to, days.
-_SAME_DAY = 0.5
-#: Maximum number of labelled items in the training set; the most recently labelled count.
+#: Maximum time between a label and its day of grasps, days.
+_MAX_LABEL_DISTANCE_DAYS = 0.5
+#: Maximum number of labelled items in the training set, the most recently labelled first.
 _MOST_ITEMS = 200
 
 
@@ -83,7 +83,7 @@ def learn_rule(
 ) -> RipenessRule:
     """Learn a rule from the labelled items of a kind.
 
-    Raises `InputError` if there are too few items, or a stage has no label.
+    Raises `InputError` as `RipenessRule.learn`, or if no item has a label.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
     newest_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
@@ -117,7 +117,8 @@ def read_labelled_histories(
         labels: list[str | None] = [None] * len(history.days)
         for verdict in sorted(given, key=lambda one: one.given_at):
             nearest = history.nearest_day(verdict.given_at)
-            if abs(history.days[nearest].day - history.day_of(verdict.given_at)) <= _SAME_DAY:
+            distance = history.days[nearest].day - history.day_of(verdict.given_at)
+            if abs(distance) <= _MAX_LABEL_DISTANCE_DAYS:
                 labels[nearest] = verdict.text
         yield history, labels
 
@@ -172,7 +173,7 @@ def make_ripeness_verdict(ripeness: Ripeness, history: FirmnessHistory) -> Verdi
 
 
 def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
-    """Return whether the stage is an assumption: first day, without labels."""
+    """Return whether the stage is only the assumption that the first day is hard."""
     return ripeness.basis == "first day" and len(history.days) == 1
 
 

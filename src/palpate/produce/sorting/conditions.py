@@ -82,11 +82,11 @@ class OneOf:
         return _most_probable_text({name: evidence.ripeness.get(name, 0.0) for name in self.names})
 
     def covers(self, other: OneOf | Within) -> bool:
-        """Whether every item that meets the other, of the same key, meets this one."""
+        """Return whether this condition accepts every item that the other accepts."""
         return isinstance(other, OneOf) and other.names <= self.names
 
     def describe_overlap(self, other: OneOf | Within) -> str | None:
-        """Return the overlap of both in words; None without one."""
+        """Return the overlap with another condition as text; None without overlap."""
         both = sorted(self.names & other.names) if isinstance(other, OneOf) else []
         return f"{self.key} {', '.join(both)}" if both else None
 
@@ -122,11 +122,11 @@ class Within:
         return f"{evidence.describe(self.key)} within {self.low:g} to {self.high:g}"
 
     def covers(self, other: OneOf | Within) -> bool:
-        """Whether every item that meets the other, of the same key, meets this one."""
+        """Return whether this condition accepts every item that the other accepts."""
         return isinstance(other, Within) and self.low <= other.low and other.high <= self.high
 
     def describe_overlap(self, other: OneOf | Within) -> str | None:
-        """Return the overlap of both in words; None without one."""
+        """Return the overlap with another condition as text; None without overlap."""
         if not isinstance(other, Within):
             return None
         low, high = max(self.low, other.low), min(self.high, other.high)
@@ -150,7 +150,7 @@ def _read_range(key: str, stated: Any) -> Within:
         and all(isinstance(n, int | float) and not isinstance(n, bool) for n in stated)
     )
     if not numbers or not 0 <= stated[0] < stated[1]:
-        raise ValueError("[from, to] with from < to")
+        raise ValueError("[from, to] with 0 <= from < to")
     return Within(key, float(stated[0]), float(stated[1]))
 
 
@@ -174,7 +174,7 @@ VERDICT_CONDITIONS = {"ripeness": "a ripeness verdict", "bruised": "a bruise ver
 
 
 def percent(fraction: float) -> str:
-    """Return a fraction as text in percent, below 1 % with two digits."""
+    """Return a fraction as text in percent, with two significant digits below 1 %."""
     return f"{100 * fraction:.2g} %" if fraction < 0.01 else f"{100 * fraction:.0f} %"
 
 

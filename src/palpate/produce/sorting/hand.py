@@ -29,17 +29,17 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 
-#: Clearance as a fraction of the known size: the largest out-of-roundness of produce.
+#: Clearance as a fraction of the known size, larger than the out-of-roundness of produce.
 _CLEARANCE_FRACTION = 0.15
-#: The sheet is stable if two successive averages of this duration differ by at most this percentage
-#: (as for re-zeroing). The wait has a time limit.
+#: The sheet is stable if two successive averages of this duration differ by at most this
+#: percentage. The wait has a time limit.
 _AVERAGE_S, _STABLE_PERCENT, _TIMEOUT_S = 1.0, 0.3, 20.0
 _FRAME_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimedGrasp:
-    """A grasp and its duration, from the first movement until the hand is open."""
+    """A grasp and its duration, including the wait for a stable sheet."""
 
     grasp: Grasp
     lasted_s: float
@@ -91,17 +91,17 @@ class SortingHand:
     def _wait_until_stable(self) -> None:
         """Wait until the sheet has recovered, with a time limit."""
         deadline_s = self.clock.now_s() + _TIMEOUT_S
-        before = self._mean_ohm(_AVERAGE_S)
+        before = self._mean_ohm()
         while self.clock.now_s() < deadline_s:
-            now = self._mean_ohm(_AVERAGE_S)
+            now = self._mean_ohm()
             change = mean_change(relative_change_percent(now, rest_ohm=before))
             if not abs(float(change)) > _STABLE_PERCENT:
                 return
             before = now
 
-    def _mean_ohm(self, duration_s: float) -> NDArray[np.float64]:
-        """Read frames for a duration and return each pixel's mean resistance."""
-        until_s = self.clock.now_s() + duration_s
+    def _mean_ohm(self) -> NDArray[np.float64]:
+        """Read frames for the averaging time and return each pixel's mean resistance."""
+        until_s = self.clock.now_s() + _AVERAGE_S
         ohm: list[NDArray[np.float64]] = []
         while self.clock.now_s() < until_s or not ohm:
             frame = self.array.read(timeout_s=_FRAME_TIMEOUT_S)

@@ -103,9 +103,9 @@ class BinDecision:
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     """Choose the bin: the first rule with sufficient probability applies.
 
-    Another grasp is requested if an earlier rule is undecided, or no rule applies, and more grasps
-    can change this and are allowed. An item that is unknown after its first grasp is also grasped
-    again, because one poor grasp does not prove an untrained kind.
+    Another grasp is requested, up to the maximum, if the item has no grasp yet, or if a rule before
+    the applied rule is undecided and a grasp can decide it. An item rejected as unknown after its
+    first grasp is also grasped again, because one poor grasp does not prove an untrained kind.
 
     `evidence`: combined evidence of all grasps and verdicts.
 

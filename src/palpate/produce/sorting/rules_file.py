@@ -30,8 +30,8 @@ def read_rules(path: str | Path) -> RuleBook:
     ``ripeness`` (a name or a list of names), ``size_mm`` or ``firmness`` (``[from, to]``), or
     ``bruised`` (true or false). A rule may override ``confidence``.
 
-    Raises `InputError` with the line number if the file can't be read, a key is unknown, a value is
-    invalid, or a rule can never apply.
+    Raises `InputError` if the file can't be read, a key is unknown or missing, a value is invalid,
+    or a rule never applies or partly overlaps another.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -85,9 +85,9 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
     """Refuse a rule that an earlier rule hides or partly overlaps.
 
     The first match applies, so an exception may precede a general rule. A rule is unreachable if an
-    earlier rule accepts all its items with the same or a lower confidence. Two rules overlap if
-    they have the same conditions and different bins, and each accepts items that the other does
-    not. The bin of a common item would then depend only on the order of the lines.
+    earlier rule accepts all its items with the same or a lower confidence. Two rules overlap partly
+    if they have conditions on the same keys and different bins, and each accepts items that the
+    other does not. The bin of a common item would then depend only on the order of the lines.
 
     Raises `InputError` with both line numbers.
 
@@ -142,7 +142,7 @@ class _Section:
     stated: Mapping[str, Any]
 
     def fault(self, text: str, *, key: str = "") -> InputError:
-        """Return an error with the line of a key, or else of the section."""
+        """Return an error with the line of a key, or the first line."""
         pattern = re.compile(
             rf"""\s*["']?{re.escape(key)}["']?\s*[=.\]]|\s*\[+\s*{re.escape(key)}"""
         )

@@ -24,7 +24,7 @@ class Sorted:
     item_id: str
     #: Bin and reason.
     decision: BinDecision
-    #: Kind of the item; None without a suitable grasp.
+    #: Kind of the item; None if it was not identified.
     identity: Identity | None
     #: Size from all grasps.
     size_mm: Measurement | None

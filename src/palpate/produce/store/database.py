@@ -65,11 +65,10 @@ class Store(StoreReader):
     def __init__(self, engine: sa.Engine, *, name: str, shared: sa.URL | None = None) -> None:
         super().__init__(engine, name=name)
         self._writing = engine.execution_options(writes=True)
-        self._shared_url, self._server = shared, None
+        self._shared_url = shared
+        self._server: Store | None = None
         if shared is not None:
             self.name = show_url(shared)
-
-    _server: Store | None
 
     @classmethod
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
@@ -93,6 +92,10 @@ class Store(StoreReader):
             _check_file(Path(url.database), name=name, create=create)
             if not create:
                 url = read_only_url(url)
+        return cls._open_url(url, name=name, shared=shared, create=create)
+
+    @classmethod
+    def _open_url(cls, url: sa.URL, *, name: str, shared: sa.URL | None, create: bool) -> Store:
         store = cls(make_engine(url), name=name, shared=shared)
         try:
             store._migrate_if_old(create=create)
@@ -215,14 +218,9 @@ class Store(StoreReader):
 
     def _open_server(self) -> Store:
         if self._server is None:
-            assert self._shared_url is not None
-            server = Store(make_engine(self._shared_url), name=show_url(self._shared_url))
-            try:
-                server._migrate_if_old(create=True)
-            except BaseException:
-                server.close()
-                raise
-            self._server = server
+            url = self._shared_url
+            assert url is not None
+            self._server = Store._open_url(url, name=show_url(url), shared=None, create=True)
         return self._server
 
     def _read_waiting(self) -> list[sa.Row[tuple[int, str, str, str]]]:

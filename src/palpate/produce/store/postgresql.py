@@ -39,10 +39,6 @@ def _shut_down(connection: TimeLimitedConnection) -> None:
     # Use a duplicate, because the library closes the original descriptor.
     with (
         suppress(OSError, psycopg.Error),
-        socket.socket(fileno=_duplicate_socket(connection)) as copy,
+        socket.socket(fileno=os.dup(connection.pgconn.socket)) as copy,
     ):
         copy.shutdown(socket.SHUT_RDWR)
-
-
-def _duplicate_socket(connection: TimeLimitedConnection) -> int:
-    return os.dup(connection.pgconn.socket)
