@@ -99,13 +99,13 @@ def _print(item: str, found: ItemBruise) -> None:
             str(side.grasps),
             f"{100 * side.probability:.0f}",
             side.against,
+            # Rows and columns are numbered from 1.
             ", ".join(f"{row + 1}/{column + 1}" for row, column in side.pixels)
             if side.probability >= 0.5
             else "",
         )
         for side in found.sides
     ]
-    # Rows and columns are numbered from 1.
     columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if bruised")
     print_table(columns, rows, console=console)
     changes = {

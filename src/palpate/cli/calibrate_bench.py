@@ -1,4 +1,4 @@
-"""The bench and the output file of a calibration."""
+"""The bench and the files of a calibration."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
             prompt_user(f"{instruction}, then press Enter")
             cell.tare()
 
-        def prompt_to_place(item: str) -> None:
-            prompt_and_tare(f"{item} between the open fingers, touching neither")
+        def prompt_to_place(item: str, *, step: str = "") -> None:
+            prompt_and_tare(f"{step}place {item} between the open fingers, without contact")
 
         yield GuidedBench(
             bench=bench,
             reseat=lambda _: prompt_to_place(
-                f"placement {next(number)} of {placements}: the load cell, with another face"
+                "the load cell on another face", step=f"placement {next(number)} of {placements}: "
             ),
             place_block=lambda: prompt_to_place("the rigid block with the load cell"),
             remove_object=lambda: prompt_and_tare("remove the block: nothing between the fingers"),

@@ -24,7 +24,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.files import check_not_input
 from palpate.sensor.rest_calibration import format_now
 
-#: Minimum number of closings for learning with cross-validation.
+#: Minimum number of closings for training and cross-validation.
 _MIN_CLOSINGS = 12
 
 
@@ -49,8 +49,8 @@ def damage(
 ) -> None:
     """Learn the damage limit of grasps from produce squeezed until rupture.
 
-    The model is validated by leaving out each closing in turn. Use the file with `palpate grasp
-    --damage FILE --kind KIND`.
+    The model is cross-validated on held-out closings. Use the file with `palpate grasp --damage
+    FILE --kind KIND`.
 
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """

@@ -16,8 +16,8 @@ from palpate.holds import Hold
 from palpate.recording.exporting import hold_tables, write_export
 from palpate.rig.file import read_rig_file
 
-#: Minimum duration of a hold with a known settled value: the horizon.
-_MIN_HOLD_S = 20.0
+#: Horizon of a known settled value, and tolerance of a hold's end before it.
+_MIN_HOLD_S, _TOLERANCE_S = 20.0, 0.5
 
 
 def settling(
@@ -48,7 +48,7 @@ def settling(
     settled = _read(HoldSource(paths=[place]), place) if rig and place.exists() else []
     for path in files:
         cut = _read(source, path)
-        long = [hold for hold in cut if hold.time_s[-1] >= _MIN_HOLD_S - 0.5]
+        long = [hold for hold in cut if hold.time_s[-1] >= _MIN_HOLD_S - _TOLERANCE_S]
         names = {hold.hold_id for hold in cut}, {hold.hold_id for hold in long}
         print_message(f"{path}: {len(names[0])} holds, {len(names[1])} long enough")
         if repeated := names[1] & {hold.hold_id for hold in settled}:

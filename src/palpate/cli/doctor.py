@@ -17,7 +17,7 @@ from rich.text import Text
 
 from palpate.cli import options as option
 from palpate.cli.options import opt
-from palpate.cli.output import CARD_FRAME, print_card, print_json, print_message
+from palpate.cli.output import CARD_FRAME, finite_or_none, print_card, print_json, print_message
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
 from palpate.recording import load_recording
@@ -45,7 +45,7 @@ def doctor(
 ) -> None:
     """Find faulty or swapped pixels, lost frames and a wrong reference resistor.
 
-    Pixel faults are dead, shorted, stuck, noisy and drifting. Nothing may touch the sensor. Exit
+    A pixel may be dead, shorted, stuck, noisy or drifting. Nothing may touch the sensor. Exit
     status 1: faults found.
 
     Example: palpate doctor --port /dev/ttyACM0 --press
@@ -175,10 +175,10 @@ def health_document(examined: Examined) -> dict[str, Any]:
                 "row": row,
                 "col": col,
                 "finger": layout.finger_of_row[row],
-                "rest_ohm": _finite_or_none(float(pixels.rest_ohm[row, col])),
-                "noise_percent": _finite_or_none(float(pixels.noise_percent[row, col])),
-                "drift_percent": _finite_or_none(float(pixels.drift_percent[row, col])),
-                "count_percent": _finite_or_none(float(pixels.count_percent[row, col])),
+                "rest_ohm": finite_or_none(float(pixels.rest_ohm[row, col])),
+                "noise_percent": finite_or_none(float(pixels.noise_percent[row, col])),
+                "drift_percent": finite_or_none(float(pixels.drift_percent[row, col])),
+                "count_percent": finite_or_none(float(pixels.count_percent[row, col])),
             }
             for row, col in np.ndindex(layout.rows, layout.cols)
         ],
@@ -224,7 +224,7 @@ def _pixels(examined: Examined) -> Table:
     names = ["pixel", ">finger", ">at rest", ">noise", ">drift", ">one count", *[""] * bool(marks)]
     table = make_table(names)
     for column in table.columns:
-        # Numbers stay with their units; the longest name takes two lines where it must.
+        # Numbers are not separated from their units; only the longest heading may wrap.
         column.no_wrap = column.header != "one count"
     for row, col in np.ndindex(layout.rows, layout.cols):
         name = pixel_name(row, col)
@@ -301,7 +301,3 @@ def _ohm_text(ohm: float) -> str:
 
 def _percent(value: float, *, sign: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{sign}z.2f} %"
-
-
-def _finite_or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

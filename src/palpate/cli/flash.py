@@ -191,9 +191,7 @@ def _check_intel_hex(image: Path) -> None:
         raise InputError(f"image {image}: a truncated Intel hex file")
 
 
-def ports(
-    as_json: JsonOption = False,
-) -> None:
+def ports(as_json: JsonOption = False) -> None:
     """List serial ports, likely boards first.
 
     Example: palpate ports

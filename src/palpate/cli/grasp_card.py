@@ -120,15 +120,14 @@ def _timings(result: GraspResult) -> Text:
 
 def _limit_text(limit: Mapping[str, object]) -> str:
     """Return the damage limit and its effect as one line."""
-    who = limit["kind"] or "unknown kind"
-    learned = f"{who}, {limit['closings']} closings"
+    learned = f"{limit['kind'] or 'unknown kind'}, {limit['closings']} closings"
     if limit["low_n"] is None:
         why = "not measurable in this closing, so the gripper closed only slightly further"
         return f"Damage limit ({learned}): {why}"
-    did = ""
+    effect = ""
     if limit["passed"]:
         # The sheet can't resolve small forces, so the limit may be known too late.
-        did = ": known only after the force had exceeded it; the closing then stopped"
+        effect = ": known only after the force had exceeded it; the closing then stopped"
     elif limit["kept_below_target"]:
-        did = ": the force stayed below the target because of it"
-    return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"
+        effect = ": the force stayed below the target because of it"
+    return f"Damage limit {limit['low_n']:.1f} N ({learned}){effect}"

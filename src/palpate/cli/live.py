@@ -196,5 +196,5 @@ class LiveStream:
 
     @staticmethod
     def _wall_zero_unix_ns(time_s: float) -> int:
-        """Return the Unix time at which a clock that now reads `time_s` read 0 s."""
+        """Return the Unix time of 0 s on a clock that now reads `time_s`, ns."""
         return time.time_ns() - round(time_s * 1e9)

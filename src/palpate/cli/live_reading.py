@@ -14,6 +14,7 @@ from palpate.clock import Clock
 from palpate.errors import DeviceTimeoutError
 from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
+from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -24,13 +25,11 @@ from palpate.signal.relative import (
     relative_change_percent,
 )
 
-#: Without a calibration, the rest values are measured during the first second.
+#: Duration of the rest measurement without a calibration, seconds.
 _REST_S = 1.0
 #: Release threshold: fraction of the contact threshold (hysteresis).
 _RELEASE_FRACTION = 0.5
-#: A frame is stale after five periods, but not before 100 ms (as everywhere in palpate).
-_STALE_PERIODS, _STALE_S = 5.0, 0.1
-
+_SAFETY = SafetyLimits()
 #: Short read timeout, so that the view shows a silent sensor promptly.
 _WAIT_S = 0.2
 #: Steps of the demonstration squeeze: fraction of the gripper's maximum rate, mean relative change
@@ -44,7 +43,7 @@ class LiveReading:
     """State of the sensor after the latest frames.
 
     Arguments:
-    `rest_ohm`, shape (rows, cols): calibrated rest values; None measures them in the first second.
+    `rest_ohm`, shape (rows, cols): calibrated rest values; None to measure them first.
     `clock`: real-time clock, for the age of the last frame.
     `force`: force tracker; None disables the force.
 
@@ -118,7 +117,7 @@ class LiveReading:
     def is_stale(self) -> bool:
         """Whether the next frame is overdue."""
         period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
-        return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
+        return not self.age_s <= _SAFETY.stale_after_s(period_s)
 
     def _is_touching(self, finger: int) -> bool:
         assert self.change_percent is not None

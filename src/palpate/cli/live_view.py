@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from rich.align import Align
 from rich.columns import Columns
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -125,7 +124,7 @@ class LiveView:
     def _link(self) -> RenderableType:
         reading = self._reading
         if not reading.frames:
-            return Align.left(Text("no frame yet", style="bold red"))
+            return Text("no frame yet", style="bold red")
         counters = reading.source.link_counters()
         lost = f"[bold red]{reading.lost} lost[/]" if reading.lost else "0 lost"
         bad = f"[bold red]{counters.corrupt} corrupt[/]" if counters.corrupt else "0 corrupt"

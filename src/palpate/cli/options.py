@@ -135,7 +135,7 @@ RigOption: TypeAlias = Annotated[
     ),
 ]
 
-#: Give it the default False.
+#: Requires the default False.
 JsonOption: TypeAlias = Annotated[bool, opt("--json", "Print one JSON document.")]
 
 #: Requires the default 20.
@@ -143,21 +143,21 @@ HorizonOption: TypeAlias = Annotated[
     float, opt("--horizon SECONDS", "Time of the settled value, from the start of the hold.")
 ]
 
-#: Give it the default False.
+#: Requires the default False.
 QuietOption: TypeAlias = Annotated[
     bool, opt("--quiet", "Hide the progress bar (always hidden without a terminal).")
 ]
 
 
 def _check_force(target_force_n: float | None) -> float | None:
-    """Return the force; raise `InputError` if it exceeds the limit of all grasps."""
+    """Return the force; raise `InputError` if it is outside the range of all grasps."""
     from palpate.grasp.planning import check_target_force
 
     check_target_force(target_force_n, name="--target-force-n")
     return target_force_n
 
 
-#: Give it the default None.
+#: Requires the default None.
 TargetForceOption: TypeAlias = Annotated[
     float | None,
     opt(
@@ -167,7 +167,7 @@ TargetForceOption: TypeAlias = Annotated[
     ),
 ]
 
-#: Give it the default None.
+#: Requires the default None.
 StoreOption: TypeAlias = Annotated[
     str | None,
     opt(
@@ -184,7 +184,6 @@ DayOption: TypeAlias = Annotated[
     str | None, opt("--day DATE", "Select items grasped on this local date, such as 2026-05-01.")
 ]
 
-#: One item of the store.
 ItemArgument: TypeAlias = Annotated[
     str,
     typer.Argument(
@@ -192,17 +191,16 @@ ItemArgument: TypeAlias = Annotated[
     ),
 ]
 
-#: Give it the default None.
+#: Requires the default None.
 PlotOption: TypeAlias = Annotated[
     Path | None, opt("--plot FILE", "Write a plot to a .png, .svg or .pdf file.")
 ]
 
-#: A recording.
 RecordingArgument: TypeAlias = Annotated[
     Path, typer.Argument(help="An .mcap recording, complete or interrupted.")
 ]
 
-#: Give it the default None.
+#: Requires the default None.
 ObjectOption: TypeAlias = Annotated[
     str | None,
     opt(
@@ -212,7 +210,7 @@ ObjectOption: TypeAlias = Annotated[
     ),
 ]
 
-#: Give it the default None.
+#: Requires the default None.
 DamageOption: TypeAlias = Annotated[
     Path | None,
     opt(
@@ -221,7 +219,7 @@ DamageOption: TypeAlias = Annotated[
     ),
 ]
 
-#: Give it the default 0.
+#: Requires the default 0.
 SeedOption: TypeAlias = Annotated[
     int, opt("--seed", "Simulated rigs: seed of the random numbers.", min=0)
 ]
@@ -268,7 +266,10 @@ ExtraOption: TypeAlias = Annotated[
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
-    opt("--cutoff SECONDS", "Paper's method: time of the prediction. [default: 2.5]"),
+    opt(
+        "--cutoff SECONDS",
+        "Paper's method: time from the last movement to the prediction. [default: 2.5]",
+    ),
 ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,6 +27,11 @@ def print_message(text: str) -> None:
 def print_json(document: object) -> None:
     """Print a verb's JSON document."""
     print(json.dumps(document, allow_nan=False, indent=1), flush=True)
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number for JSON: the value, or None if it is not finite."""
+    return value if math.isfinite(value) else None
 
 
 def print_card(
@@ -67,7 +73,7 @@ def format_percent(fraction: float | None) -> str:
 def progress(
     title: str, *, total: float | None = None, quiet: bool = False
 ) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar on a terminal; yield the function that advances it.
+    """Show a progress bar on a terminal; yield a function that sets its value.
 
     `total`: value at completion; without it the bar shows only activity and elapsed time.
     """

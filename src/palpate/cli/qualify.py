@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, print_message
+from palpate.cli.output import finite_or_none, print_json, print_message
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_new
 from palpate.plots.inline_svg import inline_svg
@@ -48,7 +47,6 @@ def qualify(
             "Accepted difference, in the reference's unit. [default: the reference's "
             "repeatability on one item]",
             min=1e-9,
-            show_default=False,
         ),
     ] = None,
     limit: Annotated[
@@ -130,10 +128,6 @@ def qualification_document(
     found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
 ) -> Document:
     """Return the JSON of a qualification, with null for unknown values."""
-
-    def write_number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
     return {
         "items": items,
         "pairs": pairs,
@@ -142,12 +136,12 @@ def qualification_document(
         "tolerance": demand.tolerance,
         "limits": list(demand.limits),
         "figures": {
-            name: {end: write_number(getattr(figure, end)) for end in ("value", "low", "high")}
+            name: {end: finite_or_none(getattr(figure, end)) for end in ("value", "low", "high")}
             for name, figure in found.figures.items()
         },
         "line": {"slope": found.slope, "offset": found.offset},
         "scatter": {
-            name: {"between": write_number(scatter.between), "within": write_number(scatter.within)}
+            name: {end: finite_or_none(getattr(scatter, end)) for end in ("between", "within")}
             for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
         },
         "confusion": count_grades(found, demand.limits).tolist(),
@@ -218,21 +212,9 @@ def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:
 def write_report(path: Path, document: Document, *, found: Agreement, source: str) -> None:
     """Write a qualification report as one self-contained HTML page.
 
-    Parameters
-    ----------
-    path : path
-        New HTML file.
-    document : dict
-        As `qualification_document` returns it.
-    found : Agreement
-        The agreement with its pairs, for the figures.
-    source : str
-        Name of the table of readings.
-
-    Raises
-    ------
-    MissingExtraError
-        If matplotlib is not installed.
+    `found`: the agreement with its pairs, for the figures.
+    `source`: name of the table of readings.
+    Raises `MissingExtraError` if matplotlib is not installed.
     """
     unit = f" ({document['unit']})" if document["unit"] else ""
     shown = {

@@ -110,13 +110,13 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
     """Intercept Ctrl-C and SIGTERM; yield a function that returns whether one arrived."""
-    came: list[int] = []
+    received: list[int] = []
     before = {
-        number: signal.signal(number, lambda number, _: came.append(number))
+        number: signal.signal(number, lambda number, _: received.append(number))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
-        yield lambda: bool(came)
+        yield lambda: bool(received)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

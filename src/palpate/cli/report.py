@@ -108,7 +108,7 @@ def report(
 
 
 def _file_name(name: str) -> str:
-    """Return a file name that is unique to an item: `A/1` and `A 1` differ."""
+    """Return a file name that is unique to a name: `A/1` and `A 1` differ."""
     plain = re.sub(r"[^\w.-]+", "-", name).strip("-.")
     if plain == name:
         return plain

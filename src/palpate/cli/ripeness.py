@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Annotated
 
 import numpy as np
@@ -16,10 +16,10 @@ from rich.text import Text
 from palpate.cli import options as option
 from palpate.cli.items import find_batch, open_store
 from palpate.cli.options import BatchOption, JsonOption, StoreOption, opt
-from palpate.cli.output import format_percent, print_json, print_message
+from palpate.cli.output import finite_or_none, format_percent, print_json, print_message
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
-from palpate.produce.records import Drive, Item
+from palpate.produce.records import Item
 from palpate.produce.ripeness.history import (
     FirmnessHistory,
     explain_stage,
@@ -145,7 +145,7 @@ class _Judge:
 
     def __init__(self, store: Store, *, stages: tuple[str, ...], ripe: str) -> None:
         self._store, self._stages, self._ripe = store, stages, ripe
-        self._rule_of = cache(self._learn_rule)
+        self._rule_of = cache(partial(learn_rule, store, stages=stages))
 
     def judge(self, item: Item) -> _Judged:
         """Judge one item with the rule of its kind and gripper drive."""
@@ -157,7 +157,7 @@ class _Judge:
                 raise InputError(
                     f"its kind is unknown; set it with palpate items {item.item_id} --set kind=..."
                 )
-            rule: RipenessRule | None = self._rule_of(item.kind, drive)
+            rule: RipenessRule | None = self._rule_of(kind=item.kind, drive=drive)
         except InputError as why:
             if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
                 raise
@@ -172,9 +172,6 @@ class _Judge:
             rule=rule,
         )
 
-    def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule:
-        return learn_rule(self._store, kind=kind, drive=drive, stages=self._stages)
-
 
 def _print(judged: Sequence[_Judged]) -> None:
     """Print one row per item and, for a single item, its days."""
@@ -187,7 +184,8 @@ def _print(judged: Sequence[_Judged]) -> None:
             if one.is_assumed
             else format_percent(one.ripeness.probabilities[one.ripeness.stage]),
             _days_text(one.ripeness.days_to_ripe),
-            f"{len(one.history.grasps)} on {_format_count(len(one.history.days), 'day')}",
+            f"{len(one.history.grasps)} on {len(one.history.days)} day"
+            f"{'s' * (len(one.history.days) != 1)}",
         )
         for one in judged
     ]
@@ -222,10 +220,6 @@ def _print(judged: Sequence[_Judged]) -> None:
         console.print("[bold yellow]SIMULATED[/]: grasps on the twin")
 
 
-def _format_count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
-
-
 def _day_rows(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
     rows: list[dict[str, float | int | None]] = []
     width = history.drive == "width"
@@ -251,8 +245,7 @@ def _day_rows(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
 def _days_document(days: Days | None) -> dict[str, float | None] | None:
     if days is None:
         return None
-    ends = {"value": days.value, "low": days.low, "high": days.high}
-    return {name: end if math.isfinite(end) else None for name, end in ends.items()}
+    return {end: finite_or_none(getattr(days, end)) for end in ("value", "low", "high")}
 
 
 def _days_text(days: Days | None) -> str:

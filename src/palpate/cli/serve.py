@@ -42,10 +42,7 @@ def serve(
     damage: option.DamageOption = None,
     rules: Annotated[
         Path | None,
-        opt(
-            "--rules FILE",
-            "Show the bin of each named item: a rules file of `palpate sort`.",
-        ),
+        opt("--rules FILE", "Show the bin of each grasped item: a rules file of `palpate sort`."),
     ] = None,
     host: Annotated[
         str, opt("--host", "Listening address; addresses other than loopback require --token.")
@@ -69,7 +66,7 @@ def serve(
         str | None,
         opt(
             "--opcua [HOST:]PORT",
-            "Serve OPC UA; beyond loopback it is encrypted and --token is the password.",
+            "Serve OPC UA, encrypted with --token as the password; required beyond loopback.",
         ),
     ] = None,
     modbus: Annotated[

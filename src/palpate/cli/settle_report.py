@@ -209,7 +209,7 @@ def _row_cells(row: Prediction) -> dict[str, str]:
 
 
 def _text(figure: float | None) -> str:
-    """Format a value with four significant digits, or as an integer from 10 000."""
+    """Format a value with four significant digits, or as an integer from 1e4 to 1e6."""
     if figure is None or not np.isfinite(figure):
         return "-"
     is_integer = 1e4 <= abs(figure) < 1e6

@@ -24,8 +24,7 @@ from palpate.signal.circuit import Divider
 #: File-name endings of recordings; other files in a folder are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
 
-
-#: A larger sampling step suggests times in milliseconds, seconds.
+#: Sampling step above which the times are probably in milliseconds, seconds.
 _MAX_STEP_S = 4.0
 #: Position of the sensor in the voltage divider.
 Leg: TypeAlias = Literal["upper", "lower"]

@@ -85,7 +85,7 @@ class SortReport:
         rows = []
         for one in document["rows"]:
             wrong = one["belongs"] not in (None, one["bin"])
-            note = f" [red](truly: {escape(one['belongs'])})[/red]" if wrong else ""
+            note = f" [red](true bin: {escape(one['belongs'])})[/red]" if wrong else ""
             chance = one["probability"]
             rows.append(
                 (

@@ -217,7 +217,7 @@ class SimulatedCrate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedByLine:
-    """Items for a real gripper, with names from lines of standard input.
+    """Items placed by the user, with names from lines of standard input.
 
     A bar-code reader with keyboard output can enter the names.
     """

@@ -138,7 +138,7 @@ def test_calibrate_compliance_works_with_two_load_cells(
     # Without --out it is the file that the rig file names, which a grasp is going to use.
     arguments = ("--rig", str(bench.rig), "--block-mm", "40")
     document = palpate("calibrate", "compliance", *arguments, "--json").document
-    assert bench.asked[0].startswith("the rigid block with the load cell")
+    assert bench.asked[0].startswith("place the rigid block with the load cell")
     assert bench.asked[1].startswith("remove the block")
     assert document["simulated"] is False
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
