@@ -26,7 +26,7 @@ def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], *, console: Console | None = None
 ) -> None:
     """Print a table that fits the width of the terminal."""
-    console = console or Console(highlight=False)
+    console = console or Console(highlight=False, emoji=False)
     console.print(fit_table(make_table(columns, rows), console=console))
 
 
@@ -102,7 +102,9 @@ def _format_row(table: Table, row: tuple[RenderableType, ...]) -> Text:
     for column, cell in zip(table.columns, row, strict=True):
         name = ", ".join(str(column.header).split("\n")).strip(", ")
         first, *rest = (
-            [cell] if isinstance(cell, Text) else map(Text.from_markup, str(cell).split("\n"))
+            [cell]
+            if isinstance(cell, Text)
+            else (Text.from_markup(line, emoji=False) for line in str(cell).split("\n"))
         )
         text = Text.assemble(first, *(Text.assemble(" (", one, ")") for one in rest))
         pieces.append(Text.assemble((f"{name} ".lstrip(), "dim"), text))

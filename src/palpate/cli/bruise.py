@@ -90,7 +90,7 @@ def _learn(store: Store, item: str) -> BruiseModel:
 
 
 def _print(item: str, found: ItemBruise) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     verdict, note = "bruised" if found.is_bruised else "sound", " (simulated)" * found.simulated
     console.print(f"[bold]{escape(item)}: {verdict}[/bold]{note}")
     rows = [

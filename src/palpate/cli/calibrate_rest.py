@@ -90,7 +90,7 @@ def _print(calibration: Calibration, *, path: Path, earlier: Calibration | None)
                 )
             )
     simulated = "  [bold yellow]SIMULATED[/]" if calibration.origin == "simulated" else ""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.print(f"[bold]Rest values of {layout.name}[/], {values.frames} frames{simulated}\n")
     columns = ("pixel", ">finger", ">rest, ohm", ">spread", *[">since before"] * renewed)
     print_table(columns, rows, console=console)

@@ -203,7 +203,7 @@ def print_health(examined: Examined) -> None:
     color = "green" if health.is_healthy else "red"
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     summary = "healthy" if health.is_healthy else f"{faults} fault{'s' * (faults > 1)}"
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     print_card(
         console,
         Text(summary.capitalize(), style=f"bold {color}"),

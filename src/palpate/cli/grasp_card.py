@@ -57,7 +57,7 @@ def print_card(
     if summary["on_target"] is not None:
         target = "target within the interval" if summary["on_target"] else "off target"
         headline.append(f"  ·  {target} ({summary['target_force_n']:g} N)", style="bold")
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     parts: list[Text | Table | None] = [headline]
     if damaged:
         damage = "The object was damaged: the force exceeded its yield force."

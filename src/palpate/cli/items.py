@@ -227,7 +227,7 @@ def _export(
 
 def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     """Print one line per item."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     if not pages:
         console.print("no items; `palpate grasp --item NAME` adds one")
         return
@@ -269,7 +269,7 @@ def _print_page(page: ItemHistory) -> None:
     seen = None if item.first_seen is None else f"first seen {format_time(item.first_seen)}"
     rank = None if page.firmness_rank is None else page.firmness_rank.text
     facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     parts = [Text("  ·  ".join(facts))]
     tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)
     shown = [

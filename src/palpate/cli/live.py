@@ -82,7 +82,7 @@ def live(
             stack.enter_context(closing(stream))
             print_message(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}")
         end_s = clock.now_s() + duration_s
-        console = Console()
+        console = Console(emoji=False)
         if not console.is_terminal:  # Rich does not end the last line there.
             stack.callback(console.line)
         screen = stack.enter_context(Live(console=console, auto_refresh=False, transient=False))

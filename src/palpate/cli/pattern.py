@@ -197,7 +197,7 @@ def _document(pattern: Pattern, files: list[Path]) -> dict[str, Any]:
 
 def _print(document: dict[str, Any], *, folder: Path) -> None:
     """Print the layers, the pixels and the spacing of the upper registration marks."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     layers = [
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])
         for row in document["layers"]

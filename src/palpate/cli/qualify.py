@@ -109,7 +109,7 @@ def qualify(
     if as_json:
         print_json(document)
         return
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.print(f"{document['items']} items, {document['pairs']} paired readings")
     columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
     print_table(columns, figure_rows(document), console=console)

@@ -175,7 +175,7 @@ class _Judge:
 
 def _print(judged: Sequence[_Judged]) -> None:
     """Print one row per item and, for a single item, its days."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     rows = [
         (
             Text(one.item.item_id),

@@ -114,7 +114,8 @@ def draw(
                 error = ""
                 if np.isfinite(row.error_percent):
                     percent = f"{row.error_percent:+.2g}".replace("-", "\N{MINUS SIGN}")
-                    error = f": {row.method} {percent} %"
+                    which = f"{row.method} " if len(methods) > 1 else ""
+                    error = f": {which}{percent}\N{NO-BREAK SPACE}%"
                 title = f"{name}{error}\n{hold.hold_id} {hold.channel or ''}"
                 panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
     figure = settle_figure(
@@ -137,7 +138,7 @@ def _overviews(source: HoldSource) -> Iterator[tuple[str, CutColumn]]:
 
 def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
     """Print the predictions, then the errors of holds that last until the horizon."""
-    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, emoji=False)
     _print_holds(document, console)
     for method in dict.fromkeys(row.method for row in document.predictions):
         counts = Counter(str(r.status) for r in document.predictions if r.method == method)

@@ -160,7 +160,7 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
 def _print_identity(
     item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
 ) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.print(f"[bold]{escape(f'{item}: {identity.kind}')}[/bold]{' (simulated)' * simulated}")
     rows = [
         ("something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}")

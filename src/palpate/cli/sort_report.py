@@ -81,7 +81,7 @@ class SortReport:
         }
 
     def _print(self, document: dict[str, Any]) -> None:
-        console = Console(highlight=False)
+        console = Console(highlight=False, emoji=False)
         rows = []
         for one in document["rows"]:
             wrong = one["belongs"] not in (None, one["bin"])

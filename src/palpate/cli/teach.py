@@ -121,7 +121,7 @@ def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[s
 def _print(
     score: LearnedScore, named: Sequence[dict[str, Any]], *, method: str, labels: Sequence[str]
 ) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.print(
         f"{score.items} labelled items, {method}: {format_percent(score.right)} named "
         f"correctly when held out ({format_percent(score.right_by_chance)} for the most common "

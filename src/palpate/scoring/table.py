@@ -54,7 +54,7 @@ class ScoreTable:
         from rich.console import Console
 
         text = io.StringIO()
-        print_scores(self.summary(), Console(file=text, width=PIPED_WIDTH), level=self.level)
+        print_scores(self.summary(), Console(file=text, width=PIPED_WIDTH, emoji=False), level=self.level)
         return text.getvalue().rstrip()
 
     def to_dict(self) -> dict[str, Any]:

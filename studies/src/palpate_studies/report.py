@@ -255,7 +255,7 @@ class StudyReport:
         from palpate.terminal_table import print_table
 
         # A pipe reports 80 columns, which would truncate names in tables.
-        console = Console(width=None if sys.stdout.isatty() else 120)
+        console = Console(width=None if sys.stdout.isatty() else 120, emoji=False)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
             console.print(f"[dim]{line}[/dim]", highlight=False)

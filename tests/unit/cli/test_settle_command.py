@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 from tests.commands import Command
 from tests.pdf_fonts import check_fonts
 
@@ -209,6 +210,24 @@ def test_settle_out_does_not_overwrite_its_input(
     error = palpate("settle", *read, "--out", tmp_path / "." / "other.csv", status=2).err
     assert "would be lost" in error
     assert other.read_bytes() == before
+
+
+def test_titles_of_a_plot_keep_a_number_with_its_unit(
+    holds_csv: Path, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(settle_report, "save_figure", lambda figure, _: drawn.append(figure))
+    palpate("settle", holds_csv, "--plot", tmp_path / "plot.png")
+    titles = [axis.get_title(loc="left") for axis in drawn[0].axes]
+    errors = [title.split("\n")[0] for title in titles if "error:" in title]
+    assert len(errors) == 2
+    assert all(error.endswith("\N{NO-BREAK SPACE}%") for error in errors)
+
+
+def test_name_of_a_hold_is_printed_as_it_is(tmp_path: Path, palpate: Command) -> None:
+    rows = "".join(f":x:,{t / 10:.1f},{100 - np.log(t + 4):.4f}\n" for t in range(210))
+    (tmp_path / "holds.csv").write_text(f"hold_id,time_s,value\n{rows}")
+    assert ":x: " in palpate("settle", tmp_path / "holds.csv").out
 
 
 @pytest.mark.slow
