@@ -70,7 +70,8 @@ def export(
             where = "" if str(file) in str(error) else f"{file}: "
             raise RecordingError(f"{where}{error}") from error
         rows = write_export(target, hold_tables(cut), to=form)
-        what = f"{len({hold.hold_id for hold in cut})} holds, "
+        number = len({hold.hold_id for hold in cut})
+        what = f"{number} hold{'s' * (number != 1)}, "
     else:
         with RecordingReader(file) as reader:
             rows = write_export(target, frame_tables(reader), to=form)

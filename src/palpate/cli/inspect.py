@@ -74,14 +74,15 @@ def inspect(
 
 
 def _recover(file: Path, out: Path) -> None:
-    if not (out.exists() and file.exists() and out.samefile(file)):
+    in_place = out.exists() and file.exists() and out.samefile(file)
+    if not in_place:
         check_new(out, option="name")
     found = recover_recording(file, out)
     if found.is_intact:
-        report = f"{file} was already complete; copied to {out}"
+        report = f"{file} was already complete" + ("" if in_place else f"; copied to {out}")
     else:
         report = (
-            f"{out}: recovered, without {found.damaged_chunks} damaged chunks and "
+            f"{out}: recovered; lost: {found.damaged_chunks} damaged chunks, "
             f"{found.unread_bytes} unreadable bytes at the end"
         )
     print_message(report)

@@ -155,12 +155,12 @@ class HoldSource:
                     raise InputError(explain_no_hold(str(file), columns))
                 remarks.append(explain_no_hold(readings.name, columns))
             else:
-                remarks += [
-                    f"{column.column}: {remark}"
-                    for column in columns
-                    for remark in (*column.remarks, column.reason)
-                    if remark
-                ]
+                which = f"{readings.name}: " if len(recordings) > 1 else ""
+                by_remark: dict[str, list[str]] = {}
+                for column in columns:
+                    for remark in filter(None, (*column.remarks, column.reason)):
+                        by_remark.setdefault(remark, []).append(column.column)
+                remarks += [f"{which}{', '.join(names)}: {r}" for r, names in by_remark.items()]
             found += columns
         if not any(column.holds for column in found):
             raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
@@ -226,7 +226,8 @@ def _read_mcap_holds(file: Path, reading: ReadingOptions) -> list[Hold]:
     try:
         return cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
     except RecordingError as error:
-        raise InputError(f"{file}: {error}") from error
+        where = "" if str(file) in str(error) else f"{file}: "
+        raise InputError(f"{where}{error}") from error
 
 
 def make_divider(

@@ -236,7 +236,7 @@ class Cut:
             )
         reasons = Counter(contact.refused for contact in self.contacts if contact.refused)
         reason = max(reasons, key=lambda each: reasons[each], default="")
-        return f"{len(self.contacts)} contacts, but no hold: {reason}"
+        return f"contact, but no hold: {reason}"
 
 
 def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = None) -> Cut:

@@ -100,7 +100,9 @@ class RecordingReader:
             for record in block:
                 if isinstance(record, Metadata) and record.name == METADATA_NAME:
                     return decode_info(record.metadata)
-        raise RecordingError("an MCAP file, but not a palpate recording (its metadata are missing)")
+        raise RecordingError(
+            "an MCAP file, but not a palpate recording (its metadata are missing or damaged)"
+        )
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

@@ -54,7 +54,9 @@ class ScoreTable:
         from rich.console import Console
 
         text = io.StringIO()
-        print_scores(self.summary(), Console(file=text, width=PIPED_WIDTH, emoji=False), level=self.level)
+        print_scores(
+            self.summary(), Console(file=text, width=PIPED_WIDTH, emoji=False), level=self.level
+        )
         return text.getvalue().rstrip()
 
     def to_dict(self) -> dict[str, Any]:
@@ -174,11 +176,12 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
     rows = []
     for entry in summary:
         cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
+        scored, holds = entry["holds_with_settled_value"], entry["holds"]
         rows.append(
             (
                 entry["method"],
                 f"~{cutoff}" if "holds_decided" in entry else cutoff,
-                str(entry["holds"]),
+                f"{scored} of {holds}" if scored < holds else str(holds),
                 format_figure(entry["median_abs_error_percent"]),
                 format_figure(entry["mean_abs_error_percent"]),
                 format_figure(entry["p90_abs_error_percent"]),

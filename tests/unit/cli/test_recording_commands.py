@@ -63,11 +63,20 @@ def test_inspect_recover_completes_a_truncated_recording(recorded: Path, palpate
     cut(recorded, share=0.6)
     shown = palpate("inspect", recorded, "--recover", recorded, "--json")
     assert json.loads(shown.out)["intact"] is True
-    assert "recovered, without 0 damaged chunks" in shown.err
+    assert "recovered; lost: 0 damaged chunks" in shown.err
+    again = palpate("inspect", recorded, "--recover", recorded)
+    assert again.err == f"{recorded} was already complete\n"
     copy = recorded.with_name("copy.mcap")
     shown = palpate("inspect", recorded, "--recover", copy, "--json")
     assert json.loads(shown.out)["path"] == str(copy)
     assert "was already complete" in shown.err
+
+
+def test_settle_names_an_unreadable_recording_once(recorded: Path, palpate: Command) -> None:
+    cut(recorded, share=0.01)
+    error = palpate.refused("settle", recorded)
+    assert error.count(f"{recorded}") == 1
+    assert "missing or damaged" in error
 
 
 def test_export_default_output_is_next_to_the_recording(recorded: Path, palpate: Command) -> None:

@@ -212,6 +212,26 @@ def test_settle_out_does_not_overwrite_its_input(
     assert other.read_bytes() == before
 
 
+def test_scores_state_how_many_holds_they_are_from(holds_csv: Path, palpate: Command) -> None:
+    assert " 6 of 8 " in palpate("settle", holds_csv).out
+
+
+def test_columns_without_a_hold_for_the_same_reason_share_a_line(
+    tmp_path: Path, palpate: Command
+) -> None:
+    lines = ["recording_id,time_s,a_ohm,b_ohm,c_ohm"]
+    for name in "pq":
+        for t in np.arange(0, 30, 0.05):
+            held = 4000 - 100 * np.log(t - 4.6) if t >= 5 else 9000
+            lines.append(f"{name},{t:.2f},{held:.1f},{9000 + t % 0.1:.2f},{9000 + t % 0.1:.2f}")
+    (tmp_path / "two.csv").write_text("\n".join(lines) + "\n")
+    notes = palpate("settle", tmp_path / "two.csv").err.splitlines()
+    assert [note.partition("two.csv: ")[2].split(": ")[:2] for note in notes] == [
+        ["two:p", "b_ohm, c_ohm"],
+        ["two:q", "b_ohm, c_ohm"],
+    ]
+
+
 def test_titles_of_a_plot_keep_a_number_with_its_unit(
     holds_csv: Path, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
