@@ -84,7 +84,7 @@ def test_find_contacts_real_holds_match_force_plateau(
         ("silicone_histories.csv.gz", "resistance_4wire_ohm"),
     ],
 )
-def test_find_contacts_taps_and_slow_motion_give_no_holds(
+def test_find_contacts_taps_and_slow_motion_have_no_holds(
     real_data: Path, name: str, column: str
 ) -> None:
     for one in read_recordings(real_data / name, column).values():

@@ -47,7 +47,7 @@ def as_lists(holds: list[Hold]) -> list[tuple[str, str | None, list[float], list
         *("semicolons", "decimal commas from Excel", "tabs"),
     ],
 )
-def test_read_holds_accepted_csv_variants_give_same_holds(tmp_path: Path, text: str) -> None:
+def test_read_holds_csv_variants_contain_same_holds(tmp_path: Path, text: str) -> None:
     wanted = [("a", None, [0.0, 0.5], [5.0, 4.0]), ("b", None, [-1.0], [7.0])]
     assert as_lists(list(read_holds(write_file(tmp_path, "holds.csv", text)))) == wanted
     packed = write_file(tmp_path, "holds.csv.gz", gzip.compress(text.encode()))

@@ -1,4 +1,4 @@
-"""Recording formats of users: every format gives the same holds or a one-line error."""
+"""Recording formats of users: every format yields the same holds or a one-line error."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def run_refused(path: Path, palpate: Command, *options: object) -> str:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_settle_every_text_format_gives_same_holds(
+def test_settle_every_text_format_has_same_holds(
     name: str, tmp_path: Path, palpate: Command
 ) -> None:
     path, content = tmp_path / name, FORMATS[name]
@@ -289,7 +289,7 @@ def test_settle_cut_option_replaces_contact_search(tmp_path: Path, palpate: Comm
         (table(TIME_S[:99], OHM[:99]) + "1,2,3\n" * 9, "line 101: 3 fields instead of 2"),
     ],
 )
-def test_settle_unusable_table_gives_one_line_error(
+def test_settle_unusable_table_prints_one_line_error(
     content: str, message: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "bad.csv"

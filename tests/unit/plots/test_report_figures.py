@@ -23,7 +23,7 @@ from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
 
-def measured(value: float, unit: str, *, above: float = 0.5) -> Measurement:
+def make_measurement(value: float, unit: str, *, above: float = 0.5) -> Measurement:
     return Measurement(value=value, low=value - 0.5, high=value + above, unit=unit)
 
 
@@ -32,8 +32,8 @@ def grasp(hours: float, *, stiffness: float = 3.0, above: float = 0.5) -> Grasp:
         taken_at=NOON + timedelta(hours=hours),
         outcome=Outcome.HELD if hours else Outcome.SLIPPED,
         measurements={
-            "stiffness_n_per_mm": measured(stiffness, "n_per_mm", above=above),
-            "size_mm": measured(60.0, "mm"),
+            "stiffness_n_per_mm": make_measurement(stiffness, "n_per_mm", above=above),
+            "size_mm": make_measurement(60.0, "mm"),
         },
         pixel_settled_percent=((-30.0, None), (-60.0, -5.0)),
         angle_deg=90.0 * (hours // 24),
@@ -46,7 +46,9 @@ def page(
     return ItemHistory(item=Item(item_id="A17", kind=kind), grasps=grasps, verdicts=verdicts)
 
 
-def said(text: str, *, about: About = About.RIPENESS, source: Source = Source.PALPATE) -> Verdict:
+def make_verdict(
+    text: str, *, about: About = About.RIPENESS, source: Source = Source.PALPATE
+) -> Verdict:
     return Verdict(item_id="A17", about=about, text=text, given_at=NOON, source=source)
 
 
@@ -62,7 +64,7 @@ def test_history_figure_starts_at_zero_and_limits_wide_intervals() -> None:
 
 
 def test_history_figure_marks_verdicts_of_people_only() -> None:
-    verdicts = (said("ripe", source=Source.PERSON), said("hard"))
+    verdicts = (make_verdict("ripe", source=Source.PERSON), make_verdict("hard"))
     history = page(grasp(0), verdicts=verdicts)
     figure = history_figure(history, "size_mm", label="size (mm)", zone=UTC)
     assert [text.get_text() for text in figure.axes[0].texts] == ["ripe"]
@@ -108,9 +110,9 @@ def test_hours_figure_separates_grasps_that_were_not_held() -> None:
 @pytest.mark.parametrize(
     ("kind", "verdicts", "name"),
     [
-        ("kiwi", (said("lime", about=About.IDENTITY),), "kiwi"),
-        (None, (said("lime", about=About.IDENTITY),), "lime"),
-        (None, (said("ripe"),), "not named"),
+        ("kiwi", (make_verdict("lime", about=About.IDENTITY),), "kiwi"),
+        (None, (make_verdict("lime", about=About.IDENTITY),), "lime"),
+        (None, (make_verdict("ripe"),), "not named"),
     ],
 )
 def test_kind_of_prefers_the_kind_stated_by_a_person(

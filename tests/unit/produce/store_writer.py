@@ -62,7 +62,7 @@ def kill_before(step: int) -> None:
         sa.event.listen(sa.Engine, event, listen)
 
 
-def in_child(work: Callable[[], None]) -> int:
+def run_in_child(work: Callable[[], None]) -> int:
     child = os.fork()
     if child == 0:
         work()
@@ -85,7 +85,7 @@ def kill_at_every_step(where: str, *, sends: bool) -> None:
                 else:
                     write(store, step)
 
-        if os.waitstatus_to_exitcode(in_child(work)) == 0:
+        if os.waitstatus_to_exitcode(run_in_child(work)) == 0:
             os.write(1, f"steps {step}\n".encode())
             return
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace as replaced
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -65,7 +65,7 @@ def label(store: Store, item: str, text: str, *, at: datetime = MONDAY) -> None:
     )
 
 
-def labelled() -> Store:
+def make_labelled_store() -> Store:
     """Return a store with twelve sound and twelve bruised apples, grasped on Monday."""
     made = Store.open("sqlite://")
     for number in range(12):
@@ -81,13 +81,13 @@ def labelled() -> Store:
 @pytest.fixture
 def store() -> Store:
     """Return a store with labelled apples."""
-    return labelled()
+    return make_labelled_store()
 
 
 @pytest.fixture(scope="module")
 def model() -> BruiseModel:
     """Return the model learned from the labelled apples."""
-    return learn_bruise_model(labelled(), kind="apple")
+    return learn_bruise_model(make_labelled_store(), kind="apple")
 
 
 def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float) -> ItemBruise:
@@ -187,7 +187,7 @@ def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -
     ):
         store.add_item(Item(item_id=item, kind=kind))
         for side in (0.0, 90.0):
-            store.add_grasp(replaced(grasp(item, pixels(), side=side), rig=rig))
+            store.add_grasp(replace(grasp(item, pixels(), side=side), rig=rig))
         assert judge(store, default_model(), item).sides[0].against == against
 
 
@@ -199,8 +199,8 @@ def test_group_visits_splits_at_long_pauses() -> None:
 
 def test_usable_grasps_excludes_slips_and_missing_pixels() -> None:
     complete = grasp("A17", pixels())
-    slipped = replaced(complete, outcome=Outcome.SLIPPED)
-    without_pixels = replaced(complete, pixel_settled_percent=None)
+    slipped = replace(complete, outcome=Outcome.SLIPPED)
+    without_pixels = replace(complete, pixel_settled_percent=None)
     assert usable_grasps([slipped, complete, without_pixels]) == (complete,)
 
 

@@ -23,7 +23,9 @@ def grasps(rng: np.random.Generator, kind: str, *, count: int = 2) -> list[Float
     return [true + 0.03 * rng.standard_normal(2) for _ in range(count)]
 
 
-def labelled(rng: np.random.Generator, *, items: int = 20) -> list[tuple[str, list[FloatArray]]]:
+def make_labelled_items(
+    rng: np.random.Generator, *, items: int = 20
+) -> list[tuple[str, list[FloatArray]]]:
     return [(kind, grasps(rng, kind)) for kind in KINDS for _ in range(items)]
 
 
@@ -46,14 +48,14 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.slow
 def test_identify_known_kinds_are_named_and_rarely_rejected(rng: np.random.Generator) -> None:
-    known = Identifier(labelled(rng))
+    known = Identifier(make_labelled_items(rng))
     found = [(kind, known.identify(grasps(rng, kind))) for kind in KINDS for _ in range(100)]
     assert np.mean([identity.best_guess == kind for kind, identity in found]) > 0.97
     assert np.mean([identity.rejected for _, identity in found]) <= 0.09
 
 
 def test_identify_untrained_kind_is_unknown(rng: np.random.Generator) -> None:
-    identity = Identifier(labelled(rng)).identify([np.array((5.5, -1.0))])
+    identity = Identifier(make_labelled_items(rng)).identify([np.array((5.5, -1.0))])
     assert identity.rejected
     assert identity.kind == UNKNOWN
     assert identity.usual <= 0.05
@@ -61,21 +63,21 @@ def test_identify_untrained_kind_is_unknown(rng: np.random.Generator) -> None:
 
 
 def test_identify_between_two_kinds_raises_background_probability(rng: np.random.Generator) -> None:
-    identity = Identifier(labelled(rng)).identify([np.array((3.6, 1.0))])
+    identity = Identifier(make_labelled_items(rng)).identify([np.array((3.6, 1.0))])
     assert sum(identity.probability.values()) == pytest.approx(1.0)
     assert set(identity.probability) == {*KINDS, UNKNOWN}
     assert identity.probability[UNKNOWN] > 0.2
 
 
 def test_identify_with_few_training_items_rejects_nothing(rng: np.random.Generator) -> None:
-    known = Identifier(labelled(rng, items=5))
+    known = Identifier(make_labelled_items(rng, items=5))
     assert known.learner.items_missing == 4
     assert not known.identify([np.array((9.0, -5.0))]).rejected
-    assert Identifier(labelled(rng, items=7)).learner.items_missing == 0
+    assert Identifier(make_labelled_items(rng, items=7)).learner.items_missing == 0
 
 
 def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> None:
-    few = [*labelled(rng), ("rare", grasps(rng, "hard"))]
+    few = [*make_labelled_items(rng), ("rare", grasps(rng, "hard"))]
     with pytest.raises(InputError, match="found rare 1; label more"):
         Identifier(few)
     with pytest.raises(InputError, match="found none"):
@@ -84,7 +86,7 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
 
 def test_identify_item_without_grasp_raises(rng: np.random.Generator) -> None:
     with pytest.raises(ValueError, match="never grasped"):
-        Identifier(labelled(rng)).identify([])
+        Identifier(make_labelled_items(rng)).identify([])
 
 
 def test_label_identity_is_certain() -> None:

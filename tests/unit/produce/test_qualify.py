@@ -22,7 +22,7 @@ from palpate.produce.qualify.scatter import deming_lines, estimate_scatter
 BETWEEN, REFERENCE_SD, GRASP_SD, SLOPE = 2.0, 1.0, 0.4, 0.5
 
 
-def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
+def make_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
     random = np.random.default_rng(seed)
     item = np.repeat(np.arange(items), sides)
     firmness = random.normal(10.0, BETWEEN, items)[item]
@@ -35,7 +35,7 @@ def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
 
 def test_calculate_agreement_many_items_recovers_simulated_figures() -> None:
     measured = calculate_agreement(
-        made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,))
+        make_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,))
     )
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     assert measured.slope == pytest.approx(1.0 / SLOPE, rel=0.02)
@@ -56,7 +56,7 @@ def test_calculate_agreement_many_items_recovers_simulated_figures() -> None:
 def test_agreement_intervals_cover_the_ceiling_at_nominal_level() -> None:
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
-        measure_agreement(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
+        measure_agreement(make_readings(40, seed=seed), Demand(tolerance=1.0)).figures
         for seed in range(20)
     ]
     covered = [
@@ -66,7 +66,7 @@ def test_agreement_intervals_cover_the_ceiling_at_nominal_level() -> None:
 
 
 def test_agreement_without_repeats_has_no_ceiling() -> None:
-    found = measure_agreement(made_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
+    found = measure_agreement(make_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
     assert math.isnan(found.figures["r_squared_ceiling"].value)
     assert found.figures["r_squared"].value > 0.5
 
@@ -74,7 +74,7 @@ def test_agreement_without_repeats_has_no_ceiling() -> None:
 @pytest.mark.slow
 def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     demand = Demand(tolerance=1.0)
-    found = measure_agreement(made_readings(4000, seed=3), demand)
+    found = measure_agreement(make_readings(4000, seed=3), demand)
     effort = estimate_effort(found, demand, grasp_s=10.0, handling_s=5.0)
     # (1.645 x 1.0 / 1.0)^2 = 2.7, and (1.645 x 0.4 / 1.0)^2 = 0.4.
     assert effort.reference_readings == 3
@@ -83,7 +83,7 @@ def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     assert effort.mismatch < 0.25
 
 
-def test_estimate_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
+def test_estimate_effort_uncorrelated_readings_has_no_grasp_count() -> None:
     random = np.random.default_rng(4)
     item = np.repeat(np.arange(100), 2)
     readings = PairedReadings(
@@ -101,7 +101,7 @@ def test_estimate_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
 
 @pytest.mark.slow
 def test_count_grades_counts_every_pair_once() -> None:
-    readings = made_readings(50, seed=5)
+    readings = make_readings(50, seed=5)
     found = measure_agreement(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
     confusion = count_grades(found, (9.0, 11.0))
     assert confusion.shape == (3, 3)
@@ -110,7 +110,7 @@ def test_count_grades_counts_every_pair_once() -> None:
 
 
 def test_cost_weights_wrong_grades_with_their_prices() -> None:
-    readings = made_readings(200, seed=4)
+    readings = make_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = calculate_agreement(readings, demand)
     table = count_grades(found, demand.limits)
@@ -125,7 +125,7 @@ def test_cost_weights_wrong_grades_with_their_prices() -> None:
     offset=st.floats(-10.0, 10.0),
     ratio=st.floats(0.01, 100.0),
 )
-def test_deming_lines_error_free_points_give_the_exact_line(
+def test_deming_lines_of_error_free_points_are_exact(
     slope: float, offset: float, ratio: float
 ) -> None:
     x = np.array([0.0, 1.0, 2.5, 4.0])
@@ -135,7 +135,7 @@ def test_deming_lines_error_free_points_give_the_exact_line(
 
 @given(st.integers(0, 1000))
 def test_estimate_scatter_is_independent_of_row_order(seed: int) -> None:
-    readings = made_readings(12, seed=seed)
+    readings = make_readings(12, seed=seed)
     order = np.random.default_rng(seed).permutation(readings.item.size)
     one = estimate_scatter(readings.reference, readings.item)
     other = estimate_scatter(readings.reference[order], readings.item[order])

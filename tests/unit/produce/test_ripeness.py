@@ -277,7 +277,7 @@ def store() -> Store:
 
 
 @pytest.mark.slow
-def test_ripeness_rule_from_store_gives_a_stored_verdict(store: Store) -> None:
+def test_ripeness_verdict_from_learned_rule_is_stored_once(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
     judged = judge_ripeness(history, rule=learned, ripe="ripe")

@@ -31,12 +31,12 @@ confidence = 0.9
 
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[[str], Path]:
-    def written(text: str) -> Path:
+    def write_file(text: str) -> Path:
         path = tmp_path / "rules.toml"
         path.write_text(text)
         return path
 
-    return written
+    return write_file
 
 
 def test_read_rules_preserves_order_and_conditions(write: Callable[[str], Path]) -> None:
@@ -63,7 +63,7 @@ def test_read_rules_accepts_the_example_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         (
             'class = "avocado"',
@@ -96,9 +96,9 @@ def test_read_rules_mistake_raises_one_line_with_line_number(
     write: Callable[[str], Path],
     old: str,
     new: str,
-    said: str,
+    message: str,
 ) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         read_rules(write(GOOD.replace(old, new)))
     assert "\n" not in str(caught.value)
     assert "rules.toml" in str(caught.value)

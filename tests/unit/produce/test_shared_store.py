@@ -47,7 +47,7 @@ def grasp_after(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
     return make_grasp(item_id, taken_at=TIME + timedelta(hours=hours))
 
 
-def waiting(store: Store) -> int:
+def count_waiting(store: Store) -> int:
     with sqlite3.connect(store.local_name.removeprefix("store ")) as connection:
         (found,) = connection.execute("SELECT count(*) FROM outbox").fetchone()
     connection.close()
@@ -121,7 +121,7 @@ def test_local_store_without_server_has_empty_outbox(tmp_path: Path) -> None:
     with Store.open(tmp_path / "items.sqlite") as store:
         store.add_grasp(grasp_after())
         assert store.send() == 0
-        assert waiting(store) == 0
+        assert count_waiting(store) == 0
 
 
 def test_open_with_invalid_state_folder_raises(
@@ -148,7 +148,7 @@ def test_server_restart_loses_no_record_and_preserves_order(
     server: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store_sender, "_RETRY_S", 0.05)
-    complaints: Queue[str] = Queue()
+    errors: Queue[str] = Queue()
     grasps = [grasp_after(hours=n) for n in range(60)]
     with station(monkeypatch, tmp_path, server.url) as store:
         store.add_grasps(grasps[:20])
@@ -163,14 +163,14 @@ def test_server_restart_loses_no_record_and_preserves_order(
         assert f"shown from {store.local_name} only" in document["away"]
         assert faults("item", document) == []
         assert "shown from" in item_html(read_item_history(store, "A17"))
-    with Sender(server.url, on_error=complaints.put) as sender:
-        assert "records wait in the local store" in complaints.get(timeout=60)
+    with Sender(server.url, on_error=errors.put) as sender:
+        assert "records wait in the local store" in errors.get(timeout=60)
         server.start()
         with Store.open(server.url) as store:
             store.add_grasps(grasps[40:])
         sender.wake()
     with Store.open(server.url) as store:
-        assert store.send() == waiting(store) == 0
+        assert store.send() == count_waiting(store) == 0
         assert list(store.grasps()) == grasps
         assert store.away is None
         assert "away" not in item_document(read_item_history(store, "A17"))

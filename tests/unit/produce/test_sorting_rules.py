@@ -170,7 +170,7 @@ def test_sort_item_stated_kind_replaces_identification() -> None:
     assert (done.decision.bin, len(done.grasps)) == ("lime", 1)
 
 
-def said(
+def make_verdict(
     about: About, text: str, probability: float | None, *, hours: int = 0, **details: object
 ) -> Verdict:
     return Verdict(
@@ -188,10 +188,10 @@ def test_combine_evidence_uses_the_latest_verdict_of_each_subject() -> None:
         [],
         identifier=None,
         verdicts=[
-            said(About.BRUISE, "bruised", 0.9),
-            said(About.BRUISE, "sound", 0.7, hours=2),
-            said(About.RIPENESS, "hard", 0.8),
-            said(About.RIPENESS, "ripe", 0.6, hours=1),
+            make_verdict(About.BRUISE, "bruised", 0.9),
+            make_verdict(About.BRUISE, "sound", 0.7, hours=2),
+            make_verdict(About.RIPENESS, "hard", 0.8),
+            make_verdict(About.RIPENESS, "ripe", 0.6, hours=1),
         ],
     )
     assert known.bruised == pytest.approx(0.3)
@@ -201,7 +201,9 @@ def test_combine_evidence_uses_the_latest_verdict_of_each_subject() -> None:
 def test_combine_evidence_uses_all_stage_probabilities() -> None:
     stages = {"ripe": 0.6, "overripe": 0.4}
     known = combine_evidence(
-        [], identifier=None, verdicts=[said(About.RIPENESS, "ripe", 0.6, probabilities=stages)]
+        [],
+        identifier=None,
+        verdicts=[make_verdict(About.RIPENESS, "ripe", 0.6, probabilities=stages)],
     )
     assert known.ripeness == stages
 

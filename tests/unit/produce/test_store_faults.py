@@ -111,11 +111,11 @@ def test_read_damaged_content_raises_one_line(path: Path, damage: str) -> None:
     other.execute(damage)
     other.close()
     with (
-        pytest.raises(PalpateError, match=r"items\.sqlite|not a|must") as said,
+        pytest.raises(PalpateError, match=r"items\.sqlite|not a|must") as caught,
         Store.open(path) as store,
     ):
         read_item_histories(store, store.items())
-    assert "\n" not in str(said.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_read_ignores_obsolete_measurement(path: Path) -> None:
@@ -206,7 +206,7 @@ def test_write_on_full_disk_raises_and_store_stays_readable(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"fruit, size\nkiwi, 48\n" * 200, "not a store \\(no SQLite database\\)"),
         (b"SQLite format 3\x00" + b"\x07" * 4096, "not a store|damaged"),
@@ -214,13 +214,13 @@ def test_write_on_full_disk_raises_and_store_stays_readable(path: Path) -> None:
     ],
 )
 def test_open_foreign_or_damaged_file_raises_and_preserves_the_file(
-    path: Path, content: bytes | None, said: str
+    path: Path, content: bytes | None, message: str
 ) -> None:
     if content is None:
         whole = path.read_bytes()
         content = whole[:4096] + b"\x5a" * (len(whole) - 4096)
     path.write_bytes(content)
-    with pytest.raises(StoreError, match=f"items.sqlite: .*({said})"):
+    with pytest.raises(StoreError, match=f"items.sqlite: .*({message})"):
         Store.open(path)
     assert path.read_bytes() == content
 
@@ -255,9 +255,9 @@ def test_store_url_default_is_the_variable_or_a_local_file(
 @pytest.mark.slow
 def test_server_without_database_or_user_raises(postgresql_server: str) -> None:
     url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
-    with pytest.raises(StoreError, match="no such database on the server") as refused:
+    with pytest.raises(StoreError, match="no such database on the server") as caught:
         open_and_write(url.format("nothing_here"))
-    assert refused.value.exit_status == 2
+    assert caught.value.exit_status == 2
     with pytest.raises(StoreError, match="the server refused the user or password"):
         open_and_write(f"postgresql://nobody@/postgres?host={postgresql_server}")
 

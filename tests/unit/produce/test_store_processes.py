@@ -30,12 +30,12 @@ def url(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
     return named
 
 
-def start(url: str, *, processes: int, grasps: int) -> subprocess.Popen[str]:
+def start_writers(url: str, *, processes: int, grasps: int) -> subprocess.Popen[str]:
     arguments = [sys.executable, str(WRITER), "many", url, str(processes), str(grasps)]
     return subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
 
 
-def written(url: str) -> set[str]:
+def read_grasp_ids(url: str) -> set[str]:
     """Return the IDs of all stored grasps; check that each is complete and stored once."""
     with Store.open(url, create=False) as store:
         grasps = list(store.grasps())
@@ -47,7 +47,7 @@ def written(url: str) -> set[str]:
     return set(ids)
 
 
-def in_order(lines: str, found: list[str]) -> bool:
+def is_in_order(lines: str, found: list[str]) -> bool:
     """Return whether stored grasps are in the order of their acknowledgement."""
     acknowledged = [line.split()[1] for line in lines.splitlines() if not line.startswith("steps")]
     return [one for one in found if one in acknowledged] == acknowledged
@@ -66,32 +66,32 @@ def test_process_killed_before_any_statement_loses_no_acknowledged_grasp(
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     steps = int(done.stdout.splitlines()[-1].split()[1])
     assert steps >= 6
-    written(url)
+    read_grasp_ids(url)
     with Store.open(url) as store:
-        assert in_order(done.stdout, [grasp.grasp_id for grasp in store.grasps()])
+        assert is_in_order(done.stdout, [grasp.grasp_id for grasp in store.grasps()])
 
 
 def test_concurrent_processes_creating_the_store_lose_no_grasp(url: str) -> None:
-    writers = start(url, processes=WRITERS, grasps=GRASPS)
+    writers = start_writers(url, processes=WRITERS, grasps=GRASPS)
     out, _ = writers.communicate(timeout=120)
     assert writers.returncode == 0
-    said = {line.split()[1] for line in out.splitlines()}
-    assert len(said) == WRITERS * GRASPS
-    assert written(url) == said
+    acknowledged = {line.split()[1] for line in out.splitlines()}
+    assert len(acknowledged) == WRITERS * GRASPS
+    assert read_grasp_ids(url) == acknowledged
     with Store.open(url) as store:
         assert len(store.grasps_of("shared")) == WRITERS * GRASPS / 2
 
 
 def test_writer_killed_during_write_loses_no_acknowledged_grasp(url: str) -> None:
     rng = random.Random(0)
-    writers = start(url, processes=KILLS, grasps=100_000)
-    said: set[str] = set()
+    writers = start_writers(url, processes=KILLS, grasps=100_000)
+    acknowledged: set[str] = set()
     lines_left: dict[int, int] = {}
     assert writers.stdout is not None
     # Each process holds the pipe open until it is killed.
     for line in writers.stdout:
         pid, grasp_id = line.split()
-        said.add(grasp_id)
+        acknowledged.add(grasp_id)
         left = lines_left.setdefault(int(pid), rng.randint(1, 6)) - 1
         lines_left[int(pid)] = left
         if left == 0:
@@ -99,10 +99,10 @@ def test_writer_killed_during_write_loses_no_acknowledged_grasp(url: str) -> Non
     writers.stdout.close()
     writers.wait(timeout=60)
     assert len(lines_left) == KILLS
-    found = written(url)
-    assert said <= found
+    found = read_grasp_ids(url)
+    assert acknowledged <= found
     # Each killed process may have stored one grasp without acknowledgement.
-    assert len(found - said) <= KILLS
+    assert len(found - acknowledged) <= KILLS
     if not url.startswith("postgresql"):
         with sqlite3.connect(url) as connection:
             assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
