@@ -50,11 +50,11 @@ class DeviceNotFoundError(DeviceError):
 
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
-    """Equipment that stopped answering."""
+    """Equipment that does not answer in time."""
 
 
 class WireError(DeviceError):
-    """A protocol violation from which the reader can't resynchronise."""
+    """Bytes without a valid packet or frame, or a command that the board refuses."""
 
 
 class StoreError(PalpateError):

@@ -173,8 +173,8 @@ def escape_csv_cell(value: object) -> object:
 def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
     """Return a dataclass from plain values with strict checks.
 
-    Integers are converted to floats; no other value is converted, and unknown names are refused. A
-    field with a default may be missing, because older files lack newer fields.
+    Integers become floats and lists become tuples; no other value is converted, and unknown names
+    are refused. A field with a default may be missing, because older files lack newer fields.
 
     `kind`: a dataclass whose fields are numbers, strings, booleans, literals, tuples, mappings
         with string keys, other such dataclasses, or unions of these with None.
@@ -192,11 +192,11 @@ def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
     layout.divider.adc_bits is 'ten', not a count
     """
     stored = _require_table(stored, where=where)
-    there = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
-    needed = (n for n, f in there.items() if f.default is f.default_factory is MISSING)
+    by_name = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
+    needed = (n for n, f in by_name.items() if f.default is f.default_factory is MISSING)
     faults = {
         "lacks {}": sorted(set(needed) - set(stored)),
-        "has unknown keys: {}": sorted(set(stored) - set(there)),
+        "has unknown keys: {}": sorted(set(stored) - set(by_name)),
     }
     if any(faults.values()):
         fault = " and ".join(

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, DeviceError
-from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -188,13 +188,7 @@ def _open_afterwards(bench: Bench) -> Iterator[None]:
     try:
         yield
     finally:
-        _release(bench)
-
-
-def _release(bench: Bench) -> None:
-    bench.gripper.release()
-    while bench.gripper.state().moving:
-        bench.clock.sleep_s(0.05)
+        open_fully(bench.gripper, clock=bench.clock)
 
 
 def _close_to_force(

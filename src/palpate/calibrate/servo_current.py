@@ -6,7 +6,7 @@ import math
 
 from palpate.calibrate.guided import Bench
 from palpate.errors import CalibrationError
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, open_fully
 from palpate.sensor.calibration import CurrentPairs
 
 #: Closing rate (mm/s or kPa/s), slow enough to pair the cell's reading with the current.
@@ -35,7 +35,7 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_RATE))
         _record_movement(bench, rows, movement=movement, up_to_n=up_to_n)
         bench.gripper.stop()
-    _release(bench)
+    open_fully(bench.gripper, clock=bench.clock)
     return _pairs(rows)
 
 
@@ -58,7 +58,7 @@ def measure_gear_friction(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | No
         target = limits.target(step * _STEP)
         bench.gripper.command(GripperCommand(target=target, rate=_STEP / _STEP_S))
         _record_movement(bench, rows, movement=sweeps + step, up_to_n=math.inf)
-    _release(bench)
+    open_fully(bench.gripper, clock=bench.clock)
     if any(force > _EMPTY_N for force, *_ in rows):
         raise CalibrationError(
             "current calibration: the gripper must close empty, but the load cell measures "
@@ -85,12 +85,6 @@ def _pairs(rows: _Rows) -> CurrentPairs | None:
     return CurrentPairs(
         force_n=force_n, current_ma=current_ma, width_mm=width_mm, movement=movement
     )
-
-
-def _release(bench: Bench) -> None:
-    bench.gripper.release()
-    while bench.gripper.state().moving:
-        bench.clock.sleep_s(_POLL_S)
 
 
 def _move(bench: Bench, command: GripperCommand) -> None:

@@ -57,7 +57,7 @@ class BusServoGripper(ABC):
 
     @abstractmethod
     def _set_goal(self, tick: int) -> None:
-        """Set the goal to the current position of a moving servo."""
+        """Set the goal to `tick`, the current position, to stop the servo."""
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Move the fingers to a width; return the command sent, rounded to servo steps.

@@ -88,8 +88,8 @@ class DynamixelGripper(BusServoGripper):
     def state(self) -> GripperState:
         """Read width, motion and current; the current is NaN if the servo can't measure it.
 
-        Raises `DeviceError` if the servo does not answer, or if a hardware error has switched off
-        its torque.
+        Raises `DeviceError` if the servo does not answer or reports an impossible position, or if a
+        hardware error has switched off its torque.
         """
         run = self._read()
         self._raise_reported_error()

@@ -99,7 +99,7 @@ class FeetechGripper(BusServoGripper):
         is_leashed = self._sent != self._target
         if is_leashed:
             self._send(self._apply_leash(tick))
-        # A servo that is still in two readings before its target is blocked.
+        # A servo at rest in two successive readings, short of its target, is blocked.
         moving = is_turning or (is_leashed and not self._was_still)
         self._was_still = not is_turning
         return GripperState(

@@ -6,6 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from palpate.clock import Clock
+
+#: Interval between states while the gripper opens, seconds.
+_POLL_S = 0.05
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperLimits:
@@ -55,7 +60,7 @@ class GripperLimits:
         return self.highest - closure if self.drive == "width" else self.lowest + closure
 
     def clamp(self, wanted: GripperCommand) -> GripperCommand:
-        """Return the command with its target limited to the range and its rate limited.
+        """Return the command with its target and rate limited.
 
         Examples
         --------
@@ -89,7 +94,7 @@ class GripperCommand:
 
 
 class Gripper(Protocol):
-    """One gripper, opened and owned by the runner."""
+    """A gripper with one degree of freedom."""
 
     @property
     def limits(self) -> GripperLimits:
@@ -115,3 +120,10 @@ class Gripper(Protocol):
     def close(self) -> None:
         """Close the device; calling it again does nothing."""
         ...
+
+
+def open_fully(gripper: Gripper, *, clock: Clock) -> None:
+    """Open a gripper, and wait until it no longer moves."""
+    gripper.release()
+    while gripper.state().moving:
+        clock.sleep_s(_POLL_S)

@@ -67,7 +67,7 @@ class PacketLayout:
         return [*bytes(self.id_offset), servo_id, *length, instruction, *data, *bytes(self.word)]
 
     def is_reply_from(self, reply: list[int], *, servo_id: int, size: int) -> bool:
-        """Return whether the servo sent this reply, with `size` data bytes or as refusal."""
+        """Return whether the servo sent this reply, with `size` data bytes or as a refusal."""
         length_end = self.id_offset + 1 + self.word
         length = int.from_bytes(bytes(reply[self.id_offset + 1 : length_end]), "little")
         is_refused = bool(reply[self.error_offset] & ~self.alert_mask)

@@ -38,7 +38,7 @@ class ServoLine:
     `port`: device, e.g. ``"/dev/ttyUSB0"``.
     `reply_s`: time limit for each reply; a busy machine needs more.
     Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
-    no such port; `DeviceError` if another program has locked the port.
+    no such port; `DeviceError` if another program has locked the port, or it can't run at `baud`.
     """
 
     def __init__(

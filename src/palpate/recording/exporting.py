@@ -36,7 +36,7 @@ Format = Literal["csv", "parquet"]
 _BATCH = 20_000
 
 HoldUnit = Literal["percent", "ohm"]
-#: Initial stretch that counts as rest if the gripper moves at once, seconds.
+#: Duration of the initial rest if no state before the first movement was recorded, seconds.
 REST_S = 1.0
 _MIN_FRAMES = 10
 #: A change of position above this is movement: more than an encoder step or a regulator's noise.
@@ -248,7 +248,10 @@ def _measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
 
 
 def _find_still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
-    """Return start and end of every stretch without movement that follows a movement."""
+    """Return start and end of each rest after a movement, or of each contact.
+
+    Contacts are used if no movement was recorded.
+    """
     moved, at_s = _find_moves(recording.gripper), recording.gripper.time_s
     if not moved.any():
         shown = mean_change(change)
@@ -268,7 +271,7 @@ def _find_still_stretches(recording: Recording, change: FloatArray) -> list[tupl
 
 
 def _find_moves(gripper: GripperTrack) -> NDArray[np.bool_]:
-    """Return at which states the gripper moves, or has moved since the previous state.
+    """Return a mask of the states in motion or with a changed position.
 
     At 15 frames/s, a short step may start and end between two states.
     """

@@ -106,7 +106,9 @@ class RecordingReader:
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a complete recording into arrays (about 70 bytes per frame of 8 pixels).
+    """Read a recording into arrays.
+
+    A frame of 8 pixels needs 52 bytes, and a gripper state 33.
 
     Parameters
     ----------

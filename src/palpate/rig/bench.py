@@ -9,12 +9,10 @@ from pathlib import Path
 from palpate.calibrate.guided import Bench
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
-from palpate.gripper.interface import Gripper
+from palpate.gripper.interface import Gripper, open_fully
 from palpate.rig.board_cell import BoardLoadCell, require_board
 from palpate.rig.file import open_devices, read_rig_file
 from palpate.sensor.array import PressureArray
-
-_POLL_S = 0.05
 
 
 @contextmanager
@@ -64,7 +62,7 @@ def open_bench(
         )
     board = require_board(array)
     cell = BoardLoadCell(board, clock=clock, newtons_per_count=newtons_per_count)
-    _open_gripper(gripper, clock=clock)
+    open_fully(gripper, clock=clock)
     cell.tare()
     bench = Bench(
         array=array, gripper=gripper, cell=cell, clock=clock, start=gripper.limits.target(0.0)
@@ -72,10 +70,4 @@ def open_bench(
     try:
         yield bench, cell
     finally:
-        _open_gripper(gripper, clock=clock)
-
-
-def _open_gripper(gripper: Gripper, *, clock: Clock) -> None:
-    gripper.release()
-    while gripper.state().moving:
-        clock.sleep_s(_POLL_S)
+        open_fully(gripper, clock=clock)

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.clock import Clock
 from palpate.errors import DeviceError, InputError
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.board_link import POLL_S
+from palpate.sensor.byte_stream import POLL_S
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING, CellSample
 

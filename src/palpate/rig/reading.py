@@ -27,9 +27,9 @@ class Reading:
     time_s : float
         Scan time on the rig's clock.
     resistance_ohm : ndarray, shape (rows, cols)
-        Resistance of each pixel; NaN for an open pixel.
+        Resistance of each pixel; infinite for an open pixel.
     change_percent : ndarray, shape (rows, cols)
-        Change relative to rest (equation 1).
+        Change relative to rest (equation 1); NaN for an open pixel.
     force_n : Measurement or None
         Present force; None if the calibration has no force law.
     contact : bool

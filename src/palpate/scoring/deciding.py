@@ -1,7 +1,7 @@
 """Decision time of a hold: the first prediction with a sufficiently narrow interval.
 
 This is the rule of ``palpate settle --until-half-width PERCENT``. Two successive evaluations must
-have a narrow interval, because a single narrow interval may be accidental.
+have a narrow interval with status `ok`, because a single narrow interval may be accidental.
 
 >>> from palpate.settling.relaxation import Relaxation
 >>> import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
-#: Earliest decision, seconds: the approximate duration of contact bounces of real presses.
+#: Time of the first evaluation, seconds: about the duration of contact bounces of real presses.
 EARLIEST_S = 0.5
 #: Ratio of successive evaluation times; predictions change with the logarithm of time.
 EVALUATION_RATIO = 1.1
@@ -39,8 +39,8 @@ class Decision:
     estimate : SettledEstimate
         The prediction at that time, with scalar fields.
     decided : bool
-        False if the interval was never narrow enough. `time_s` is then the time of the last sample
-        up to the horizon.
+        False if no two successive intervals were narrow. `time_s` is then the time of the last
+        sample up to the horizon.
     """
 
     time_s: float

@@ -188,7 +188,7 @@ class LinkCounters:
     restarts: int = 0
     #: Times that the port was reopened.
     reconnects: int = 0
-    #: Excess of a host second over a board second, parts per million; None if unknown.
+    #: Excess of a board second over a host second, parts per million; None if unknown.
     drift_ppm: float | None = None
 
     def count_since(self, before: LinkCounters) -> LinkCounters:

@@ -18,7 +18,7 @@ from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import MAX_SIDE, Contents
 from palpate.signal.circuit import Divider
 
-#: The paper's arrays (section 2.1 and 4.2), by name.
+#: The paper's arrays, by name.
 LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError, WireError
-from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.byte_stream import POLL_S, ByteStream
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.sensor.wire_messages import (
     Ack,
@@ -28,8 +28,6 @@ LISTEN_S, RESTART_S = 2.0, 6.0
 ANSWER_TIMEOUT_S = 2.0
 #: A command without an answer after this time is sent again (docs/protocol.md; 1 s at 9600 baud).
 RESEND_S = 0.3
-#: Interval between reads of the port: at most a quarter of the frame period at 500 Hz.
-POLL_S = 0.001
 _FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
 _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 

@@ -12,6 +12,8 @@ import serial
 from palpate.errors import DeviceError, DeviceNotFoundError
 
 BAUD = 1_000_000
+#: Interval between reads of a port, seconds: half of the frame period at 500 Hz.
+POLL_S = 0.001
 _READ_BYTES = 1 << 16
 
 

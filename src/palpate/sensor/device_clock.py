@@ -47,7 +47,7 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock relative to the host's clock, parts per million."""
+        """Drift, parts per million; positive if the board's clock is slow."""
         return self._slope * 1e6
 
     def to_host_s(self, device_s: float, *, arrival_s: float) -> float:

@@ -9,10 +9,8 @@ from collections.abc import Callable
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.byte_stream import POLL_S, ByteStream
 
-#: Interval between reads of the port: at most a quarter of the frame period at 500 Hz.
-_POLL_S = 0.001
 #: Interval between attempts to open the port of an unplugged board.
 _REOPEN_S = 0.25
 #: A frame older than this when it is read counts as late: 5 periods, at least 100 ms.
@@ -82,7 +80,7 @@ class PortArray(ABC):
                 break
             remaining_s = deadline_s - self._clock.now_s()
             if remaining_s > 0:
-                self._clock.sleep_s(min(_POLL_S, remaining_s))
+                self._clock.sleep_s(min(POLL_S, remaining_s))
             elif self._stream is not None:
                 raise self._explain_silence(timeout_s)
             else:

@@ -39,7 +39,7 @@ _LOADED_FALL = 10.0
 _SLOW_FRACTION = 0.95
 #: Losses above this percentage are a fault, smaller losses are advice.
 _LOST_PERCENT = 0.1
-#: Spread of the frame period: half of the settling time of a fast filter over ten frames.
+#: Limit of the jitter, percent of the frame period.
 _JITTER_PERCENT = 10.0
 #: Tolerance of a ceramic resonator (the Mega's: 0.5 %).
 _DRIFT_PPM = 5000.0

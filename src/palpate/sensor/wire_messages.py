@@ -96,7 +96,7 @@ class FrameMessage:
     oversampling: int
     #: Bits of `BoardStatus`.
     status: int
-    #: Shape (rows, cols). Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
+    #: Shape (rows, cols). Sums of `oversampling` conversions; read-only.
     counts: NDArray[np.uint16]
     #: Empty unless requested.
     load_cells: tuple[CellSample, ...] = ()
@@ -252,7 +252,7 @@ class SetPressure(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetCeiling(Command):
-    """Set the venting limit in counts per conversion, 0 to 1023; 0 disables it."""
+    """Set the ceiling in counts per conversion, below the full scale; 0 disables it."""
 
     kind: ClassVar[int] = 0x89
     struct_format: ClassVar[str] = "H"

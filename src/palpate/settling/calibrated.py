@@ -24,13 +24,13 @@ from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
-#: Minimum number of calibration holds for an interval with status `ok`.
+#: Minimum number of calibration holds that raise a status to `ok`.
 MIN_PROOF_HOLDS = 6
 #: Number of the sensor's latest holds to use: a sensor wears, and more holds give no better result.
 _MAX_HOLDS = 60
 #: Weight of the method's own interval, as a number of errors: for holds of the same sensor, and of
-#: other specimens. Half of the interval has the third weight in the errors of each expert (guesses;
-#: the result of study `settled` depends little on them).
+#: other specimens. Half of the half-width has the third weight in the mean error of each expert
+#: (guesses; the result of study `settled` depends little on them).
 _PRIOR_ERRORS, _PRIOR_ERRORS_OF_OTHERS, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 10.0, 2.0
 #: Cut-offs are rounded to powers of this ratio, because errors change with the logarithm of time.
 _CUTOFF_RATIO = 1.05
@@ -44,8 +44,8 @@ class Calibrated:
     Attributes
     ----------
     holds : sequence of Hold
-        Past holds in the order of recording. Only holds up to the horizon are used. They must not
-        include the hold to predict.
+        Past holds in the order of recording. Only holds that reach the horizon are used. They must
+        not include the hold to predict.
     method : SettlingMethod
         The method to calibrate.
     learn : bool

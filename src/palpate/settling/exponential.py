@@ -31,7 +31,7 @@ _SLOWEST_DECAYS, _FASTEST_DECAYS_PER_SAMPLE = 0.01, 10.0
 _GRID_STEP = 0.1
 #: The error after a Newton step d in ln(rate) is about 1.5 d^2 (measured): at most 1.5e-8.
 _LAST_STEP, _MAX_STEPS = 1e-4, 50
-#: Limit of the decays from peak to window, against overflow of A. Such fits are rejected.
+#: Limit of the decays from peak to window, which prevents an overflow of A.
 _MAX_DECAYS = 600.0
 _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 

@@ -42,7 +42,7 @@ class Window:
 def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
     """Group holds by time origin and first sample of settling.
 
-    `positive`: whether the values are logarithms of positive readings. The size of a fall then
+    `positive`: whether the values are logarithms of positive readings. The size of a change then
         identifies a contact.
 
     A second of rest, then contact; the contact and possible ringing are skipped:

@@ -23,8 +23,8 @@ _BATCH_SIZE = 512
 _MIN_DURATION_S = 0.3
 #: With fewer samples noise cannot be distinguished from change.
 _MIN_SAMPLES = 4
-#: Duration of possible ringing after a contact.
-_RINGING_S = 1.5
+#: After a contact, whose ringing may last, a shorter time than this is too short.
+_MIN_CONTACT_S = 1.5
 #: Before this time after the origin a wide interval is reported as `too_short`, later as `misfit`.
 _EARLY_S = 2.0
 #: Largest useful half-width of the interval, as a fraction of the value.
@@ -194,7 +194,7 @@ def _evaluate_status(
     duration_s = float(window.since_s[-1])
     if window.since_s.size < _MIN_SAMPLES or duration_s < _MIN_DURATION_S:
         return _repeat_status(Status.TOO_SHORT, value.size)
-    if duration_s < _RINGING_S and window.first > window.origin:
+    if duration_s < _MIN_CONTACT_S and window.first > window.origin:
         return _repeat_status(Status.TOO_SHORT, value.size)
     # The limit is a fraction of the value, or for signed values the observed change.
     half_width = (np.exp(high - value) - np.exp(low - value) if positive else high - low) / 2
@@ -208,7 +208,7 @@ def _evaluate_status(
 def _average_end(
     time_s: FloatArray, change: FloatArray, *, horizon_s: float, quantile: FloatArray
 ) -> FloatArray:
-    """Return the mean of the last samples up to the horizon, with its noise interval."""
+    """Return the mean of the last samples up to the horizon, with one sample's interval."""
     stop = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = change[:, :stop][:, time_s[:stop] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else change[:, stop - 1 : stop]

@@ -101,7 +101,6 @@ class SettledEstimate:
         >>> found.to_dict()["value"], found.hold(0).to_dict()["value"]
         ([8.0], 8.0)
         """
-
         return {part.name: _plain(getattr(self, part.name)) for part in fields(self)}
 
     def hold(self, index: int) -> SettledEstimate:

@@ -23,7 +23,7 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ContactState:
-    """State of one finger in `watch_contact`: contact, and the deepest held change."""
+    """State of one finger in `watch_contact`: contact, held change and slip."""
 
     touching: bool = False
     held_percent: float = 0.0
@@ -35,10 +35,11 @@ def watch_contact(
 ) -> tuple[ContactState, EventKind | None]:
     """Update a finger's state with one sample; return the new state and event.
 
-    Contact is a change below the threshold. Removal is a change above half of the threshold; the
-    hysteresis suppresses chatter from noise. Slip is the loss of more than a quarter of the held
-    change during contact. The held change follows a falling signal at once, and a rising signal by
-    2 % of the difference per sample. Slow relaxation of a soft object is therefore not slip.
+    Contact is a change at or below the threshold. Removal is a change above half of the threshold;
+    the hysteresis suppresses chatter from noise. Slip is the loss of more than a quarter of the
+    held change, if that is more than twice the threshold. The held change follows a falling signal
+    at once, and a rising signal by 2 % of the difference per sample. Slow relaxation of a soft
+    object is therefore not slip.
 
     `state`: previous state of the finger.
     `change_percent`: the finger's mean relative change; NaN (no valid pixel) has no effect.

@@ -23,7 +23,7 @@ CONTACT_PERCENT = -10.0
 #: Largest trend and range of the pixels' mean at rest, percent. Actuation spikes and loads are far
 #: above these limits, drift and noise below.
 _REST_TREND_PERCENT, _REST_SPREAD_PERCENT = 1.0, 3.0
-#: A rest value this far below the earlier rest value indicates a load on the sensor.
+#: A mean this far below the earlier rest values indicates a load on the sensor.
 _REST_FALL_PERCENT = -15.0
 _MIN_FRAMES = 5
 #: Scales the median absolute deviation to a standard deviation of normal noise.
@@ -34,7 +34,7 @@ _MAD_TO_SD = 1.4826
 class RestBaseline:
     """Rest values: readings of the pixels without load."""
 
-    #: Shape (rows, cols). Robust mean; NaN for open or short pixels.
+    #: Shape (rows, cols). Robust mean; NaN for a pixel with an open or short reading.
     rest_ohm: FloatArray
     #: Shape (rows, cols). Robust standard deviation of one frame, percent of `rest_ohm`.
     spread_percent: FloatArray

@@ -29,7 +29,7 @@ class CrateKind:
 
     #: Flesh deforms according to Hertz, a shell linearly.
     law: Literal["flesh", "shell"]
-    #: Mean diameter across the closing axis; each item is grasped across its short side.
+    #: Mean diameter of the sides on the closing axis; each item is grasped across its short side.
     size_mm: Pair
     #: Flesh: apparent modulus between plates, MPa, which defines the Hertz law together with the
     #: size. Shell: stiffness, N/mm.
@@ -168,7 +168,7 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
 def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
     """Return the force on a ball between plates at 1 mm (Hertz; ASAE S368).
 
-    Each side is indented by half of it: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5.
+    Each side is indented by 0.5 mm: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5.
 
     >>> round(hertz_force_at_1mm_n(4.0, size_mm=64.0), 1)
     12.2

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.firmware_image import BOARDS, IMAGES
 from palpate.gripper.hobby_servo import ServoTravel
-from palpate.sensor.array import ArrayLayout
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.stage import Stage
@@ -352,11 +351,10 @@ def open_firmware_array(world: Stage, *, noise_mv: float, rate_hz: float) -> Ser
     board = FirmwareBoard(seed=world.seed)
     board.set_noise_mv(noise_mv)
     stream = FirmwareStream(world, board=board)
-    layout: ArrayLayout = world.layout
     return SerialArray(
         stream,
         clock=world.clock,
-        layout=layout,
+        layout=world.layout,
         rate_hz=rate_hz,
         oversampling=world.oversampling,
     )

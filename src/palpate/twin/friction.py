@@ -42,12 +42,10 @@ class Slide:
         >>> held.speed_mm_per_s, round(slipping.speed_mm_per_s)
         (0.0, 520)
         """
-        moving = self.speed_mm_per_s > 0
-        holds_n = 2.0 * friction * grip_n * (_SLIDING_FRACTION if moving else 1.0)
-        if not moving and pull_n <= holds_n:
+        static_n = 2.0 * friction * grip_n
+        if self.speed_mm_per_s == 0 and pull_n <= static_n:
             return self
-        sliding_n = 2.0 * friction * grip_n * _SLIDING_FRACTION
-        acceleration_mm_per_s2 = 1e6 * (pull_n - sliding_n) / mass_g
+        acceleration_mm_per_s2 = 1e6 * (pull_n - static_n * _SLIDING_FRACTION) / mass_g
         speed = max(self.speed_mm_per_s + acceleration_mm_per_s2 * step_s, 0.0)
         distance_mm = 0.5 * (self.speed_mm_per_s + speed) * step_s
         return Slide(slid_mm=self.slid_mm + distance_mm, speed_mm_per_s=speed)

@@ -57,11 +57,8 @@ def object_force_n(
 
 def _force_law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
     """Return the function from deformation to force and slope of one object."""
-    scale, yield_n, undamaged = (
-        _RUPTURED_FORCE_FRACTION if ruptured else 1.0,
-        obj.yield_n,
-        _elastic_law(obj),
-    )
+    scale = _RUPTURED_FORCE_FRACTION if ruptured else 1.0
+    yield_n, undamaged = obj.yield_n, _elastic_law(obj)
 
     def law(deformation_mm: float) -> tuple[float, float]:
         force_n, slope = undamaged(max(deformation_mm, 0.0))

@@ -44,7 +44,7 @@ class TwinObject:
     """One object between the fingers.
 
     The elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), or
-    a given curve. Beyond `yield_n` the slope is lower; at `rupture_n` the object breaks for good.
+    a given curve. Beyond `yield_n` the slope is lower; at `rupture_n` the object ruptures.
     """
 
     #: Name in `OBJECTS`.

@@ -52,7 +52,7 @@ class Stage(ScannedPixels, Protocol):
         ...
 
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
-        """Move the fingers to a width (mm, mm/s) or pressure to a value (kPa, kPa/s)."""
+        """Start a movement to a width (mm, mm/s) or pressure (kPa, kPa/s); return the target."""
         ...
 
     def halt(self, *, time_s: float | None = None) -> None:

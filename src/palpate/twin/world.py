@@ -60,9 +60,6 @@ class World:
     True
     """
 
-    #: Origin stated in every file and result.
-    origin = "twin"
-
     def __init__(
         self,
         obj: TwinObject | None,
@@ -136,9 +133,9 @@ class World:
     # -- the gripper ------------------------------------------------------------------------------
 
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
-        """Move the fingers to a width (mm, mm/s) or pressure to a value (kPa, kPa/s).
+        """Start a movement to a width (mm, mm/s) or pressure (kPa, kPa/s); return the target.
 
-        `time_s`: the clock's time by default. Returns the target.
+        `time_s`: the clock's time by default.
         """
         if rate <= 0:
             raise ValueError(f"rate is {rate}, but must be positive")
@@ -303,8 +300,8 @@ class World:
             self._latest = self._plant.interpolate(self._node, self._next, time_s)
         obj = self._latest.obj
         if self._damaged_s is None and obj is not None:
-            ruptured = self._latest.ruptured or self._latest.peak_force_n >= obj.yield_n
-            self._damaged_s = time_s if ruptured else None
+            is_damaged = self._latest.ruptured or self._latest.peak_force_n >= obj.yield_n
+            self._damaged_s = time_s if is_damaged else None
         return self._latest
 
     def _restart(self, state: PlantState) -> None:
