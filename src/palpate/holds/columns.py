@@ -46,7 +46,7 @@ _OTHERS = {"force", "load", "weight", "newton", "n", "temperature", "temp", "hum
 _OTHERS |= {"displacement", "position", "distance", "width", "sample", "sequence", "id", "row"}
 _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "current", "ma", "mm"}
 _OTHERS |= {"kpa", "date", "count", "number", "no", "unnamed", "event", "events", "location"}
-_PART_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
+_RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
@@ -149,9 +149,9 @@ def find_readings(names: Sequence[str]) -> list[str]:
     return [n for n in found if not (n.endswith("_counts") and n.removesuffix("_counts") in in_ohm)]
 
 
-def find_part(names: Sequence[str]) -> str | None:
+def find_recording_column(names: Sequence[str]) -> str | None:
     """Return the name of the column that identifies the recording of each row, if any."""
-    return next((name for part in _PART_COLUMNS for name in names if name.lower() == part), None)
+    return next((name for known in _RUN_COLUMNS for name in names if name.lower() == known), None)
 
 
 def convert_to_seconds(

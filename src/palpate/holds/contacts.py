@@ -30,7 +30,7 @@ CELL_S = 0.02
 #: Cells in the running median, which removes single outliers and preserves edges.
 MEDIAN_CELLS = 5
 #: Positive readings that span more than this ratio are compared on a logarithmic scale.
-RATIO = 2.0
+LOG_RATIO = 2.0
 #: Shortest hold, from contact to opening: a shorter touch is usually an intermediate step of a
 #: movement. At least half of this time must remain after loading.
 SHORTEST_HOLD_S = 1.0
@@ -99,7 +99,7 @@ def log_if_wide(values: FloatArray) -> FloatArray:
     >>> log_if_wide(np.array([9.0, 10.0])).tolist()
     [9.0, 10.0]
     """
-    positive = values.size > 0 and values.min() > 0 and values.max() > RATIO * values.min()
+    positive = values.size > 0 and values.min() > 0 and values.max() > LOG_RATIO * values.min()
     return np.log(values) if positive else values
 
 
@@ -205,7 +205,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cut:
+class ColumnContacts:
     """The contacts of one column."""
 
     #: In order of time.
@@ -239,7 +239,9 @@ class Cut:
         return f"contact, but no hold: {reason}"
 
 
-def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = None) -> Cut:
+def find_contacts(
+    time_s: FloatArray, values: FloatArray, *, unit: str | None = None
+) -> ColumnContacts:
     """Find the contacts of a recording, and the hold after each contact.
 
     A recording is assumed to begin at rest unless its levels contradict this. A relative change is
@@ -259,7 +261,7 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     """
     shape = find_stretches(time_s, values)
     if len(shape.stretches) < 2:
-        return Cut(contacts=[], moves=False, rises=False, began_loaded=False)
+        return ColumnContacts(contacts=[], moves=False, rises=False, began_loaded=False)
     rises, began_loaded = _find_load_side(shape, unit)
     toward = 1.0 if rises else -1.0
     height = log_if_wide(values)
@@ -282,7 +284,7 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
                     refused=_explain_refusal(stretch, last, shape, start_s, time_s=time_s),
                 )
             )
-    return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
+    return ColumnContacts(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 
 
 def _find_load_side(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:

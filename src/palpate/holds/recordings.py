@@ -17,8 +17,8 @@ from palpate.holds.columns import (
     Unit,
     convert_to_seconds,
     find_clock,
-    find_part,
     find_readings,
+    find_recording_column,
     is_moment,
     scale_of,
     time_unit_of,
@@ -143,7 +143,7 @@ def read_recordings(
     clock = _find_clock_column(table, time_column)
     values = _find_value_columns(table, clock, value_columns)
     found: list[Readings] = []
-    for label, rows in _split_parts(table):
+    for label, rows in _split_recordings(table):
         remarks = list(table.omissions) if not found else []
         where = f"{table.name} {label}".strip()
         raw_s, source_unit = convert_to_seconds(
@@ -224,7 +224,9 @@ def _find_value_columns(table: Table, clock: str, wanted: Sequence[str]) -> list
             raise InputError(f"{table.name}: no column {name} (available: {available})")
         if name not in table.numeric():
             raise InputError(f"{table.name}: column {name} contains no numbers; choose another")
-    numeric = [name for name in table.numeric() if name not in (clock, find_part([name]))]
+    numeric = [
+        name for name in table.numeric() if name not in (clock, find_recording_column([name]))
+    ]
     found = list(dict.fromkeys(wanted)) or find_readings(numeric)
     if not found:
         raise InputError(
@@ -233,9 +235,9 @@ def _find_value_columns(table: Table, clock: str, wanted: Sequence[str]) -> list
     return found
 
 
-def _split_parts(table: Table) -> list[tuple[str, slice]]:
+def _split_recordings(table: Table) -> list[tuple[str, slice]]:
     """Return the label and rows of each recording in a table."""
-    part = find_part(list(table.columns))
+    part = find_recording_column(list(table.columns))
     if part is None:
         return [("", slice(0, table.rows))]
     labels = np.array([_format_label(cell) for cell in table.columns[part].tolist()], dtype=object)

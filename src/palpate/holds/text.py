@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import table
-from palpate.holds.columns import find_part
+from palpate.holds.columns import find_recording_column
 from palpate.holds.table import LONGEST_LINE, Table, is_usable, report_bad_rows
 
 if TYPE_CHECKING:
@@ -299,7 +299,7 @@ def gather_rows(
     Raises `InputError` if there are no rows, or too many unusable ones.
     """
     names, width = layout.names, len(layout.names)
-    texts: set[str] = {find_part(names) or ""}
+    texts: set[str] = {find_recording_column(names) or ""}
     columns: dict[str, list[NDArray[Any]]] = {column: [] for column in names}
     non_numeric: dict[str, list[int]] = {column: [] for column in names}
     used: list[int] = []

@@ -11,7 +11,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.records import PixelPercent
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import relative_change_percent
 
 #: Averaging time at the start of the grasp and before the answer, seconds.
@@ -41,18 +41,10 @@ def mean_percent_before(
     until_s: float, *, observations: Sequence[Observation], layout: ArrayLayout
 ) -> FloatArray:
     """Return each pixel's mean relative change just before a time, shape (rows, cols)."""
-    start_s = observations[0].frame.time_s
-    rest = _mean_ohm(observations, start_s - 1e-9, start_s + MEAN_S, layout=layout)
-    loaded = _mean_ohm(observations, until_s - MEAN_S, until_s, layout=layout)
-    return relative_change_percent(loaded, rest_ohm=rest)
-
-
-def _mean_ohm(
-    observations: Sequence[Observation], after_s: float, until_s: float, *, layout: ArrayLayout
-) -> FloatArray:
-    ohm = [
-        pixel_resistance_ohm(one.frame.counts, layout=layout, oversampling=one.frame.oversampling)
-        for one in observations
-        if after_s < one.frame.time_s <= until_s
-    ]
-    return np.asarray(np.mean(ohm, axis=0))
+    frames = [one.frame for one in observations]
+    rest = [one for one in frames if one.time_s <= frames[0].time_s + MEAN_S]
+    loaded = [one for one in frames if until_s - MEAN_S < one.time_s <= until_s]
+    rest_ohm, loaded_ohm = (
+        FrameColumns.from_frames(part).ohm(layout=layout).mean(axis=0) for part in (rest, loaded)
+    )
+    return relative_change_percent(loaded_ohm, rest_ohm=rest_ohm)

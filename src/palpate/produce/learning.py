@@ -299,9 +299,9 @@ class _NormalMixture:
         within = LedoitWolf(assume_centered=True).fit(
             rows - means[np.searchsorted(known, truth)]
         ).covariance_ * (len(rows) / max(len(rows) - len(known), 1))
-        wide = _BACKGROUND_COVARIANCE * np.atleast_2d(np.cov(rows.T))
-        wide = wide + 1e-9 * np.eye(rows.shape[1])
-        self._parts = [(mean, within) for mean in means] + [(rows.mean(axis=0), wide)]
+        background = _BACKGROUND_COVARIANCE * np.atleast_2d(np.cov(rows.T))
+        background = background + 1e-9 * np.eye(rows.shape[1])
+        self._components = [*((mean, within) for mean in means), (rows.mean(axis=0), background)]
 
     def background_probability(self, table: FloatArray) -> FloatArray:
         """Return the probability of the background class; all classes have equal priors."""
@@ -309,7 +309,7 @@ class _NormalMixture:
         from scipy.stats import multivariate_normal
 
         rows = table / self._scale
-        log = [multivariate_normal(*part).logpdf(rows) for part in self._parts]
+        log = [multivariate_normal(*one).logpdf(rows) for one in self._components]
         return np.asarray(softmax(np.atleast_2d(np.array(log).T), axis=1)[:, -1])
 
 

@@ -165,7 +165,7 @@ class Grasp:
             check_measurement(name, measurement, units=MEASURED)
         for name in _NUMBERS:
             if (value := getattr(self, name)) is not None:
-                refuse_infinite(value, what=name)
+                check_finite(value, what=name)
                 object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
             pixels = check_rows(self.pixel_settled_percent, what="pixel_settled_percent")
@@ -265,7 +265,7 @@ def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
     return found
 
 
-def refuse_infinite(value: float, *, what: str) -> None:
+def check_finite(value: float, *, what: str) -> None:
     """Refuse infinities and NaN."""
     if not math.isfinite(value):
         raise InputError(f"{what} is {value}: must be finite; omit it if it is unknown")
@@ -278,7 +278,7 @@ def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str
     if measurement.unit != units[name]:
         raise InputError(f"{name} in {measurement.unit!r}: its unit is {units[name]!r}")
     for end in ("middle", "low", "high"):
-        refuse_infinite(getattr(measurement, end), what=f"{name}.{end}")
+        check_finite(getattr(measurement, end), what=f"{name}.{end}")
 
 
 def check_rows(
@@ -290,5 +290,5 @@ def check_rows(
     for row in rows:
         for value in row:
             if value is not None:
-                refuse_infinite(value, what=what)
+                check_finite(value, what=what)
     return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

@@ -29,14 +29,14 @@ FEWEST_COURSES, FEWEST_DAYS = 4, 3
 _HALFWAY, _PACE, _START = (np.linspace(-r, r, n) for r, n in ((2.6, 53), (2.0, 7), (2.4, 7)))
 #: Degrees of freedom of the t distribution of a day's error, which limits the weight of an outlier.
 _FREEDOM = 5.0
-#: Prior weight of the usual scatter between grasps, as a number of grasps.
-_USUAL_GRASPS = 6
+#: Weight of the prior scatter between grasps, as a number of grasps.
+_PRIOR_GRASPS = 6
 #: Minimum fall of a course. It applies to a sampled start below the soft level.
 _LEAST_FALL = 1e-3
 #: Spread of the pace within one kind (log sd); a few items are too few to estimate it.
 _PACE_LOG_SD = 0.3
-#: Weak priors: a pace of one day (e-fold), and scatter of a tenth of the total fall.
-_USUAL_PACE_DAYS, _USUAL_NOISE_FRACTION = 1.0, 0.1
+#: Weak priors: pace (time of an e-fold), and scatter as a fraction of the total fall.
+_PRIOR_PACE_DAYS, _PRIOR_NOISE_FRACTION = 1.0, 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +84,8 @@ class Course:
                 start_sd=0.1 * fall * float(np.exp(0.5 * offset[2])),
                 halfway_day=last_day * (0.5 + 0.5 * float(offset[3])),
                 halfway_sd=0.4 * last_day * float(np.exp(0.4 * offset[4])),
-                pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
-                noise_sd=_USUAL_NOISE_FRACTION * fall * float(np.exp(0.7 * offset[6])),
+                pace_days=_PRIOR_PACE_DAYS * float(np.exp(0.5 * offset[5])),
+                noise_sd=_PRIOR_NOISE_FRACTION * fall * float(np.exp(0.7 * offset[6])),
                 grasp_sd=grasp_sd,
             )
 
@@ -131,7 +131,7 @@ class Course:
         """Return the standard deviation of a day's mean from the scatter of its grasps."""
         freedom = day.grasps - 1
         own = freedom * day.spread**2 if freedom else 0.0
-        variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + freedom)
+        variance = (_PRIOR_GRASPS * self.grasp_sd**2 + own) / (_PRIOR_GRASPS + freedom)
         return math.sqrt(variance / day.grasps)
 
 

@@ -3,7 +3,7 @@
 Under the same force a soft item touches more pixels than a hard item. A larger item and a larger
 force also increase the contact radius. All three act through one quantity (Hertz): the radius is
 proportional to the cube root of F R^1.5 / c, where c is the force at 1 mm. The pixel count is
-therefore converted to the usual width and force, with the exponent of its rise with the force.
+therefore converted to a reference width and force, with the exponent of its rise with the force.
 
 Each grasp measures this exponent while it closes. The exponent is 0 if only few pixels are loaded,
 and at most 1/3, because the pixels of a finger form a row.
@@ -29,13 +29,13 @@ from palpate.produce.records import MEASURED
 from palpate.produce.ripeness.closing import CONTACT_WIDTH
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import relative_change_percent, total_excess
 
 #: Name of this measurement.
 NAME = "shared_pixels"
-#: The pixel count is converted to an item of this width, mm.
-_USUAL_MM = 60.0
+#: Width of an item that the pixel count is converted to, mm.
+_REFERENCE_MM = 60.0
 #: Hertz exponents, see above: of R relative to F, and of F in the contact radius.
 _SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
 #: Exponent of the excess conductance of Velostat over force (approximate).
@@ -68,7 +68,7 @@ def measure_shared_pixels(
     if sharing is None:
         return {}
     log_excess = math.log(force.middle / RIPENESS_N) + _SIZE_POWER * math.log(
-        width.middle / _USUAL_MM
+        width.middle / _REFERENCE_MM
     )
     closing = _select_closing(observations, until_s=until_s)
     exponent = _sharing_exponent(closing, held=held, layout=layout)
@@ -117,13 +117,9 @@ def _sharing_exponent(
 
 def _change_percent(observations: Sequence[Observation], *, layout: ArrayLayout) -> FloatArray:
     """Return each pixel's relative change in every frame, shape (frames, rows, cols)."""
-    first = observations[0].frame
-    ohm = pixel_resistance_ohm(
-        np.stack([one.frame.counts for one in observations]),
-        layout=layout,
-        oversampling=first.oversampling,
-    )
-    at_rest = [one.frame.time_s < first.time_s + MEAN_S for one in observations]
+    frames = FrameColumns.from_frames([one.frame for one in observations])
+    ohm = frames.ohm(layout=layout)
+    at_rest = frames.time_s < frames.time_s[0] + MEAN_S
     return relative_change_percent(ohm, rest_ohm=ohm[at_rest].mean(axis=0))
 
 

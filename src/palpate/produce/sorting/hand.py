@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
@@ -26,7 +26,7 @@ from palpate.produce.grasp_record import list_answers
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import mean_change, relative_change_percent
 
 #: Clearance as a fraction of the known size, larger than the out-of-roundness of produce.
@@ -99,15 +99,11 @@ class SortingHand:
                 return
             before = now
 
-    def _mean_ohm(self) -> NDArray[np.float64]:
+    def _mean_ohm(self) -> FloatArray:
         """Read frames for the averaging time and return each pixel's mean resistance."""
         until_s = self.clock.now_s() + _AVERAGE_S
-        ohm: list[NDArray[np.float64]] = []
-        while self.clock.now_s() < until_s or not ohm:
-            frame = self.array.read(timeout_s=_FRAME_TIMEOUT_S)
-            ohm.append(
-                pixel_resistance_ohm(
-                    frame.counts, layout=self.array.layout, oversampling=frame.oversampling
-                )
-            )
-        return np.asarray(np.mean(ohm, axis=0))
+        frames = [self.array.read(timeout_s=_FRAME_TIMEOUT_S)]
+        while self.clock.now_s() < until_s:
+            frames.append(self.array.read(timeout_s=_FRAME_TIMEOUT_S))
+        ohm = FrameColumns.from_frames(frames).ohm(layout=self.array.layout)
+        return np.asarray(ohm.mean(axis=0))

@@ -62,7 +62,7 @@ def read_rules(path: str | Path) -> RuleBook:
         _read_rule(_Section(str(path), lines, span, {"confidence": confidence} | table))
         for span, table in zip(spans, tables, strict=True)
     )
-    refuse_hidden(rules, path=str(path))
+    check_reachable(rules, path=str(path))
     return RuleBook(rules=rules, default_bin=default, most_grasps=most)
 
 
@@ -81,7 +81,7 @@ def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Pat
             )
 
 
-def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
+def check_reachable(rules: Sequence[Rule], *, path: str) -> None:
     """Refuse a rule that an earlier rule hides or partly overlaps.
 
     The first match applies, so an exception may precede a general rule. A rule is unreachable if an
@@ -95,7 +95,7 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
     >>> small = Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=3)
     >>> large = Rule(bin="large", conditions=(Within("size_mm", 40, 90),), line=7)
     >>> try:
-    ...     refuse_hidden([small, large], path="r.toml")
+    ...     check_reachable([small, large], path="r.toml")
     ... except InputError as error:
     ...     print(str(error).split(";")[0])
     rules file r.toml line 7: overlaps the rule in line 3 with a different bin (size_mm 40 to 45)
@@ -117,7 +117,7 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
 def _is_wider(one: Rule, other: Rule) -> bool:
     """Return whether one rule accepts every item that the other accepts."""
     by_key = {condition.key: condition for condition in other.conditions}
-    return all(mine.key in by_key and mine.covers(by_key[mine.key]) for mine in one.conditions)
+    return all(each.key in by_key and each.covers(by_key[each.key]) for each in one.conditions)
 
 
 def _partial_overlap(one: Rule, other: Rule) -> str | None:

@@ -11,8 +11,8 @@ from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.rules import RuleBook, decide
 
-#: Times assumed for items per hour, because no grasp measures them: handling an item and
-#: carrying it to its bin, and turning it for another grasp.
+#: Assumed times, seconds, because no grasp measures them: handling of an item until it is in its
+#: bin, and a turn for another grasp.
 CARRY_S, TURN_S = 4.0, 1.5
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -61,8 +61,7 @@ def require_parquet() -> Any:
 
 def grasp_schema() -> Any:
     """Return the Arrow schema of grasps."""
-    arrow = require_parquet()
-    return arrow.schema([(name, _kind(name, arrow)) for name in _grasp_names()])
+    return _schema(_grasp_names())
 
 
 def _grasp_names() -> list[str]:
@@ -82,8 +81,7 @@ def grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
 
 
 def _write(path: str | os.PathLike[str], rows: Iterable[dict[str, Any]], names: list[str]) -> int:
-    arrow = require_parquet()
-    schema = arrow.schema([(name, _kind(name, arrow)) for name in names])
+    arrow, schema = require_parquet(), _schema(names)
     remaining = iter(rows)
     written = 0
     with atomic_path(Path(path)) as partial, arrow.parquet.ParquetWriter(partial, schema) as file:
@@ -93,7 +91,12 @@ def _write(path: str | os.PathLike[str], rows: Iterable[dict[str, Any]], names: 
     return written
 
 
-def _kind(column: str, arrow: Any) -> Any:
+def _schema(names: Sequence[str]) -> Any:
+    arrow = require_parquet()
+    return arrow.schema([(name, _column_type(name, arrow)) for name in names])
+
+
+def _column_type(column: str, arrow: Any) -> Any:
     """Return the Arrow type for a column of the tables or a measurement."""
     table = next((one for one in (ITEMS, GRASPS, VERDICTS) if column in one.c), None)
     sql_type = None if table is None else table.c[column].type
