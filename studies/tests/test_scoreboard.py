@@ -117,7 +117,7 @@ def test_read_claims_looks_up_and_scales_figures(docs: Path) -> None:
     assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
     assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
     table = claims_table([claim])
-    assert "| error (3) | `one` | 3; sensors | 12.3 % | 0.2 (c) |" in table
+    assert "| error (3) | 3; sensors; `one` | 12.3 % | 0.2 (c) | **undecided**: -0.100 " in table
     page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
     assert page == "0.20 2"
 

@@ -162,19 +162,17 @@ def claims_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of claims for the results page."""
     rows = [
         (
-            one["claim"] + (f" ({one['note']})" if one["note"] else ""),
-            f"`{one['study']}`",
-            f"{one['count']}; {one['held']}",
+            f"{one['claim']} ({one['note']})".replace(") (", "; ") if one["note"] else one["claim"],
+            f"{one['count']}; {one['held']}; `{one['study']}`",
             one["ours"],
             f"{one['rival']} ({one['rival_name']})",
-            one["difference"] or "not paired",
-            _VERDICTS[one["verdict"]],
+            f"**{_VERDICTS[one['verdict']]}**: {one['difference'] or 'not paired'}",
             one["second"],
         )
         for one in claims
     ]
-    head = ("claim", "study", "n; held out by", "palpate", "strongest baseline")
-    return _markdown((*head, "difference (90 %)", "better", "second generator"), rows)
+    head = ("claim", "n; held out by; study", "palpate", "strongest baseline")
+    return _markdown((*head, "better: difference (90 %)", "second generator"), rows)
 
 
 def first_page_table(claims: Sequence[Claim]) -> str:
