@@ -201,10 +201,12 @@ def selects(
 def divider(
     d: Drawing, row_mux: dict[str, tuple[float, float]], col_mux: dict[str, tuple[float, float]]
 ) -> None:
-    """Draw the columns' common to A0, and the reference resistor to ground."""
+    """Draw the columns' common through 1 kΩ to A0, and the reference resistor to ground."""
     end = col_mux["SIG"]
     start = pin(d, end[1], "A0")
     d.wire(start, end, color=SIGNAL, width=2.6)
+    d.box(236, end[1] - 9, 44, 18, fill=PAPER, stroke=INK)
+    d.text(258, end[1] + 26, "1 kΩ", size=13, anchor="middle")
     x = 330
     d.wire((x, end[1]), (x, end[1] + 12), color=SIGNAL)
     d.box(x - 9, end[1] + 12, 18, 44, fill=PAPER, stroke=INK)

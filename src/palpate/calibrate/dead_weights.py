@@ -54,14 +54,29 @@ def read_loads(path: Path) -> list[float]:
     return check_loads(loads.tolist(), where=str(path))
 
 
+def parse_load(typed: str) -> float:
+    """Return a typed load, newtons.
+
+    Raises `InputError` if it can't be newtons.
+
+    >>> parse_load("1.5")
+    1.5
+    """
+    try:
+        load_n = float(typed)
+    except ValueError as error:
+        raise InputError(f"load {typed!r}: type newtons, such as 4.0") from error
+    _check_newtons([load_n], where=f"load {typed!r}")
+    return load_n
+
+
 def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     """Return the loads if they suffice for a calibration.
 
     Raises `InputError` if there are too few different loads, or they can't be newtons.
     """
     loads = [float(load) for load in loads_n]
-    if not all(np.isfinite(load) and load >= 0 for load in loads):
-        raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
+    _check_newtons(loads, where=where)
     laid = sorted({load for load in loads if load > 0})
     if len(laid) < MIN_LOADS or laid[-1] < _MIN_LOAD_RATIO * laid[0]:
         raise InputError(
@@ -69,12 +84,17 @@ def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
             f"{MIN_LOADS} spread over the range, the largest {_MIN_LOAD_RATIO:g} times the "
             "smallest, such as 1.5, 4 and 9 N"
         )
-    if max(loads) > _MAX_LOAD_N:
+    return loads
+
+
+def _check_newtons(loads: Sequence[float], *, where: str) -> None:
+    if not all(np.isfinite(load) and load >= 0 for load in loads):
+        raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
+    if max(loads, default=0.0) > _MAX_LOAD_N:
         raise InputError(
             f"{where}: a load of {max(loads):g} N is too large for this sensor; "
             "if the loads are in grams, multiply them by 0.00981 for newtons"
         )
-    return loads
 
 
 def measure_loads(

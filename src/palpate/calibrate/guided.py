@@ -15,6 +15,7 @@ from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
+from palpate.sensor.findings import pixel_name
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     RestBaseline,
@@ -281,7 +282,7 @@ def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
             continue
         dead = np.argwhere(~np.isfinite(rest.rest_ohm)).tolist()
         if dead:
-            pixels = ", ".join(f"r{row}c{col}" for row, col in dead)
+            pixels = ", ".join(pixel_name(row, col) for row, col in dead)
             raise DeviceError(
                 f"no signal from {pixels} with the gripper open; run `palpate doctor` for details"
             )

@@ -122,10 +122,15 @@ def pairs_at(
     """
     if not pairs.since_move_s:
         raise CalibrationError(
-            "the calibration has rest values only, but a grasp needs force: run `palpate "
-            "calibrate force` with a load cell"
+            "the calibration has rest values only, no force: run `palpate calibrate force` "
+            "(for grasps with a load cell)"
         )
     chosen = np.isclose(pairs.since_move_s, since_move_s)
+    if not chosen.any() and is_made_by_weights(pairs):
+        raise CalibrationError(
+            "the force was calibrated with dead weights, which is insufficient for a grasp: run "
+            "`palpate calibrate force` with a load cell"
+        )
     if not chosen.any():
         read = ", ".join(f"{since:g}" for since in sorted(set(pairs.since_move_s)))
         raise CalibrationError(

@@ -16,6 +16,7 @@ from palpate.calibrate.dead_weights import (
     check_loads,
     has_unloading,
     measure_loads,
+    parse_load,
     read_loads,
 )
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
@@ -67,7 +68,7 @@ def force(
     seed: option.SeedOption = 0,
     as_json: option.JsonOption = False,
 ) -> None:
-    """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
+    """Calibrate the force, and report the expected error.
 
     With a load cell, use --rig sim-rigid or a rig file with [load_cells]. Without a load cell,
     place at least three dead weights on the pad, spread over the range; the command prompts for
@@ -144,8 +145,6 @@ def _print(calibration: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if calibration.origin == "simulated" else ""
     law = calibration.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(calibration.force.force_n)} pairs")
-    has_unloading = calibration.held_out.get("unloading_seen", False)
-    print(f"hysteresis: {'measured' if has_unloading else 'not measured'}")
     print(f"expected error of {calibration.held_out['of']}, on held-out placements or loads:")
     early = calibration.held_out.get("early_error_percent", {})
     for force, error in calibration.held_out["error_percent"].items():
@@ -185,16 +184,14 @@ class WeightSeries:
         self._pairs.append((excess, load_n))
         readings, loads_n = zip(*self._pairs, strict=True)
         self._law = ForceLaw.fit(readings, force_n=loads_n)
-        last, self.after = self.after, self._half_widths()
-        each = ", ".join(
-            f"{force} N {last[force]:.0f} to {self.after[force]:.0f} %" for force in self.after
-        )
+        self.after = self._half_widths()
+        each = ", ".join(f"{width:.0f} % at {force} N" for force, width in self.after.items())
         advice = (
             "within the tolerance"
             if self.is_within_tolerance
             else f"most useful next: {self.next_n:g} N"
         )
-        print_message(f"{load_n:g} N: half-width of the interval at {each}; {advice}")
+        print_message(f"{load_n:g} N measured; half-width of the interval: {each}; {advice}")
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return the half-width at each force before and after the weights, percent."""
@@ -236,6 +233,7 @@ def _weigh_loads(
             if listed is not None:
                 prompt_user(f"place {load_n:g} N on the pad, then press Enter")
 
+        print_message(f"{source.name}: do not touch the sensor until the first request")
         weighing = measure_loads(
             source.array,
             loads_n=_prompt_for_loads(series)
@@ -267,16 +265,18 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
     loads_n: list[float] = []
     while not series.is_within_tolerance:
         ask = (
-            f"place about {series.next_n:g} N on the pad; type its weight in newtons (Enter: done)"
+            f"place about {series.next_n:g} N on the pad; type its weight in newtons, then wait "
+            "20 s (Enter: done)"
         )
         typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
         if not typed:
             break
         try:
-            loads_n.append(float(typed))
-        except ValueError as error:
-            raise InputError(f"load {typed!r}: type newtons, such as 4.0") from error
-        yield loads_n[-1]
+            loads_n.append(parse_load(typed))
+        except InputError as error:
+            print_message(str(error))
+        else:
+            yield loads_n[-1]
     check_loads(loads_n, where="the weights")
 
 

@@ -108,8 +108,8 @@ def _make_force_tracker(source: SensorSource) -> ForceSource:
     calibration = source.find_calibration()
     if calibration is None:
         raise InputError(
-            f"--force: {source.name} has no calibration; run `palpate calibrate force` and add the "
-            "calibration file to the rig file"
+            f"--force: {source.name} has no calibration; run `palpate calibrate rest`, then "
+            "`palpate calibrate force`"
         )
     return force_now(calibration.force)
 

@@ -299,4 +299,5 @@ def paper_settings(method: Method, **settings: float | None) -> Paper | None:
     try:
         return Paper(**given)
     except ValueError as error:
-        raise InputError(str(error)) from error
+        name, rule = str(error).split(" ", 1)
+        raise InputError(f"{_PAPER[name]} {rule}") from error

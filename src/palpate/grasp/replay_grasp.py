@@ -113,7 +113,12 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
             record_size(state, plan, before=before)
         stops.append(closure)
     answered = state.result.settled_percent is not None
-    if state.phase is Phase.SETTLE and not answered:
-        state.add_fault(f"the hand was never stationary for {paper.cutoff_s:g} s after contact")
-    outcome = Outcome.HELD if answered else Outcome.NOTHING_THERE
-    return replace(state.final_result, outcome=outcome)
+    unanswered = state.phase in (Phase.SQUEEZE, Phase.SETTLE) and not answered
+    if unanswered:
+        state.add_fault(
+            f"the hand was never stationary for {paper.cutoff_s:g} s after contact; use a shorter "
+            "--cutoff"
+        )
+    outcome = Outcome.HELD if answered or unanswered else Outcome.NOTHING_THERE
+    # The method measures no force while the hand moves.
+    return replace(state.final_result, outcome=outcome, peak_force_n=None)

@@ -9,6 +9,7 @@ import numpy as np
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, new_figure
 from palpate.recording import Recording
 from palpate.recording.exporting import solve_resistance_ohm
+from palpate.sensor.findings import pixel_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +66,7 @@ def _draw_pixels(panel: Any, recording: Recording, start_s: float) -> None:
             color=_COLOURS[index % len(_COLOURS)],
             linestyle=_LINES[index // len(_COLOURS) % len(_LINES)],
             linewidth=0.9,
-            label=f"r{row}c{col}",
+            label=pixel_name(row, col),
         )
     panel.set_ylabel("resistance, unfiltered (kohm)")
     if pixel_rows * pixel_cols <= _MOST_PIXELS:

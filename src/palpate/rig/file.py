@@ -25,7 +25,9 @@ _REQUIRED_PARTS = {
     "gripper": "table [gripper]",
     "calibration": '`calibration = "FILE"`',
 }
-_INIT_HINT = "`palpate init` writes a complete file; --rig sim-rigid is simulated"
+_INIT_HINT = (
+    "`palpate init FILE --gripper KIND` writes a complete file; --rig sim-rigid is simulated"
+)
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
 _TYPE_NAMES: Mapping[Any, str] = {
     str: "text in quotes",

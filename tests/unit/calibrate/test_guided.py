@@ -61,7 +61,7 @@ def test_measure_force_failing_sensor_leaves_gripper_open(kind: Any) -> None:
 
 @pytest.mark.parametrize(
     ("readings", "words"),
-    [((0, 0), "no signal from r0c0"), ((100, 600), "does not come to rest in 120 s")],
+    [((0, 0), "no signal from R0 C0"), ((100, 600), "does not come to rest in 120 s")],
 )
 def test_measure_rest_faulty_sensor_is_device_error(readings: tuple[int, int], words: str) -> None:
     class Broken(TwinArray):

@@ -29,6 +29,15 @@ def test_pairs_at_missing_time_error_lists_available_times() -> None:
         pairs_at(PAIRS, since_move_s=0.7)
 
 
+def test_pairs_at_of_dead_weights_error_names_the_load_cell() -> None:
+    weights = ForcePairs(
+        run=(0, 0), since_move_s=(20.0, 20.0), excess=(1.0, 2.0), relative_percent=(-1.0, -2.0),
+        force_n=(1.5, 4.0),
+    )  # fmt: skip
+    with pytest.raises(CalibrationError, match=r"dead weights.*load cell"):
+        pairs_at(weights, since_move_s=0.42)
+
+
 def test_pairs_at_without_forces_error_names_command() -> None:
     none = ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=())
     with pytest.raises(CalibrationError, match=r"rest values only.*palpate calibrate force"):

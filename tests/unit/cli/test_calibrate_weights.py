@@ -20,7 +20,7 @@ def test_calibrate_force_each_weight_reports_the_interval_widths(
         weights.add(8.0 * load_n**1.2, load_n)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
-    assert lines[0].startswith("1.5 N: half-width of the interval at 1.5 N ")
+    assert lines[0].startswith("1.5 N measured; half-width of the interval: ")
     assert "most useful next" in lines[0]
     document = weights.to_dict()
     assert set(document) == {"1.5_n", "4_n", "9_n"}
@@ -41,13 +41,23 @@ def test_calibrate_force_empty_line_ends_typed_weights(monkeypatch: pytest.Monke
     assert list(_prompt_for_loads(course())) == [9.0, 1.5, 4.0]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"), [(["1.5", "4", ""], "at least 3"), (["heavy"], "type newtons")]
-)
-def test_calibrate_force_invalid_typed_weights_are_refused(
-    words: list[str], message: str, monkeypatch: pytest.MonkeyPatch
+def test_calibrate_force_too_few_typed_weights_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    typed = iter(words)
+    typed = iter(["1.5", "4", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match="at least 3"):
         list(_prompt_for_loads(course()))
+
+
+def test_calibrate_force_mistyped_weight_is_requested_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed = iter(["1.5", "4,0", "-4", "408", "4", "9", ""])
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
+    assert list(_prompt_for_loads(course())) == [1.5, 4.0, 9.0]
+    said = capsys.readouterr().err.splitlines()
+    assert [line.split(": ", 1)[0] for line in said] == ["load '4,0'", "load '-4'", "load '408'"]
+    assert "type newtons" in said[0]
+    assert "0 or more" in said[1]
+    assert "grams" in said[2]

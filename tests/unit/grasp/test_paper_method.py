@@ -79,6 +79,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
     assert found["settled_percent"]["value"] < -10.0
     short = palpate(*read, "--cutoff", "30", "--json").document
     assert short["settled_percent"] is None
+    assert (short["outcome"], short["peak_force_n"]) == ("held", None)
     assert "never stationary for 30 s" in short["faults"][0]
 
 
@@ -86,9 +87,9 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
     ("options", "message"),
     [
         (["--step-mm", "2"], "--step-mm: only with --method paper"),
-        (["--method", "paper", "--step-mm", "0"], "step_mm must be above 0"),
+        (["--method", "paper", "--step-mm", "0"], "--step-mm must be above 0"),
         (["--method", "paper", "--epsilon", "10"], "between -100 and 0"),
-        (["--method", "paper", "--cutoff", "nan"], "cutoff_s must be"),
+        (["--method", "paper", "--cutoff", "nan"], "--cutoff must be"),
         (["--method", "paper", "--target-force-n", "3"], "combined with --target-force-n"),
         (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "driven by pressure"),
     ],

@@ -78,6 +78,11 @@ def test_wiring_drawing_has_the_select_pins_in_order() -> None:
     assert labels == ["49", "48", "47", "46", "45", "44", "43", "42", "A0"]
 
 
+def test_wiring_drawing_has_the_resistor_in_front_of_a0() -> None:
+    assert "| A0 | through 1 kΩ to SIG of the column multiplexer" in README
+    assert ">1 kΩ</text>" in (ROOT / "hardware" / "wiring.svg").read_text()
+
+
 def plan_of_board(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.syspath_prepend(str(ROOT / "hardware"))
     return runpy.run_path(str(ROOT / "hardware" / "perfboard.py"))

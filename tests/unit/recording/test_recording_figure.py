@@ -24,8 +24,8 @@ def _labels(figure):
 def test_recording_figure_has_one_line_per_pixel_in_kilohm(recording):
     pixels = recording_figure(recording, title="run").axes[0]
     lines = {line.get_label(): line for line in pixels.lines}
-    assert {f"r{row}c{col}" for row in range(4) for col in range(2)} <= set(lines)
-    first = lines["r0c0"].get_ydata()
+    assert {f"R{row} C{col}" for row in range(4) for col in range(2)} <= set(lines)
+    first = lines["R0 C0"].get_ydata()
     assert first == pytest.approx(solve_resistance_ohm(recording)[:, 0, 0] / 1000)
 
 

@@ -19,7 +19,10 @@ from palpate.rig.file import read_rig_file
     ("text", "message"),
     [
         ("use = ", "Invalid value"),
-        ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array. `palpate init` writes"),
+        (
+            "[array]\nopen = 'a:b'\n",
+            r"no table \[gripper\]; found array. `palpate init FILE --gripper",
+        ),
         ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
         (
             "calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n",
