@@ -1,4 +1,4 @@
-"""All grippers of the contract tests, opened, each with a function that lets time pass."""
+"""The open grippers of the contract tests, each with a function that advances the time."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def board_hand() -> Iterator[Hand]:
         board.run()
         return board.pressure_kpa
 
-    wait = _reading(array, gripper, world.clock)
+    wait = _make_wait(array, gripper, world.clock)
     yield Hand(gripper=gripper, clock=world.clock, wait=wait, read_position=read_position)
     gripper.close()
     array.close()
@@ -176,7 +176,7 @@ def hobby_hand(kind: str) -> Iterator[Hand]:
     except DeviceNotFoundError as error:
         skip(str(error))
     array, gripper = open_hobby_servo(world, board)
-    wait = _reading(array, gripper, world.clock)
+    wait = _make_wait(array, gripper, world.clock)
     wait(0.3)
 
     def read_position() -> float:
@@ -204,13 +204,13 @@ def firmware_hand() -> Iterator[Hand]:
         array.read(timeout_s=1.0)
         return board.pressure_kpa
 
-    wait = _reading(array, gripper, world.clock)
+    wait = _make_wait(array, gripper, world.clock)
     yield Hand(gripper=gripper, clock=world.clock, wait=wait, read_position=read_position)
     gripper.close()
     array.close()
 
 
-def _reading(array: SerialArray, gripper: Gripper, clock: ManualClock) -> Callable[[float], None]:
+def _make_wait(array: SerialArray, gripper: Gripper, clock: ManualClock) -> Callable[[float], None]:
     """Return a wait function that reads frames and states, like the control loop."""
 
     def wait(duration_s: float) -> None:

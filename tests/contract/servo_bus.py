@@ -204,12 +204,12 @@ class ServoBus:
         now_mm = self._world.drive_value(self._world.clock.now_s())
         velocity = self._get(x.PROFILE_VELOCITY) or _FASTEST
         turn_rad = abs(goal_rad - self._fingers.angle_rad(now_mm))
-        way_mm = abs(target_mm - now_mm)
-        if way_mm > 1e-9:
-            takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
+        travel_mm = abs(target_mm - now_mm)
+        if travel_mm > 1e-9:
+            duration_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
             if self._get(x.DRIVE_MODE) & x.TIME_BASED:
-                takes_s = max(self._get(x.PROFILE_VELOCITY), 1) / 1e3
-            self._hand.command(GripperCommand(target=target_mm, rate=way_mm / takes_s))
+                duration_s = max(self._get(x.PROFILE_VELOCITY), 1) / 1e3
+            self._hand.command(GripperCommand(target=target_mm, rate=travel_mm / duration_s))
 
     def _direction(self) -> int:
         """Return 1 if positions increase as the fingers open, -1 in reverse mode."""
@@ -238,8 +238,8 @@ class ServoBus:
                     self._put(x.BUS_WATCHDOG, -1)
                     self._world.halt(time_s=time_s)
                 unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
-                now = time_s >= self._world.clock.now_s()
-                if now and unit is not None and self._world.is_moving(time_s):
+                is_current = time_s >= self._world.clock.now_s()
+                if is_current and unit is not None and self._world.is_moving(time_s):
                     limit_ma = self._get(x.GOAL_CURRENT) * unit
                     if self._hand.state().current_ma > limit_ma:
                         self._world.halt(time_s=time_s)
@@ -260,12 +260,12 @@ class ServoBus:
 class LineEnd:
     """The device end of a pseudo-terminal; the host opens the port `name`.
 
-    `take`: receives all waiting bytes, and returns the bytes of an incomplete packet. It runs on
+    `receive`: receives all waiting bytes, and returns the bytes of an incomplete packet. It runs on
         the thread of the line.
     """
 
-    def __init__(self, take: Callable[[bytes], bytes]) -> None:
-        self._receive = take
+    def __init__(self, receive: Callable[[bytes], bytes]) -> None:
+        self._receive = receive
         self._delayed = list[tuple[float, bytes]]()
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)

@@ -71,8 +71,8 @@ def test_gripper_command_is_clamped_and_returned_as_sent(hand: Hand, beyond: flo
 def test_gripper_state_reports_only_its_controlled_quantity(hand: Hand) -> None:
     state = hand.gripper.state()
     drive = hand.gripper.limits.drive
-    reported = [math.isfinite(state.width_mm), math.isfinite(state.pressure_kpa)]
-    assert reported == [drive == "width", drive == "pressure"]
+    is_reported = [math.isfinite(state.width_mm), math.isfinite(state.pressure_kpa)]
+    assert is_reported == [drive == "width", drive == "pressure"]
     assert state.time_s == hand.clock.now_s()
 
 

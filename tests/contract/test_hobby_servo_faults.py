@@ -60,7 +60,7 @@ def test_hobby_servo_holds_the_fingers_if_the_host_is_silent(bench: Bench) -> No
     stopped_mm = bench.world.drive_value(bench.world.now_s())
     assert stopped_mm == pytest.approx(74.0 - 20.0 * 0.5, abs=1.0)
     bench.array.read(timeout_s=1.0)
-    with pytest.raises(DeviceError, match="held the fingers where they were"):
+    with pytest.raises(DeviceError, match="holds the fingers in place: it received"):
         bench.gripper.state()
     bench.gripper.stop()
     bench.follow(0.5)

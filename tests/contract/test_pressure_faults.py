@@ -119,12 +119,12 @@ def test_grasp_with_the_pneumatic_gripper_holds_the_object(
     array, gripper = open_board(board.world, board)
     held: list[Truth] = []
 
-    def look(grasp_state: GraspState) -> None:
+    def record_truth(grasp_state: GraspState) -> None:
         if grasp_state.phase is Phase.HOLD:
             held.append(board.world.truth())
 
     clock = board.world.clock
-    result = run_grasp(plan, array=array, gripper=gripper, clock=clock, watchers=[look])
+    result = run_grasp(plan, array=array, gripper=gripper, clock=clock, watchers=[record_truth])
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
     assert result.force_n.value > 0.5
@@ -135,7 +135,7 @@ def test_grasp_with_the_pneumatic_gripper_holds_the_object(
     assert board.pressure_kpa < 1.0
 
 
-STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
+FAULTS: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
     "supply lost": (RegulatorBoard.cut_supply, Outcome.GRIPPER_FAULT, "missing supply"),
     "port vanishes": (RegulatorBoard.unplug, Outcome.GRIPPER_FAULT, "is gone"),
     "frames stop": (RegulatorBoard.silence, Outcome.SENSOR_LOST, "no frame from simulated board"),
@@ -145,20 +145,20 @@ STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
 
 
 @pytest.mark.parametrize(
-    "strike",
-    STRIKES,
+    "fault",
+    FAULTS,
 )
 def test_grasp_ends_and_vents_after_a_fault(
-    plan: Plan, board: RegulatorBoard, strike: str, tmp_path: Path
+    plan: Plan, board: RegulatorBoard, fault: str, tmp_path: Path
 ) -> None:
     world, path = board.world, tmp_path / "fault.mcap"
     array, gripper = open_board(world, board)
-    struck_s: list[float] = []
+    injected_s: list[float] = []
 
-    def striker(grasp_state: GraspState) -> None:
-        if grasp_state.phase is Phase.SQUEEZE and not struck_s:
-            struck_s.append(world.clock.now_s())
-            STRIKES[strike][0](board)
+    def inject_fault(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.SQUEEZE and not injected_s:
+            injected_s.append(world.clock.now_s())
+            FAULTS[fault][0](board)
 
     with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
 
@@ -171,23 +171,23 @@ def test_grasp_ends_and_vents_after_a_fault(
             gripper=gripper,
             clock=world.clock,
             subscribers=[recorder],
-            watchers=[striker],
+            watchers=[inject_fault],
         )
     assert len(load_recording(path).time_s) == result.frames
-    _, outcome, words = STRIKES[strike]
+    _, outcome, words = FAULTS[fault]
     assert result.outcome is outcome
     assert words in " ".join(result.faults)
     # Stale frames are detected after 5 periods. A lost supply is detected at the next movement,
     # after its duration and two frames.
     assert (
-        board.vented_s - struck_s[0]
+        board.vented_s - injected_s[0]
         <= {
             "supply lost": 0.6 + 0.1,
             "port vanishes": 0.5 + 0.1,
             "frames stop": 5 / 15 + 0.1,
             "ctrl-c": 0.1,
             "sigterm": 0.1,
-        }[strike]
+        }[fault]
     )
 
 

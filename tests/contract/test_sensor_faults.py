@@ -48,29 +48,29 @@ class FaultyGrasp:
     array: FailingArray
     hand: RecordingGripper
     early: bool
-    struck_s: float = math.nan
-    strike: Callable[[FaultyGrasp], None]
+    injected_s: float = math.nan
+    inject: Callable[[FaultyGrasp], None]
 
     def watch(self, grasp_state: GraspState) -> None:
         now_s = self.world.clock.now_s()
-        if math.isfinite(self.struck_s):
+        if math.isfinite(self.injected_s):
             return
         held = (
             grasp_state.phase in (Phase.SETTLE, Phase.HOLD) and grasp_state.estimate.still_s > 0.5
         )
         if (now_s > BEGINS_S + 1.0) if self.early else held:
-            self.struck_s = now_s
-            self.strike(self)
+            self.injected_s = now_s
+            self.inject(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """A fault, with the expected outcome, message and detection time."""
 
-    strike: Callable[[FaultyGrasp], None]
+    inject: Callable[[FaultyGrasp], None]
     outcome: Outcome
     words: str
-    known_s: float
+    detection_s: float
     early: bool = False
     #: Whether the rigid fingers open; the soft fingers always vent.
     opens: bool = False
@@ -91,43 +91,45 @@ def _pixel(counts: int | None) -> Callable[[FaultyGrasp], None]:
 LOST = Outcome.SENSOR_LOST
 ROWS = {
     "frames stop": Row(
-        strike=lambda grasp: setattr(grasp.array, "silent", True),
+        inject=lambda grasp: setattr(grasp.array, "silent", True),
         outcome=LOST,
         words="no frame in 0.33 s",
-        known_s=STALE_S,
+        detection_s=STALE_S,
     ),
     "port vanishes": Row(
-        strike=lambda grasp: setattr(grasp.array, "gone", True),
+        inject=lambda grasp: setattr(grasp.array, "gone", True),
         outcome=LOST,
         words="vanished",
-        known_s=0.0,
+        detection_s=0.0,
     ),
     "pixel open": Row(
-        strike=_pixel(0), outcome=LOST, words="pixel R0 C0 reads open", known_s=2 * NEXT_S
+        inject=_pixel(0), outcome=LOST, words="pixel R0 C0 reads open", detection_s=2 * NEXT_S
     ),
     "pixel shorted": Row(
-        strike=_pixel(1023), outcome=LOST, words="pixel R0 C0 reads short", known_s=2 * NEXT_S
+        inject=_pixel(1023), outcome=LOST, words="pixel R0 C0 reads short", detection_s=2 * NEXT_S
     ),
     "pixel shorted while open": Row(
-        strike=_pixel(1023),
+        inject=_pixel(1023),
         outcome=LOST,
         words="pixel R0 C0 reads short",
-        known_s=2 * NEXT_S,
+        detection_s=2 * NEXT_S,
         early=True,
     ),
     "pixel stuck": Row(
-        strike=_pixel(None),
+        inject=_pixel(None),
         outcome=LOST,
         words="pixel R0 C0 reads stuck",
         # Two movements after the fast approach, and three seconds.
-        known_s=4.0,
+        detection_s=4.0,
         early=True,
     ),
     "object removed": Row(
-        strike=_remove_object, outcome=Outcome.SLIPPED, words="", known_s=1.0, opens=True
+        inject=_remove_object, outcome=Outcome.SLIPPED, words="", detection_s=1.0, opens=True
     ),
-    "Ctrl-C": Row(strike=_kill(signal.SIGINT), outcome=Outcome.STOPPED, words="", known_s=0.0),
-    "SIGTERM": Row(strike=_kill(signal.SIGTERM), outcome=Outcome.STOPPED, words="", known_s=0.0),
+    "Ctrl-C": Row(inject=_kill(signal.SIGINT), outcome=Outcome.STOPPED, words="", detection_s=0.0),
+    "SIGTERM": Row(
+        inject=_kill(signal.SIGTERM), outcome=Outcome.STOPPED, words="", detection_s=0.0
+    ),
 }
 
 
@@ -174,7 +176,7 @@ def run_with_fault(kind: str, row: Row, path: Path) -> tuple[FaultyGrasp, GraspR
     world = world_for(kind)
     hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
     grasp = FaultyGrasp(
-        world=world, array=FailingArray(world), hand=hand, early=row.early, strike=row.strike
+        world=world, array=FailingArray(world), hand=hand, early=row.early, inject=row.inject
     )
     return grasp, run(kind, world, path, grasp.array, hand, watchers=[grasp.watch])
 
@@ -195,9 +197,9 @@ def test_grasp_ends_safely_in_time_after_a_sensor_object_or_user_event(
     first_s = min(
         time_s
         for time_s, sent in grasp.hand.commands
-        if time_s >= grasp.struck_s and (sent is None or (sent.target == open_at and opens))
+        if time_s >= grasp.injected_s and (sent is None or (sent.target == open_at and opens))
     )
-    assert first_s - grasp.struck_s <= row.known_s + STOP_S
+    assert first_s - grasp.injected_s <= row.detection_s + STOP_S
     assert len(load_recording(path).time_s) == result.frames
     world.clock.sleep_s(1.0)
     assert not world.is_moving(world.clock.now_s())
@@ -250,16 +252,16 @@ def test_grasp_with_only_damaged_frames_ends_as_sensor_lost(
     line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
 ) -> None:
     world, noisy, array = line
-    hand, struck_s = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s), list[float]()
+    hand, injected_s = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s), list[float]()
 
     def spoil(_: Observation) -> None:
-        if world.force_n(world.clock.now_s()) > 1.0 and not struck_s:
-            struck_s.append(world.clock.now_s())
+        if world.force_n(world.clock.now_s()) > 1.0 and not injected_s:
+            injected_s.append(world.clock.now_s())
             noisy.every = 1
 
     path = tmp_path / "line.mcap"
     result = run("rigid", world, path, array, hand, spoil)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert world.clock.now_s() - struck_s[0] <= STALE_S + PERIOD_S + STOP_S
+    assert world.clock.now_s() - injected_s[0] <= STALE_S + PERIOD_S + STOP_S
     assert world.force_n(world.clock.now_s()) > 0.0
     assert len(load_recording(path).time_s) == result.frames

@@ -497,21 +497,21 @@ def test_grasp_ends_at_once_after_a_servo_fault(
     fault: str,
     at_force_n: float | None,
 ) -> None:
-    strike, words = FAULTS[fault]
-    struck_s: list[float] = []
+    inject, words = FAULTS[fault]
+    injected_s: list[float] = []
 
-    def striker(observation: Observation) -> None:
+    def inject_fault(observation: Observation) -> None:
         now_s = world.clock.now_s()
         is_due = now_s > 2.0 if at_force_n is None else world.force_n(now_s) > at_force_n
-        if is_due and not struck_s:
-            struck_s.append(now_s)
-            strike(bus)
+        if is_due and not injected_s:
+            injected_s.append(now_s)
+            inject(bus)
 
     path = tmp_path / "fault.mcap"
-    result = _recorded(plan, gripper, world, path, striker)
+    result = _recorded(plan, gripper, world, path, inject_fault)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert words in result.faults[0]
-    assert world.clock.now_s() - struck_s[0] <= 0.1
+    assert world.clock.now_s() - injected_s[0] <= 0.1
     assert len(load_recording(path).time_s) == result.frames
     world.clock.sleep_s(1.0)
     assert not world.is_moving(world.clock.now_s())
@@ -522,19 +522,19 @@ def test_grasp_ends_at_once_after_a_servo_fault(
 def test_grasp_detects_lost_torque_from_the_width(
     plan: Plan, bus: ServoBus, gripper: DynamixelGripper, world: World, tmp_path: Path
 ) -> None:
-    struck_s: list[float] = []
+    injected_s: list[float] = []
 
-    def limp(_: Observation) -> None:
-        if world.clock.now_s() > 1.0 and not struck_s:
-            struck_s.append(world.clock.now_s())
+    def switch_torque_off(_: Observation) -> None:
+        if world.clock.now_s() > 1.0 and not injected_s:
+            injected_s.append(world.clock.now_s())
             bus.fail(x.HardwareError(0))
 
-    path = tmp_path / "limp.mcap"
-    result = _recorded(plan, gripper, world, path, limp)
+    path = tmp_path / "fault.mcap"
+    result = _recorded(plan, gripper, world, path, switch_torque_off)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "check for a blockage, a locked servo or a missing supply" in result.faults[0]
     # The stop first looks like a contact. It is detected after four half steps without movement.
-    assert world.clock.now_s() - struck_s[0] <= 0.7 + 4 * 0.55
+    assert world.clock.now_s() - injected_s[0] <= 0.7 + 4 * 0.55
     assert len(load_recording(path).time_s) == result.frames
     assert not world.is_moving(world.clock.now_s())
 
@@ -544,7 +544,7 @@ def _recorded(
     gripper: DynamixelGripper,
     world: World,
     path: Path,
-    striker: Callable[[Observation], None],
+    inject_fault: Callable[[Observation], None],
 ) -> GraspResult:
     array = TwinArray(world)
     with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
@@ -553,5 +553,9 @@ def _recorded(
             writer.add_observation(observation.frame, gripper=observation.gripper)
 
         return run_grasp(
-            plan, array=array, gripper=gripper, clock=world.clock, subscribers=[recorder, striker]
+            plan,
+            array=array,
+            gripper=gripper,
+            clock=world.clock,
+            subscribers=[recorder, inject_fault],
         )

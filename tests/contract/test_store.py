@@ -167,7 +167,7 @@ def test_store_returns_labels_of_a_kind_for_all_items(store: Store) -> None:
         store.add_verdict(verdict(name, source=Source.PERSON))
         store.add_verdict(verdict(name))
     found = store.verdicts(About.RIPENESS, source=Source.PERSON, kind="avocado")
-    assert [grasped.item_id for grasped in found] == ["a"]
+    assert [label.item_id for label in found] == ["a"]
     assert len(store.verdicts(About.RIPENESS)) == 4
     assert store.verdicts(About.BIN) == ()
 

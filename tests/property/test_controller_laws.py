@@ -1,4 +1,4 @@
-"""The controller keeps its limits and ends, for any sensor readings."""
+"""The controller stays within its limits and ends the grasp, for any sensor readings."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def assert_bounded(
     if closing <= 0:
         return
     added_n = (closing + command.rate * plan.safety.latency_s) * plan.steepest_n
-    most_n = min(plan.safety.force_ceiling_n, grasp_state.estimate.damage_low_n)
-    assert grasp_state.estimate.force_high_n + added_n <= most_n * (1 + 1e-9)
+    limit_n = min(plan.safety.force_ceiling_n, grasp_state.estimate.damage_low_n)
+    assert grasp_state.estimate.force_high_n + added_n <= limit_n * (1 + 1e-9)
     assert grasp_state.phase is not Phase.RELEASE
 
 
@@ -74,7 +74,7 @@ def test_controller_with_random_readings_and_plans_stays_safe(
     plan: Plan, counts: list[int], data: st.DataObject
 ) -> None:
     """With random readings, commands stay within limits and the grasp ends."""
-    sticks = data.draw(st.booleans())
+    is_stuck = data.draw(st.booleans())
     controller, width, rest = GraspController(plan), LIMITS.highest, 350
     grasp_state = controller.state
     for index in range(int((plan.longest_s + 12.0) * 15)):
@@ -88,7 +88,7 @@ def test_controller_with_random_readings_and_plans_stays_safe(
         if command is None:
             continue
         assert_bounded(grasp_state, command, plan=plan, width=width)
-        width = width if sticks else command.target
+        width = width if is_stuck else command.target
     assert grasp_state.has_ended
 
 
@@ -105,9 +105,11 @@ class Adversary:
     rate: float = 1.0
 
     def observe(self, index: int, *, every_s: float) -> Observation:
-        """Move on by a frame; now and then something about the object changes."""
-        way = np.clip(self.target_mm - self.width_mm, -self.rate * every_s, self.rate * every_s)
-        self.width_mm += float(way)
+        """Advance by one frame; change the object's properties at random."""
+        travel_mm = np.clip(
+            self.target_mm - self.width_mm, -self.rate * every_s, self.rate * every_s
+        )
+        self.width_mm += float(travel_mm)
         if self.rng.random() < 0.01:
             self.size_mm += float(self.rng.uniform(-0.5, 0.7))
             self.n_per_mm *= float(np.exp(self.rng.normal(0, 0.5)))
@@ -134,7 +136,7 @@ CURRENT = CurrentLaw(
 )
 
 
-def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
+def run_adversarial_grasp(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
     """Grasp an adversarial object, check all commands, and return the activities."""
     world, controller = Adversary(np.random.default_rng(seed)), GraspController(plan)
     grasp_state, activities = controller.state, set[str]()
@@ -161,19 +163,23 @@ def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
     plan=plans,
     seed=st.integers(0, 2**32 - 1),
     rate_hz=st.sampled_from([15.0, 60.0]),
-    listens=st.booleans(),
+    has_current=st.booleans(),
 )
 @settings(max_examples=40, deadline=None)
 def test_commands_stay_within_bound_for_any_object(
-    plan: Plan, seed: int, rate_hz: float, listens: bool
+    plan: Plan, seed: int, rate_hz: float, has_current: bool
 ) -> None:
-    grasped(replace(plan, current=CURRENT if listens else None), seed=seed, rate_hz=rate_hz)
+    run_adversarial_grasp(
+        replace(plan, current=CURRENT if has_current else None), seed=seed, rate_hz=rate_hz
+    )
 
 
 @pytest.mark.slow
 def test_adversary_reaches_every_activity() -> None:
     firm = replace(PLAN, target_force_n=4.0, tries=2, current=CURRENT)
-    seen = set[str]().union(*(grasped(firm, seed=seed, rate_hz=15.0) for seed in range(24)))
+    seen = set[str]().union(
+        *(run_adversarial_grasp(firm, seed=seed, rate_hz=15.0) for seed in range(24))
+    )
     assert seen == {*Phase, *Activity} - {Activity.WAIT}
 
 

@@ -1,4 +1,4 @@
-"""Damaged, hostile and odd files are refused in one line, without traceback.
+"""Damaged or unusual files are read, or refused in one line without a traceback.
 
 `PALPATE_FUZZ=3000` tries that many files of each kind.
 """
@@ -79,24 +79,24 @@ def replace_value(value: Any, rng: random.Random) -> Any:
 
 def damage(text: str, rng: random.Random) -> bytes:
     """Return a text with one of several kinds of damage."""
-    data, way = bytearray(text.encode()), rng.randrange(8)
-    if way == 0:
+    data, kind = bytearray(text.encode()), rng.randrange(8)
+    if kind == 0:
         return bytes(data[: rng.randrange(len(data))])
-    if way == 1:
+    if kind == 1:
         for _ in range(rng.randrange(1, 20)):
             data[rng.randrange(len(data))] = rng.randrange(256)
         return bytes(data)
     at = rng.randrange(len(data))
     pieces = [b"9" * 5000, b"[" * DEEP, b'{"a":' * 5000, b"\0", b"\xff\xfe", b"1e999", b"-1.7e308"]
-    if way == 2:
+    if kind == 2:
         return bytes(data[:at]) + rng.choice(pieces) + bytes(data[at:])
-    if way == 3:
+    if kind == 3:
         return b"x = " + b"[" * DEEP + b"]" * DEEP + b"\n" + bytes(data)
-    if way == 4:
+    if kind == 4:
         return rng.choice(pieces)
-    if way == 5:
+    if kind == 5:
         return b"\xef\xbb\xbf" + bytes(data)
-    if way == 6:
+    if kind == 6:
         words = text.split(" ")
         words[rng.randrange(len(words))] = rng.choice(["9" * 5000, "nan", "inf", '"\0"', "[[]]"])
         return " ".join(words).encode()

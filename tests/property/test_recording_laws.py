@@ -141,4 +141,4 @@ def test_damaged_table_yields_holds_or_one_line_error(tmp_path: Path) -> None:
         except PalpateError as error:
             refused.append((str(path), str(error)))
     assert 200 < len(refused) < 1900
-    assert all(path in said and "\n" not in said for path, said in refused)
+    assert all(path in message and "\n" not in message for path, message in refused)

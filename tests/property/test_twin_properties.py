@@ -49,9 +49,9 @@ def test_twin_any_commands_yield_physical_values(
 
 
 @settings(max_examples=20, deadline=None)
-@given(moves=MOVES, seed=st.integers(0, 1000), often_s=st.floats(0.003, 0.2))
+@given(moves=MOVES, seed=st.integers(0, 1000), interval_s=st.floats(0.003, 0.2))
 def test_twin_readings_do_not_change_the_world(
-    moves: list[tuple[float, float, float]], seed: int, often_s: float
+    moves: list[tuple[float, float, float]], seed: int, interval_s: float
 ) -> None:
     read, unread = (
         World(draw_object(np.random.default_rng(seed), "tomato"), seed=seed) for _ in range(2)
@@ -60,7 +60,7 @@ def test_twin_readings_do_not_change_the_world(
     for target_mm, rate, wait_s in moves:
         for world in (read, unread):
             world.drive(target_mm, rate=rate, time_s=now_s)
-        for time_s in np.arange(now_s, now_s + wait_s, often_s):
+        for time_s in np.arange(now_s, now_s + wait_s, interval_s):
             read.pixel_resistance_ohm(float(time_s))
         now_s += wait_s
     np.testing.assert_allclose(

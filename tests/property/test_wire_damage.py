@@ -132,7 +132,7 @@ def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> No
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=1200))
-def test_stuff_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
+def test_cobs_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
     encoded = encode_cobs(data)
     assert 0 not in encoded
     assert decode_cobs(encoded) == data

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.calibrate.laws import HORIZON_S
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
 from palpate.holds.strict import read_table
@@ -22,8 +23,8 @@ from palpate.signal.relative import (
     total_excess,
 )
 
-#: Time after which the sheet counts as settled (paper, section 2.2), and maximum time per load.
-SETTLED_S, _MAX_WAIT_S = 20.0, 40.0
+#: Maximum time per load.
+_MAX_WAIT_S = 40.0
 #: A reading is settled if two successive stretches of this length differ by less than a fraction.
 _STRETCH_S, _SETTLED_FRACTION = 2.0, 0.03
 #: Excess conductance below which a relative difference is meaningless.
@@ -39,7 +40,7 @@ _MAX_LOAD_N = 200.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadMeasurement:
-    """The pairs of all settled loads, and the loads that did not settle."""
+    """The pairs of all settled loads above 0 N, and the loads that did not settle."""
 
     pairs: ForcePairs
     refused_n: tuple[float, ...]
@@ -139,7 +140,7 @@ def measure_loads(
         )
     pairs = ForcePairs(
         run=(0,) * len(settled_n),
-        since_move_s=(SETTLED_S,) * len(settled_n),
+        since_move_s=(HORIZON_S,) * len(settled_n),
         excess=tuple(excess),
         relative_percent=tuple(relative),
         force_n=tuple(settled_n),
@@ -156,7 +157,7 @@ def _measure_settled(
     array: PressureArray, rest_ohm: np.ndarray, load_n: float
 ) -> tuple[float, float] | None:
     """Return the settled excess and relative change, or None after the maximum time."""
-    waited_s = SETTLED_S - 2 * _STRETCH_S
+    waited_s = HORIZON_S - 2 * _STRETCH_S
     _ohm(array, waited_s)
     before, _ = _measure_load(array, rest_ohm, load_n)
     while waited_s < _MAX_WAIT_S:

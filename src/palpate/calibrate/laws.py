@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.force_follower import ForceFollower, ForceSource
@@ -110,9 +110,7 @@ def add_force_law(recorded: Calibration) -> Calibration:
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)
 
 
-def pairs_at(
-    pairs: ForcePairs, *, since_move_s: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def pairs_at(pairs: ForcePairs, *, since_move_s: float) -> tuple[FloatArray, FloatArray]:
     """Return excess and force of the pairs read `since_move_s` after a movement.
 
     Raises

@@ -198,7 +198,7 @@ class HobbyServoGripper:
             )
         if status & BoardStatus.HEARTBEAT_LOST:
             raise DeviceError(
-                "the board has held the fingers where they were: it received nothing for 0.5 s. "
+                "the board holds the fingers in place: it received nothing for 0.5 s. "
                 "Check its cable, and the load on this machine"
             )
 

@@ -131,7 +131,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         return draw_object(rng, faces[run % len(faces)])
 
     array = TwinArray(world)
-    bench = _bench(world, array, start=_START_POSITION[world.gripper])
+    bench = twin_bench(world, start=_START_POSITION[world.gripper], array=array)
     rest = measure_rest(bench)
     force = measure_force(
         bench,
@@ -230,16 +230,16 @@ def open_twin_bench(rig: str, seed: int) -> GuidedBench:
     )
 
 
-def twin_bench(world: Stage, *, start: float) -> Bench:
-    """Return a bench with the devices of a world; `start` as in `Bench`.
+def twin_bench(world: Stage, *, start: float, array: TwinArray | None = None) -> Bench:
+    """Return a bench with the devices of a world.
+
+    `start`: as in `Bench`.
+    `array`: array of the world; opened by default.
 
     >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
     True
     """
-    return _bench(world, TwinArray(world), start=start)
-
-
-def _bench(world: Stage, array: TwinArray, *, start: float) -> Bench:
+    array = array or TwinArray(world)
     return Bench(
         array=array,
         gripper=TwinGripper(world),

@@ -13,7 +13,7 @@ from palpate.signal.circuit import Divider
 
 #: A sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
-#: Largest number of rows or columns; the largest published matrix (FlexiTac) is 12 x 32.
+#: Largest number of rows or columns; FlexiTac's board, the largest supported, has 16 x 32.
 MAX_LINES = 64
 #: Connection of the unselected lines; see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]

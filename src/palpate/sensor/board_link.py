@@ -50,7 +50,7 @@ class BoardLink:
         self._commands: Sequence[Command] = ()
         self._pending: list[Command] = []
         self._tag = 0
-        self._sent_s = -float("inf")
+        self._sent_s = -math.inf
         self._started_s = 0.0
         self._received_bytes = 0
         self._has_packet = False
@@ -113,7 +113,7 @@ class BoardLink:
         # Tags are 1 to 255, because tag 0 marks an unrequested identity.
         self._tag = self._tag % 255 + 1
         self._started_s = max(self._clock.now_s(), self._listen_until_s)
-        self._sent_s = -float("inf")
+        self._sent_s = -math.inf
 
     def _send_if_due(self) -> None:
         now_s = self._clock.now_s()

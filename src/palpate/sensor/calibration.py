@@ -139,7 +139,7 @@ class Calibration:
     current : CurrentPairs or None
         Servo current paired with the load cell during closing; None if no current is reported.
     held_out : mapping
-        Error at 1, 5 and 10 N on placements excluded from the fit, percent.
+        Error near 1, 5 and 10 N on placements or loads excluded from the fit, percent.
 
     Examples
     --------

@@ -200,9 +200,7 @@ def check_health(
     )
     if resistor is not None and not resistor.is_adequate:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
-    link = _measure_link(
-        all_frames.time_s, sequence=all_frames.sequence, counters=counters or LinkCounters()
-    )
+    link = _measure_link(all_frames, counters=counters or LinkCounters())
     findings += [*extra_findings, *_link_findings(link, requested_hz=requested_hz)]
     return Health(
         pixels=pixels,
@@ -264,14 +262,9 @@ def _resistor_finding(fit: ResistorFit, *, measured: bool, layout: ArrayLayout) 
     )
 
 
-def _measure_link(
-    time_s: FloatArray, *, sequence: NDArray[np.int64], counters: LinkCounters
-) -> LinkReadings:
-    """Measure the rate, losses and jitter of at least two frames.
-
-    `time_s`, shape (frames,): scan times.
-    `sequence`, shape (frames,): unwrapped frame numbers.
-    """
+def _measure_link(frames: FrameColumns, *, counters: LinkCounters) -> LinkReadings:
+    """Measure the rate, losses and jitter of at least two frames."""
+    time_s, sequence = frames.time_s, frames.sequence
     span_s, numbers = float(time_s[-1] - time_s[0]), int(sequence[-1] - sequence[0])
     steps, intervals_s = np.maximum(np.diff(sequence), 1), np.diff(time_s)
     period_s = float(np.median(intervals_s / steps))
@@ -287,10 +280,7 @@ def _measure_link(
 
 
 def _link_findings(link: LinkReadings, *, requested_hz: float | None) -> Iterator[Finding]:
-    """Yield the findings about the link.
-
-    `requested_hz`: the frame rate set on the board, if known.
-    """
+    """Yield the findings about the link."""
     if requested_hz is not None and link.rate_hz < _SLOW_FRACTION * requested_hz:
         yield Finding("slow", f"{link.rate_hz:.1f} frames/s instead of {requested_hz:g}")
     lost_percent = 100.0 * link.lost / (link.frames + link.lost)

@@ -51,7 +51,7 @@ class SerialArray(PortArray):
     clock : Clock
         The host's clock, used for the times of the frames.
     layout : ArrayLayout
-        Size of the matrix to scan.
+        Matrix to scan; the board's full scale replaces `adc_bits`.
     rate_hz : float
         Requested frames per second.
     oversampling : int

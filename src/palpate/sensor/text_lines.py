@@ -15,7 +15,8 @@ from palpate.sensor.array import MAX_LINES, ArrayLayout, IdleLines
 from palpate.sensor.board_array import find_layout
 from palpate.sensor.one_way_array import Counts, OneWayArray
 
-#: Resistances are stored as counts of this divider: 0.01 % resolution from 1 ohm to 10 megohm.
+#: Resistances are stored as counts of this divider: one count is at most 0.03 % from 1 ohm to
+#: 10 megohm.
 _OHM_BITS, _OHM_REFERENCE = 24, 4700.0
 #: Longer than any line of 64 x 64 numbers with their labels.
 _LONGEST_BYTES = 1 << 16
@@ -122,7 +123,7 @@ class LineDecoder:
         return self._to_counts(values)
 
     def _select_columns(self, values: list[float]) -> list[float]:
-        """Return the pixels of a line; require the length of the first two equal lines."""
+        """Return the pixels of a line; require the length of the first two lines that agree."""
         assert self._columns is not None
         if len(values) == self._last_width >= max(self._columns):
             self._width = self._width or len(values)

@@ -32,7 +32,7 @@ from palpate.sensor.wire_messages import (
 _HEAD = struct.Struct("<BH")
 _CRC = struct.Struct("<I")
 _OVERHEAD = _HEAD.size + _CRC.size
-#: Maximum length of an encoded packet; a 16 x 16 frame with all contents has 548 bytes.
+#: Maximum length of an encoded packet; a 16 x 16 frame with all contents has 548 bytes unencoded.
 MAX_ENCODED_BYTES = 640
 _WRAP = 2**32
 _KNOWN = frozenset(int(kind) for kind in MessageType)

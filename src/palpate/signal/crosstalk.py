@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import FloatArray
+
 #: A pixel with less than this fraction of its reading's conductance counts as open (hidden).
 _HIDDEN_FRACTION = 1e-5
 _TOLERANCE = 1e-9
@@ -25,10 +27,8 @@ _MAX_STEPS = 60
 #: Batch size: maximum number of elements (32 MB) per intermediate array.
 _MAX_COUPLINGS = 1 << 22
 
-_Array = NDArray[np.float64]
 
-
-def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
+def floating_readings_ohm(resistance_ohm: ArrayLike) -> FloatArray:
     """Return the reading of each pixel when all idle lines float.
 
     `resistance_ohm`, shape (..., rows, cols): pixel resistances, positive; inf is an open pixel.
@@ -56,7 +56,7 @@ def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
     return np.where(is_disconnected, np.inf, readings).reshape(resistance.shape)
 
 
-def unmix_floating(readings_ohm: ArrayLike) -> _Array:
+def unmix_floating(readings_ohm: ArrayLike) -> FloatArray:
     """Solve for the pixel resistances of a matrix with floating idle lines.
 
     Let T be the voltages across all pixels per ampere through each selected pixel. The readings are
@@ -84,7 +84,7 @@ def unmix_floating(readings_ohm: ArrayLike) -> _Array:
     return resistance.reshape(readings.shape)
 
 
-def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
+def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> FloatArray:
     """Solve for the pixel resistances of a matrix with idle rows held at a rail.
 
     Let y be the fraction of the supply across the reference resistor. Then
@@ -104,7 +104,7 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
         return np.where(remainder > 0, reference_ohm * remainder / fraction, np.nan)
 
 
-def _as_nonnegative(ohm: ArrayLike) -> _Array:
+def _as_nonnegative(ohm: ArrayLike) -> FloatArray:
     values = np.asarray(ohm, dtype=np.float64)
     if values.ndim < 2:
         raise ValueError(f"expected shape (..., rows, cols), got {values.shape}")
@@ -113,7 +113,7 @@ def _as_nonnegative(ohm: ArrayLike) -> _Array:
     return values
 
 
-def _solve_floating(flat: _Array, shape: tuple[int, int]) -> _Array:
+def _solve_floating(flat: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Return the pixel resistances for readings of shape (batch, pixels)."""
     rows, cols = shape
     measured = np.isfinite(flat) & (flat > 0)
@@ -134,14 +134,14 @@ def _solve_floating(flat: _Array, shape: tuple[int, int]) -> _Array:
             break
         step = np.linalg.solve(jacobian, error[:, :, None])[:, :, 0]
         log_g[active] += np.clip(step, -1.0, 1.0)
-    resistance: _Array = np.exp(-log_g)
+    resistance: FloatArray = np.exp(-log_g)
     resistance[hidden | np.isinf(flat)] = np.inf
     resistance[flat == 0] = 0.0
     resistance[active] = np.nan
     return resistance
 
 
-def _line_coupling(conductance: _Array) -> _Array:
+def _line_coupling(conductance: FloatArray) -> FloatArray:
     """Return volts across each pixel per ampere through each, (batch, pixels, pixels)."""
     batch, rows, cols = conductance.shape
     size = rows + cols - 1  # the last column is the reference node
@@ -159,8 +159,8 @@ def _line_coupling(conductance: _Array) -> _Array:
 
 
 def _compute_mismatch(
-    log_g: _Array, log_target: _Array, *, shape: tuple[int, int]
-) -> tuple[_Array, _Array]:
+    log_g: FloatArray, log_target: FloatArray, *, shape: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
     """Return ln(modelled / measured reading), and the matrix P of `unmix_floating`."""
     conductance = np.exp(log_g)
     coupling = _line_coupling(conductance.reshape(-1, *shape))
@@ -169,7 +169,7 @@ def _compute_mismatch(
     return np.log(own) - log_target, jacobian
 
 
-def _exclude_hidden(jacobian: _Array, hidden: NDArray[np.bool_]) -> _Array:
+def _exclude_hidden(jacobian: FloatArray, hidden: NDArray[np.bool_]) -> FloatArray:
     """Remove the unknowns and the equations of hidden pixels."""
     used = ~hidden
     reduced = jacobian * (used[:, :, None] & used[:, None, :])

@@ -51,7 +51,7 @@ class TwinObject:
     name: str
     #: Extent along the closing axis before contact.
     size_mm: float
-    #: Shape of the force-closure curve.
+    #: Shape of the force-deformation curve.
     contact: ContactShape
     #: Elastic force at 1 mm of deformation.
     force_at_1mm_n: float

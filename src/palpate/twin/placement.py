@@ -19,7 +19,7 @@ _FIXTURE_OFF_CENTRE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Variation between grasps: position, local gains, creep, width error, first finger."""
+    """Variation between grasps: position, gains, creep, width error, lead of the first finger."""
 
     off_centre_mm: tuple[float, float]
     gain: FloatArray

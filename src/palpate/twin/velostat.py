@@ -83,6 +83,7 @@ class Family:
     """Creep of a sheet: random draw for each grasp, and the coordinate of linear creep."""
 
     name: str
+    #: Whether creep is linear in the relative change instead of log conductance.
     relative: bool
     draw: Callable[[np.random.Generator], Creep]
 

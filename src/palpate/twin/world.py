@@ -140,7 +140,10 @@ class World:
         if rate <= 0:
             raise ValueError(f"rate is {rate}, but must be positive")
         now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
-        self._start_motion(now, self._to_width_mm(target), rate * self._mm_per_unit)
+        if self.gripper == "rigid":
+            self._start_motion(now, target, rate)
+        else:
+            self._start_motion(now, OPEN_MM - SOFT_MM_PER_KPA * target, rate * SOFT_MM_PER_KPA)
         return target
 
     def halt(self, *, time_s: float | None = None) -> None:
@@ -268,13 +271,6 @@ class World:
         )
 
     # -- inside -----------------------------------------------------------------------------------
-
-    @property
-    def _mm_per_unit(self) -> float:
-        return 1.0 if self.gripper == "rigid" else SOFT_MM_PER_KPA
-
-    def _to_width_mm(self, target: float) -> float:
-        return target if self.gripper == "rigid" else OPEN_MM - SOFT_MM_PER_KPA * target
 
     def _ohm(self, state: PlantState) -> FloatArray:
         resistance = self._plant.resistance_ohm(state)

@@ -68,7 +68,7 @@ def test_recording_figure_includes_event_after_last_frame(recording, tmp_path):
     figure = recording_figure(cut, title="run")
     first_s = float(recording.time_s[0])
     assert figure.axes[0].get_xlim()[1] == pytest.approx(silent.time_s - first_s)
-    # Warnings are errors here: outside the axes, its name would leave no room for them.
+    # Warnings are errors here: a name outside the axes would leave no room for the axes.
     save_figure(figure, tmp_path / "run.pdf")
     check_fonts(tmp_path / "run.pdf")
 

@@ -67,8 +67,8 @@ def read_all(path: Path) -> tuple[list[RecordedMessage], FileState]:
         return list(reader.messages(state=state)), state
 
 
-def strict_count(path: Path) -> int:
-    """Read with the mcap package's own strict readers, all checksums checked."""
+def count_with_strict_readers(path: Path) -> int:
+    """Return the number of messages in the strict readers of the mcap package."""
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary.statistics is not None
@@ -99,10 +99,10 @@ def test_recording_roundtrip_preserves_all_messages(
 def test_recording_is_valid_for_strict_mcap_readers(
     recorded: Path, messages: list[RecordedMessage]
 ) -> None:
-    assert strict_count(recorded) == len(messages)
+    assert count_with_strict_readers(recorded) == len(messages)
 
 
-def test_recording_same_messages_give_identical_bytes(
+def test_recordings_of_equal_messages_have_identical_bytes(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
 ) -> None:
     copy = tmp_path / "again.mcap"
@@ -154,7 +154,7 @@ def test_truncated_recording_is_readable_and_recoverable(
     assert all(map(is_same, read, messages))
     found = recover(recorded, recorded)
     assert not found.is_intact
-    assert strict_count(recorded) == len(read)
+    assert count_with_strict_readers(recorded) == len(read)
     reread, state = read_all(recorded)
     assert state.is_intact
     assert all(map(is_same, reread, read))
@@ -173,7 +173,7 @@ def test_damaged_chunk_loses_only_its_own_messages(
     assert (state.complete, state.damaged_chunks) == (True, 1)
     assert len(messages) - 60 <= len(read) < len(messages)
     recover(recorded, recorded)
-    assert strict_count(recorded) == len(read)
+    assert count_with_strict_readers(recorded) == len(read)
 
 
 @pytest.mark.slow
@@ -199,7 +199,7 @@ def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
             assert end_s > float(last) - 1.0
             assert [message.time_s for message in read] == [k / 500 for k in range(len(read))]
             recover(path, path)
-            assert strict_count(path) == len(read)
+            assert count_with_strict_readers(path) == len(read)
 
 
 def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
@@ -221,7 +221,7 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
     assert not state.complete
     assert len(read) / 500 > float(str(failure.value).split("before ")[1].split()[0]) - 1.0
     recover(path, path)
-    assert strict_count(path) == len(read)
+    assert count_with_strict_readers(path) == len(read)
 
 
 def test_direct_file_partial_write_raises_os_error(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ class PtyBoard(PtyPort):
         self.booted_s = 0.0
         self.stream = 0
         self.silent = False
-        self.deaf_to = 0
+        self.commands_to_ignore = 0
         self.resets_at_command: int | None = None
         self.highest_rate_hz = 600.0
         self.protocol, self.full_scale = 1, 1024
@@ -85,7 +85,7 @@ class PtyBoard(PtyPort):
             self._expected -= len(data)
             *packets, self._pending = (self._pending + data).split(b"\0")
             for packet in packets:
-                self.obey(packet, now_s)
+                self.handle_packet(packet, now_s)
         while self.started_us is not None and self.next_us() <= self.device_us(now_s):
             self.send(encode_message(self.frame()))
             self.sent += 1
@@ -105,9 +105,9 @@ class PtyBoard(PtyPort):
             counts=counts,
         )
 
-    def obey(self, packet: bytes, now_s: float) -> None:
-        if self.deaf_to:
-            self.deaf_to -= 1
+    def handle_packet(self, packet: bytes, now_s: float) -> None:
+        if self.commands_to_ignore:
+            self.commands_to_ignore -= 1
             return
         unpacked = unpack(packet)
         kind, (tag, *rest) = unpacked[0], unpacked[1]
@@ -256,7 +256,7 @@ def test_serial_array_restarts_the_setup_after_a_reset_during_setup(bench: Bench
 
 def test_serial_array_resends_lost_commands(bench: Bench) -> None:
     board = bench.board()
-    board.deaf_to = 3
+    board.commands_to_ignore = 3
     array = connect(bench, board)
     assert array.read(timeout_s=0.1).sequence == 0
     assert bench.now_s() == pytest.approx(100.9 + LISTEN_S, abs=0.05)

@@ -16,7 +16,7 @@ from palpate.signal.circuit import (
 )
 
 
-def test_paper_divider_gives_the_hand_calculated_values() -> None:
+def test_paper_divider_matches_hand_calculated_values() -> None:
     # 5 V, 4.7 kohm, 10 bits, pixel in the upper leg: 14.1 kohm is three times the reference.
     assert ohm_to_volts(14_100.0, divider=Divider()) == pytest.approx(1.25)
     assert resistance_ohm(256, divider=Divider()) == pytest.approx(14_100.0)

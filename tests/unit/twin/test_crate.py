@@ -52,7 +52,7 @@ def test_draw_crate_unknown_kind_error_lists_kinds() -> None:
         draw_crate(["pear"], seed=1)
 
 
-def test_crate_table_bring_opens_gripper_and_drops_old_frames() -> None:
+def test_crate_table_place_opens_gripper_and_drops_old_frames() -> None:
     table = CrateTable(sensor=1, seed=2)
     first, second = draw_crate(["egg", "apple"], seed=5)
     table.place(first)

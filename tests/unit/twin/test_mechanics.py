@@ -9,12 +9,12 @@ from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.mechanics import (
     HandCompliance,
     Motion,
-    PixelGrid,
     object_force_n,
     pixel_fractions,
     series_force_n,
 )
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
+from palpate.twin.placement import PixelGrid
 
 
 def make_object(**changes: object) -> TwinObject:
@@ -36,7 +36,7 @@ PADS = HandCompliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
 
 
 def test_series_force_of_two_springs_matches_hand_calculation() -> None:
-    # 4 N/mm and 0.25 mm/N share 3 mm evenly: 1.5 mm each, 6 N.
+    # 4 N/mm and 0.25 mm/N fractions 3 mm evenly: 1.5 mm each, 6 N.
     assert series_force_n(make_object(), 3.0, compliance=SPRING) == pytest.approx(6.0)
 
 
@@ -73,16 +73,16 @@ def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
 
 @pytest.mark.parametrize("layout", [RIGID_LAYOUT, SOFT_LAYOUT])
 @pytest.mark.parametrize("flat", [True, False])
-def test_pixel_shares_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
+def test_pixel_fractions_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
     grid = PixelGrid.from_layout(layout)
     for spot in [(0.0, 0.0), (6.0, -6.0)]:
-        share = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
-        assert np.all(share >= 0)
+        fractions = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
+        assert np.all(fractions >= 0)
         for finger in range(layout.fingers):
-            assert share[layout.finger_mask(finger).ravel()].sum() == pytest.approx(1.0)
+            assert fractions[layout.finger_mask(finger).ravel()].sum() == pytest.approx(1.0)
 
 
-def test_pixel_shares_off_centre_fruit_leaves_pixels_unloaded() -> None:
+def test_pixel_fractions_of_off_centre_fruit_leave_pixels_unloaded() -> None:
     grid = PixelGrid.from_layout(RIGID_LAYOUT)
     aside = pixel_fractions(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
     assert np.sum(aside == 0) >= 2

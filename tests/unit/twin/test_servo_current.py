@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.twin.devices import ServoCurrent
 from palpate.twin.ranges import LAB, Ranges
 

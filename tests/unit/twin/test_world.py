@@ -19,7 +19,7 @@ def made(name: str = "dragonskin-10", *, seed: int = 1) -> TwinObject:
 
 
 def held(closure_mm: float, *, seed: int = 1, rate: float = 40.0, **options: object) -> World:
-    """Return a world whose fingers set out at 0 s to a closure beyond contact."""
+    """Return a world whose fingers start at 0 s to a closure beyond contact."""
     obj = made()
     world = World(obj, seed=seed, **options)  # type: ignore[arg-type]
     world.drive(obj.size_mm - closure_mm, rate=rate)
@@ -54,7 +54,7 @@ def test_worlds_with_equal_sheet_seed_share_sensor() -> None:
     first, second = (World(made(), seed=s, sheet_seed=3) for s in (1, 2))
     np.testing.assert_array_equal(first.sheet.rest_ohm, second.sheet.rest_ohm)
     assert first.compliance == second.compliance
-    # Placement and scatter are of the session.
+    # Placement and scatter depend on the session's seed.
     for world in (first, second):
         world.drive(37.0, rate=40.0)
     assert not np.allclose(first.pixel_resistance_ohm(9.0), second.pixel_resistance_ohm(9.0))
@@ -129,7 +129,7 @@ def test_world_true_stiffness_excludes_gripper_compliance() -> None:
     world.force_n(1.0)
     truth = world.truth()
     assert truth.stiffness_n_per_mm == pytest.approx(springs.force_at_1mm_n, rel=0.01)
-    # With the gripper left in, it would look softer by far.
+    # With the gripper's compliance, the stiffness would be much lower.
     assert truth.force_n / 3.0 < 0.75 * springs.force_at_1mm_n
 
 
@@ -220,12 +220,12 @@ def test_world_floating_lines_cause_crosstalk() -> None:
     assert np.all(leaky.scan(3.0) > straight.scan(3.0))
 
 
-def test_world_naive_readings_of_floating_lines_have_large_errors() -> None:
-    # The reading at 1 s, read with a calibration made on settled values, misses the force.
+def test_world_naive_readings_have_large_errors() -> None:
+    # An early reading converted with a calibration of settled values has a large error.
     world = held(3.0, family="two-mode")
     early, settled = change(world, 1.2), change(world, 20.0)
     assert abs(early / settled - 1) > 0.08
-    # At level field, one gain for all places misses by tens of percent.
+    # At level `field`, one gain for all placements has an error of tens of percent.
     excess = []
     for seed in range(12):
         other = held(2.0, seed=seed, sheet_seed=5, level="field")
