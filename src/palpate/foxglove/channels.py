@@ -1,4 +1,4 @@
-"""The live channels that a recording does not have: topics, JSON schemas and messages.
+"""Live channels without a counterpart in a recording: topics, JSON schemas and messages.
 
 Frames, gripper states and events are sent in the format of a recording. A message omits unknown
 quantities, because Foxglove does not accept null in a numeric field.

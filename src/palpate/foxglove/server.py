@@ -31,7 +31,7 @@ with require_extra("--foxglove", extra="foxglove"):
 
 
 class FoxgloveServer:
-    """Sends messages to all connected Foxglove viewers that subscribe to their topics.
+    """WebSocket server for all connected Foxglove viewers.
 
     `host`, `port`: listening address; port 0 selects a free port.
     `name`: name of the source in Foxglove.

@@ -1,4 +1,4 @@
-"""Reads tables of sensor readings, finds contacts and cuts the holds after each contact.
+"""Read tables of sensor readings, find contacts and cut the hold after each contact.
 
 `holds_file` and `strict` require columns of known names; the error for a damaged file names the
 line. `table_files` and `recordings` recognise columns, units and clocks in any table and report

@@ -106,7 +106,7 @@ def unit_of(name: str) -> Unit | None:
     if len(words) == 2 and words[0] == "a" and words[1].isdigit():
         return "counts"
     found = [unit for word in reversed(words) for unit in _UNITS if word in _UNITS[unit]]
-    # The last word counts most: r0c0_counts is in counts.
+    # The last word takes precedence, so r0c0_counts is in counts.
     exact = [unit for unit in found if words[-1] in _UNITS[unit]]
     return next(iter(exact or found), None)
 

@@ -19,20 +19,20 @@ from palpate.arrays import FloatArray
 
 #: Smallest change of a movement, as a fraction of the range.
 MOVED_FRACTION = 0.1
-#: Time within which this change occurs, s: three times the paper's fast processes (0.09 s).
+#: Time within which this change occurs, seconds; three times the paper's fast processes (0.09 s).
 MOVED_WITHIN_S = 0.3
 #: Smallest change of a movement in standard deviations of the noise, to exclude chance.
 MOVED_SIGMAS = 8.0
 #: Movements separated by less than this time are merged, such as those of a bouncing finger.
 BOUNCE_S = 0.4
-#: Shortest cell: contacts are found in the medians of the readings of each cell.
+#: Shortest cell, seconds. Contacts are found in the median readings of the cells.
 CELL_S = 0.02
 #: Cells in the running median, which removes single outliers and preserves edges.
 MEDIAN_CELLS = 5
 #: Positive readings that span more than this ratio are compared on a logarithmic scale.
 LOG_RATIO = 2.0
-#: Shortest hold, from contact to opening: a shorter touch is usually an intermediate step of a
-#: movement. At least half of this time must remain after loading.
+#: Shortest hold, from contact to opening, seconds. A shorter touch is usually an intermediate step
+#: of a movement. At least half of this time must remain after loading.
 SHORTEST_HOLD_S = 1.0
 MIN_READINGS = 5
 #: Longest loading time after contact; later change counts as settling.

@@ -15,7 +15,7 @@ from palpate.holds.hold import Hold
 from palpate.holds.recordings import Readings, read_recordings
 from palpate.signal.circuit import Divider, resistance_ohm
 
-#: How holds are found: after contacts, at a time in seconds, or the whole recording as one.
+#: Method of cutting: after contacts, at a time in seconds, or the whole recording as one hold.
 CutAt: TypeAlias = Literal["auto", "none"] | float
 #: A hold is rejected if more than this fraction of its readings is saturated.
 _MAX_SATURATED_FRACTION = 0.05
@@ -48,7 +48,7 @@ class CutColumn:
 
 
 def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> list[Hold]:
-    """Cut the holds out of a recording: the readings from each contact to its opening.
+    """Cut the holds out of a recording, each from a contact to its opening.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ from palpate.signal.relative import mean_change
 MEAN_COLUMN = "mean change"
 #: Minimum readings at rest in each column.
 _MIN_REST_READINGS = 3
-#: Extensions are removed repeatedly: the stem of ``log.csv.gz`` is ``log``.
+#: Extensions, removed repeatedly, so the stem of ``log.csv.gz`` is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
 
 

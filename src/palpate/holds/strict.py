@@ -128,7 +128,7 @@ def _read_text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> It
         names = fields[separator]
         kinds = wanted.select(names, where=f"{name} line 1")
         # Decimal mark, None until a number contains one. A later number with the other mark is
-        # refused: next to 0.5, a number such as 1,234 would be misread by a factor of 1000.
+        # refused, because 1,234 next to 0.5 would be misread by a factor of 1000.
         mark = "." if separator == "," else None
         for rows, places in split_rows(
             text_lines, separator=separator, first_number=2, name=name, strict=True

@@ -13,14 +13,14 @@ from palpate.errors import InputError
 
 #: No reading is larger, and the squares of larger numbers overflow.
 LARGEST_NUMBER = 1e150
-#: Rows read at a time: enough to hide NumPy's overhead, few enough for the cache (65536 rows took
-#: three times as long per row).
+#: Rows read at a time, enough to hide NumPy's overhead and few enough for the cache (65536 rows
+#: took three times as long per row).
 ROWS_AT_A_TIME = 4096
 #: Longest line of a text table, and longest text in other tables. The limit prevents a file without
 #: line ends from filling the memory.
 LONGEST_LINE = 65536
-#: Up to this fraction, unusable rows are omitted and reported. They occur if a log begins or ends
-#: in the middle of a line, or a serial line loses a byte.
+#: Unusable rows up to this fraction or number are omitted and reported. They occur if a log begins
+#: or ends in the middle of a line, or a serial line loses a byte.
 _MAX_BAD_FRACTION, _MAX_BAD_ROWS = 0.01, 2
 
 

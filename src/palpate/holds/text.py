@@ -73,7 +73,7 @@ def _encoding(start: bytes, *, name: str) -> str:
             f"{name}: not a text file; give CSV, TSV, Excel (.xlsx), Parquet or an .mcap recording"
         )
     try:
-        # Incremental: the sample may end in the middle of a character.
+        # An incremental decoder accepts a sample that ends in the middle of a character.
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
         return "cp1252"

@@ -35,7 +35,7 @@ ANY_STOPS = 0xFFFFFFFF
 
 
 class ModbusStation:
-    """Serves the registers of a machine.
+    """Modbus TCP server of a machine.
 
     `machine`: its methods are called on the event loop that runs `start`.
     """

@@ -68,7 +68,7 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
 
 
 class _PasswordUserManager(UserManager):
-    """Accepts the user `USER` with one password."""
+    """User manager with the single user `USER`."""
 
     def __init__(self, password: str) -> None:
         self._password = password.encode()
@@ -86,7 +86,7 @@ class _PasswordUserManager(UserManager):
 
 
 class OpcUaStation:
-    """Serves a machine over OPC UA.
+    """OPC UA server of a machine.
 
     `machine`: its methods are called on the event loop that runs `start`.
     `password`: password of the user ``palpate``; None allows anonymous access without encryption.
@@ -138,7 +138,7 @@ class OpcUaStation:
             await self._write(name, value)
         for name, (_, value_of) in _RESULT.items():
             await self._write(name, value_of(result))
-        # Written last: a client that waits for a new number then reads a complete result.
+        # Written last, so that a client that waits for a new number reads a complete result.
         await self._write("Number", number)
 
     async def _enable_encryption(self, host: str) -> None:

@@ -21,8 +21,8 @@ with require_extra("--mqtt", extra="mqtt"):
     import paho.mqtt.client as paho
     from paho.mqtt.enums import CallbackAPIVersion
 
-#: Maximum number of queued results: one day with a grasp every nine seconds, about 30 MB. Beyond
-#: this limit the oldest result is dropped and counted.
+#: Maximum number of queued results, enough for a day with a grasp every nine seconds (about 30 MB).
+#: Beyond this limit the oldest result is dropped and counted.
 MAX_QUEUED_RESULTS = 10_000
 #: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
 #: half periods, and the client reconnects after two.
@@ -33,7 +33,7 @@ _CLOSE_TIMEOUT_S = 3.0
 
 
 class Publisher:
-    """Publishes documents without blocking the caller.
+    """Publisher of documents, which never blocks the caller.
 
     Each result is queued in the store's outbox until the broker acknowledges it. Only one result is
     in flight at a time, which preserves the order across lost connections. A result is sent twice

@@ -31,7 +31,7 @@ def plot_holds(
     Parameters
     ----------
     holds : sequence of Hold
-        At least one; the first nine are drawn.
+        At least one; the first nine are drawn. The unit and loading time of the first apply to all.
     path : path
         Output file; the suffix determines the format: .png, .svg or .pdf.
     cutoff_s, horizon_s, method, level

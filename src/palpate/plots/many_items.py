@@ -1,4 +1,4 @@
-"""Overview of a batch or a day: size against stiffness, softening, counts and times."""
+"""Overview of a batch or a day: stiffness over size, softening, counts and times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a qualification: grasp against reference, and the differences."""
+"""Figures of a qualification: grasps over the reference, and their differences."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def render_page(
 ) -> str:
     """Return a page as HTML; all text except the figures is escaped.
 
-    `chips`: short facts next to the title.
+    `chips`: short facts below the title.
     `simulated`: whether to mark the page as simulated.
     Raises `MissingExtraError` if Jinja is not installed.
     """

@@ -21,8 +21,8 @@ from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
 
-#: Grip force of the ripeness measurement: enough to deform a hard fruit by a third of a millimetre,
-#: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
+#: Grip force of the ripeness measurement, newtons. It deforms a hard fruit by a third of a
+#: millimetre and does not bruise a ripe one (thumbs bruise avocados from about 10 N on).
 RIPENESS_N = 5.0
 #: Minimum fall of a pixel's resistance in the calculation; smaller falls are raised to this value.
 _LEAST_PERCENT = 1.0
@@ -47,12 +47,13 @@ class DayFirmness:
 def firmness_of(grasp: Grasp) -> float | None:
     """Return the firmness from a grasp; None if the object was not held or measured.
 
-    Fingers driven by width: ln of the stiffness in N/mm at 5 N. The stiffness of a round body is
-    proportional to the cube root of the force. The firmness index is the source, because a gentle
-    squeeze often yields only a bound on the stiffness. Fingers driven by pressure: -ln of the
-    number of pixels that share the load. If the closing measured the width, that number is
-    corrected for size and force (`palpate.produce.ripeness.shared_load`). The two scales are not
-    comparable.
+    With fingers driven by width, the firmness is the ln of the stiffness in N/mm at 5 N. The
+    stiffness of a round body is proportional to the cube root of the force. It is calculated from
+    the firmness index, because a gentle squeeze often yields only a bound on the stiffness.
+
+    With fingers driven by pressure, the firmness is -ln of the number of pixels that share the
+    load. If the closing measured the width, the number is corrected for size and force
+    (`palpate.produce.ripeness.shared_load`). The two scales are not comparable.
 
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement

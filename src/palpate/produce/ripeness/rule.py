@@ -64,7 +64,7 @@ class Ripeness:
     stage: str
     #: Probability of every stage, firmest first.
     probabilities: dict[str, float]
-    #: Firmness on that day, estimated from all grasps up to that day.
+    #: Firmness on that day; with a course, estimated from all grasps up to that day.
     firmness: float
     #: Days until the ripe stage begins; None without a course.
     days_to_ripe: Days | None

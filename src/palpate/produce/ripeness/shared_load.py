@@ -36,7 +36,7 @@ from palpate.signal.relative import relative_change_percent, total_excess
 NAME = "shared_pixels"
 #: Width of an item that the pixel count is converted to, mm.
 _REFERENCE_MM = 60.0
-#: Hertz exponents, see above: of R relative to F, and of F in the contact radius.
+#: Hertz exponents (see above) of R relative to F, and of F in the contact radius.
 _SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
 #: Exponent of the excess conductance of Velostat over force (approximate).
 _EXCESS_POWER = 1.3

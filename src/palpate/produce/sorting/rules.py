@@ -101,7 +101,7 @@ class BinDecision:
 
 
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
-    """Choose the bin: the first rule with sufficient probability applies.
+    """Choose the bin of the first rule with sufficient probability.
 
     Another grasp is requested, up to the maximum, if the item has no grasp yet, or if a rule before
     the applied rule is undecided and a grasp can decide it. An item rejected as unknown after its

@@ -40,7 +40,7 @@ class Score:
     left_over: float
     #: Fraction in the correct bin, of the items sorted by a rule whose correct bin is known.
     purity: float | None
-    #: For each bin: number of items, and number of these for which it is correct.
+    #: For each bin with items: number of items, and number of these for which it is correct.
     bins: dict[str, tuple[int, int]]
     grasps_per_item: float
     #: Includes the assumed times `CARRY_S` and `TURN_S`.
@@ -82,7 +82,7 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 
 
 def find_true_bin(book: RuleBook, *, kind: str, is_trained: bool, size_mm: float) -> str:
-    """Return the bin of a fully known item, without ripeness and bruises.
+    """Return the bin of an item with known kind and size, without verdicts.
 
     >>> from palpate.produce.sorting.conditions import OneOf
     >>> from palpate.produce.sorting.rules import Rule

@@ -194,7 +194,7 @@ class Store(StoreReader):
             remove(connection, [number])
 
     def close(self) -> None:
-        """Close the database; further calls have no effect."""
+        """Close the database; closing again has no effect."""
         self._reading.dispose()
         if self._server is not None:
             self._server.close()
