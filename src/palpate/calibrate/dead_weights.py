@@ -40,7 +40,7 @@ _MAX_LOAD_N = 200.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadMeasurement:
-    """The pairs of all settled loads above 0 N, and the loads that did not settle."""
+    """Pairs of the settled loads above 0 N, and the unsettled loads."""
 
     pairs: ForcePairs
     refused_n: tuple[float, ...]

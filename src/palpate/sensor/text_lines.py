@@ -123,7 +123,7 @@ class LineDecoder:
         return self._to_counts(values)
 
     def _select_columns(self, values: list[float]) -> list[float]:
-        """Return the pixels of a line; require the length of the first two lines that agree."""
+        """Return the pixels of a line; require the length of two earlier lines."""
         assert self._columns is not None
         if len(values) == self._last_width >= max(self._columns):
             self._width = self._width or len(values)
