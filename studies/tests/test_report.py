@@ -10,7 +10,7 @@ from PIL import Image
 
 from palpate.cli import build_app, run
 from palpate_studies import table2
-from palpate_studies.report import StudyReport
+from palpate_studies.report import StudyReport, Table
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -71,3 +71,27 @@ def test_figures_have_requested_format_and_resolution(tmp_path: Path) -> None:
     report.write(tmp_path / "next")
     written = {path.suffix for path in (tmp_path / "next").glob("drawn*")}
     assert written == {".png", ".svg", ".pdf"}
+
+
+def test_tables_name_methods_as_the_results_page_and_json_as_stored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [{"method": "ours", "hours": 2}]
+    table = Table.of("ours less the rival", rows)
+    report = StudyReport(
+        name="s", title="S", provenance=["`ours`"], tables=[table], payload={"rows": rows}
+    )
+    report.emit(as_json=False, out=tmp_path)
+    for text in (capsys.readouterr().out, (tmp_path / "s.md").read_text()):
+        assert "palpate less the baseline" in text
+        assert "ours" not in text.replace("hours", "")
+    assert '"ours"' in (tmp_path / "s.json").read_text()
+
+
+@pytest.mark.parametrize("arguments", [["study"], ["study", "--list"], ["bench", "--help"]])
+def test_list_of_studies_starts_with_their_purpose(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(build_app(), arguments, name="palpate") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "next to the published one" in printed or "relative to other software" in printed

@@ -70,7 +70,7 @@ def load_command(name: str, entry: LazyCommand) -> Any:
     module = importlib.import_module(module_name)
     found = getattr(module, attribute)
     if isinstance(found, Mapping):
-        text = f"{entry.summary}\n\nExample: palpate {name} {next(iter(found))}"
+        text = f"{entry.summary}\n\nExample: palpate {name} {next(iter(found))} --help"
         group = LazyGroup(name=name, help=text, no_args_is_help=True, rich_markup_mode=HELP)
         group.add_entries({step: LazyCommand(*row) for step, row in found.items()})
         return group

@@ -443,16 +443,15 @@ def way(method: str, reference: str) -> str:
 def report(
     *,
     apples: Annotated[
-        int, typer.Option(help="Apples tested on each level; 500 for figures to rely on.", min=24)
+        int, typer.Option(help="Apples tested on each level; 500 for reliable figures.", min=24)
     ] = 48,
     seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = 1,
     second: SecondOption = False,
 ) -> StudyReport:
     """Grasp many simulated apples, sound and bruised, and classify them by every method.
 
-    With --out, the sides learned from at each level are written too. --second judges bruises of
-    another shape, rot, and the same apples of the first, two dozen on a sensor, by what the sides
-    that palpate ships teach.
+    --out also writes the training sides of each level. --second judges bruises of another shape,
+    rot, and apples of the first generator, 24 on each sensor, by the training sides in palpate.
 
     Example: palpate study bruise --apples 96 --out reports
     """

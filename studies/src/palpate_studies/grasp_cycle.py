@@ -260,7 +260,7 @@ def report(
     grasps: Annotated[int, typer.Option(help="Objects of each hand and level.", min=4)] = 100,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Grasp fresh simulated objects by default settings, by the paper's way and by current alone.
+    """Grasp random simulated objects by default, by the paper's steps and by current alone.
 
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
@@ -23,6 +24,19 @@ from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+#: Names in JSON documents -> names on the results page, in tables and texts.
+_PUBLIC_NAMES = {"ours": "palpate", "rival": "baseline"}
+
+
+def _rename(text: str) -> str:
+    """Replace the names of JSON documents.
+
+    >>> _rename("ours less the rival, hours")
+    'palpate less the baseline, hours'
+    """
+    return re.sub(r"\b(ours|rival)\b", lambda match: _PUBLIC_NAMES[match[0]], text)
 
 
 def _check_folder(out: Path | None) -> Path | None:
@@ -258,10 +272,11 @@ class StudyReport:
         console = Console(width=None if sys.stdout.isatty() else 120, emoji=False)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
-            console.print(f"[dim]{line}[/dim]", highlight=False)
+            console.print(f"[dim]{_rename(line)}[/dim]", highlight=False)
         for table in self.tables:
-            console.print(f"\n[italic]{table.title}[/italic]")
-            print_table(table.columns, table.rows, console=console)
+            console.print(f"\n[italic]{_rename(table.title)}[/italic]")
+            rows = [[_rename(cell) for cell in row] for row in table.rows]
+            print_table([_rename(head) for head in table.columns], rows, console=console)
         if out is not None:
             console.print(f"Written to {out}")
 
@@ -272,7 +287,7 @@ class StudyReport:
             path.write_text(json.dumps(self.document, allow_nan=False, indent=1) + "\n")
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
-            path.write_text("\n\n".join(body) + "\n")
+            path.write_text(_rename("\n\n".join(body)) + "\n")
         for name, write in self.files.items():
             write(out / name)
         endings, dpi = FIGURE_FILES.get()

@@ -61,7 +61,9 @@ def study(
 ) -> None:
     """Regenerate a table or figure next to the published one.
 
-    Example: palpate study table1
+    `--format pdf|svg|png` and `--dpi N` apply to the figures of `--out`.
+
+    Example: palpate study table1 --out reports
     """
     _check_figure_options(figure_format, dpi, arguments=context.args)
     endings = PLOT_ENDINGS if figure_format is None else (f".{figure_format}",)
@@ -103,7 +105,7 @@ def _run_command(
     """List the commands of a group, or run one with the remaining arguments."""
     verb, known = str(context.info_name), list_commands(group)
     if listing or name in (None, "--help"):
-        text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"
+        text = context.command.help
         listed = LazyGroup(name=verb, help=text, no_args_is_help=True, rich_markup_mode=HELP)
         listed.add_entries(known)
         listed.main(["--help"], prog_name=f"palpate {verb}", standalone_mode=False)
