@@ -54,7 +54,7 @@ class SensorDesign:
     tail_mm: float = 20.0
     #: Margin of base and cover around pixels and copper.
     margin_mm: float = 3.0
-    #: Width of base and cover around the pixels, if given by the finger; None for the minimum.
+    #: Width of base and cover around the pixels, if the finger determines it; None for the minimum.
     substrate_width_mm: float | None = None
 
     @property

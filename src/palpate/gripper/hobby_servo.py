@@ -25,7 +25,7 @@ from palpate.sensor.wire_messages import (
 
 #: Delay of a servo relative to its pulses: one period of 20 ms and the servo's own lag (guess).
 _LAG_S = 0.1
-#: A frame certainly includes a command sent this long before: one ping and one frame at 15 Hz.
+#: A frame reports the effect of a command after this time: one ping and one frame at 15 Hz.
 _COMMAND_DELAY_S = 0.2
 
 

@@ -144,22 +144,18 @@ class ServoLine:
     def _exchange(self, instruction: int, data: bytes, *, answer_size: int) -> bytes:
         """Send a request and return its answer; retry after line errors."""
         layout, is_silent, is_damaged = self._layout, True, False
+        success = self._sdk.COMM_SUCCESS
         for _ in range(_TRIES):
             packet = layout.build_request(self._id, instruction, data)
             with self._convert_port_errors():
-                if (
-                    self._has_late_replies
-                    and (result := self._drop_late_replies()) != self._sdk.COMM_SUCCESS
-                ):
-                    is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
-                    is_damaged = is_damaged or self._is_damaged(result)
-                    if instruction != _READ:
-                        self._send(packet)  # commands are not delayed by late replies
-                    continue
-                reply, result, error = self._packets.txRxPacket(self._port, packet)
+                result = self._drop_late_replies() if self._has_late_replies else success
+                if result == success:
+                    reply, result, error = self._packets.txRxPacket(self._port, packet)
+                elif instruction != _READ:
+                    self._send(packet)  # commands are not delayed by late replies
             is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
             is_damaged = is_damaged or self._is_damaged(result)
-            is_complete = result == self._sdk.COMM_SUCCESS
+            is_complete = result == success
             if is_complete and layout.is_reply_from(reply, servo_id=self._id, size=answer_size):
                 self.alert_bits, code = error & layout.alert_mask, error & ~layout.alert_mask
                 if code:

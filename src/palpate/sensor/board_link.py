@@ -26,7 +26,8 @@ from palpate.sensor.wire_messages import (
 LISTEN_S, RESTART_S = 2.0, 6.0
 #: Time limit for an answer after that wait.
 ANSWER_TIMEOUT_S = 2.0
-#: A command without an answer after this time is sent again (docs/protocol.md; 1 s at 9600 baud).
+#: A command without an answer after this time is sent again. The time is that of docs/protocol.md
+#: for all baud rates except 9600, where 1 s is recommended.
 RESEND_S = 0.3
 _FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
 _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
@@ -37,7 +38,8 @@ class BoardLink:
 
     Nothing is sent until the board has sent data or `LISTEN_S` has elapsed.
 
-    `decoder`: the decoder of the earlier link after a reconnect, which continues its counters.
+    `decoder`: decoder of the earlier link, whose counters continue after a reconnect; by default a
+        new decoder.
     """
 
     def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
@@ -97,7 +99,7 @@ class BoardLink:
         return frames
 
     def execute(self, *commands: Command) -> list[FrameMessage]:
-        """Send commands and wait for their answers; return the first frames after the last."""
+        """Send commands and wait for their answers; return the frames after the last answer."""
         self.start_commands(commands)
         while True:
             frames = self.poll()

@@ -297,16 +297,13 @@ class CurrentPairs:
     movement: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        if len(self.force_n) != len(self.current_ma):
-            raise CalibrationError(
-                f"current: force_n has {len(self.force_n)} values, but current_ma has "
-                f"{len(self.current_ma)}"
-            )
-        for name in ("width_mm", "movement"):
-            if len(getattr(self, name)) not in (0, len(self.force_n)):
+        expected = len(self.force_n)
+        for name in ("current_ma", "width_mm", "movement"):
+            count = len(getattr(self, name))
+            is_omitted = count == 0 and name != "current_ma"
+            if count != expected and not is_omitted:
                 raise CalibrationError(
-                    f"current: force_n has {len(self.force_n)} values, but {name} has "
-                    f"{len(getattr(self, name))}"
+                    f"current: force_n has {expected} values, but {name} has {count}"
                 )
         if bool(self.width_mm) != bool(self.movement):
             raise CalibrationError("current: give both width_mm and movement, or neither")

@@ -55,7 +55,7 @@ class FrameDecoder(Protocol):
 class OneWayArray(PortArray):
     """A `PressureArray` on a board that sends frames without a request.
 
-    The array numbers the frames, and skips the numbers of frames missing after a gap in time.
+    The array numbers the frames, and skips the numbers of frames that were lost in a gap in time.
     The time of a frame is its arrival time. The times of frames that arrive together are spread
     over the time before their arrival.
 

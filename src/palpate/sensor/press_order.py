@@ -19,7 +19,7 @@ from palpate.signal.relative import relative_change_percent
 
 PixelIndex: TypeAlias = tuple[int, int]
 
-#: Press: the same pixel falls the most for this time, by twice the paper's contact threshold.
+#: Press: one pixel falls the most for this time, by at least twice the paper's contact threshold.
 _PRESSED_PERCENT, _HELD_S = -20.0, 0.25
 #: Release: a rise to half of the depth of the press. The sheet recovers slowly, so that the
 #: baseline of the next press is taken after this delay.

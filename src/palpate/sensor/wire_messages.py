@@ -100,10 +100,10 @@ class FrameMessage:
     counts: NDArray[np.uint16]
     #: Empty unless requested.
     load_cells: tuple[CellSample, ...] = ()
-    #: Present regulator setpoint (after the slew limit) and the measured pressure.
+    #: Present setpoint (on the ramp) and measured pressure of the regulator; None unless requested.
     pressure_set_kpa: float | None = None
     pressure_kpa: float | None = None
-    #: Present pulse width of the servo (on the ramp); 0 without pulses.
+    #: Present pulse width of the servo (on the ramp), 0 without pulses; None unless requested.
     servo_us: int | None = None
 
 
