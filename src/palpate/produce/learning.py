@@ -102,14 +102,17 @@ class LabelLearner:
         """
         row_items = [str(row) for row in range(len(labels))] if items is None else list(items)
         counts = Counter(label for _, label in set(zip(row_items, labels, strict=True)))
-        least = FEWEST_ITEMS if self.allow_unknown else 1
-        few = {name: count for name, count in counts.items() if count < least}
-        if few or len(counts) < 2 - self.allow_unknown or len(labels) <= len(counts) > 1:
-            found = ", ".join(f"{name} {count}" for name, count in sorted((few or counts).items()))
-            two_labels = " (two labels, and two items of one of them)" * (not self.allow_unknown)
+        if self.allow_unknown:
+            few = {name: count for name, count in counts.items() if count < FEWEST_ITEMS}
+            is_enough = bool(counts) and not few
+            required = f"each label needs at least {FEWEST_ITEMS} labelled items with a grasp"
+        else:
+            few, is_enough = counts, 1 < len(counts) < len(labels)
+            required = "at least two labels are required, one of them with two labelled items"
+        if not is_enough:
+            found = ", ".join(f"{name} {count}" for name, count in sorted(few.items()))
             raise InputError(
-                f"each label needs at least {least} labelled item{'s' * (least > 1)} with a grasp"
-                f"{two_labels}; found {found or 'none'}; label more: palpate items NAME --set "
+                f"{required}; found {found or 'none'}; label more: palpate items NAME --set "
                 "kind=KIND, or --say ABOUT=LABEL"
             )
         self.labels = tuple(sorted(counts))

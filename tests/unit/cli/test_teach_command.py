@@ -119,7 +119,7 @@ def test_teach_learns_each_question_from_the_store(
     [
         (("grade", "--table", "none.csv"), "can't be read"),
         (("grade", "--table", "bare.csv"), "no numeric column"),
-        (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
+        (("grade", "--table", "few.csv"), "at least two labels are required"),
         (
             ("grade", "--table", "few.csv", "--kind", "kiwi"),
             "--kind kiwi: can't be combined with --table few.csv",
