@@ -51,7 +51,7 @@ _HALF_DAYS = (-1.0, 4.0)
 _SPOT_LOG_SD = 0.08
 #: Radius of the bruise, fraction of the load that bruised flesh carries, and offset of the bruise
 #: from the centre.
-_BRUISE_MM, _CARRIED, _OFF_MM = 12.0, 0.4, 5.0
+_BRUISE_MM, _BRUISE_LOAD_FRACTION, _BRUISE_OFFSET_MM = 12.0, 0.4, 5.0
 _APPLES, _SIDES_DEG = 3, (0.0, 90.0)
 #: Ranges of room temperature (the paper's Figure 3) and humidity (guess) on the mornings, and press
 #: cycles of the sheet before the first day and on each day (guesses).
@@ -183,11 +183,12 @@ class _BruisedCheek:
             self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm
         )
         along_mm, across_mm = (
-            place - off - _OFF_MM
+            place - off - _BRUISE_OFFSET_MM
             for place, off in zip((grid.along_mm, grid.across_mm), off_centre_mm, strict=True)
         )
         depth = np.maximum(1.0 - (along_mm**2 + across_mm**2) / _BRUISE_MM**2, 0.0)
-        return np.asarray(fractions * (1.0 - (1.0 - _CARRIED) * depth * (grid.finger == 0)))
+        lost = (1.0 - _BRUISE_LOAD_FRACTION) * depth * (grid.finger == 0)
+        return np.asarray(fractions * (1.0 - lost))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

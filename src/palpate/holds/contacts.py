@@ -259,41 +259,41 @@ def find_contacts(
     >>> [(round(hold.start_s), round(hold.end_s)) for hold in found.holds]
     [(3, 6)]
     """
-    shape = find_stretches(time_s, values)
-    if len(shape.stretches) < 2:
+    outline = find_stretches(time_s, values)
+    if len(outline.stretches) < 2:
         return ColumnContacts(contacts=[], moves=False, rises=False, began_loaded=False)
-    rises, began_loaded = _find_load_side(shape, unit)
-    toward = 1.0 if rises else -1.0
+    rises, began_loaded = _find_load_side(outline, unit)
+    sign = 1.0 if rises else -1.0
     height = log_if_wide(values)
-    loaded = [toward * (s.level - s.before) >= shape.step for s in shape.stretches]
+    loaded = [sign * (s.level - s.before) >= outline.step for s in outline.stretches]
     loaded[0] = False
-    for place, stretch in enumerate(shape.stretches):
+    for place, stretch in enumerate(outline.stretches):
         rest = next((k for k in range(place, len(loaded)) if not loaded[k]), None)
         if loaded[place] and rest is not None:
             # A level no higher than the next rest is a decaying start-up offset, not a load.
-            loaded[place] = toward * (stretch.level - shape.stretches[rest].level) >= shape.step
+            loaded[place] = sign * (stretch.level - outline.stretches[rest].level) >= outline.step
     contacts: list[Contact] = []
-    for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True):
+    for (last, stretch), held in zip(pairwise(outline.stretches), loaded[1:], strict=True):
         if held:
-            start_s = _find_loading_end_s(stretch, toward, time_s=time_s, height=height)
+            start_s = _find_loading_end_s(stretch, sign, time_s=time_s, height=height)
             contacts.append(
                 Contact(
                     onset_s=stretch.onset_s,
                     start_s=start_s,
                     end_s=stretch.end_s,
-                    refused=_explain_refusal(stretch, last, shape, start_s, time_s=time_s),
+                    refused=_explain_refusal(stretch, last, outline, start_s, time_s=time_s),
                 )
             )
     return ColumnContacts(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 
 
-def _find_load_side(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
+def _find_load_side(outline: ContactOutline, unit: str | None) -> tuple[bool, bool]:
     """Return whether load raises the reading, and whether the recording begins loaded."""
-    first, bottom, top = shape.stretches[0].level, shape.height.min(), shape.height.max()
+    first, bottom, top = outline.stretches[0].level, outline.height.min(), outline.height.max()
     # The recording begins at rest, so the extreme farther from its first level is load.
     begins_low = bool(top - first > first - bottom)
     middle = 0.5 * (bottom + top)
-    levels = np.array([s.level for s in shape.stretches if s.end_s - s.begin_s >= MIN_LEVEL_S])
+    levels = np.array([s.level for s in outline.stretches if s.end_s - s.begin_s >= MIN_LEVEL_S])
     low, high = levels[levels < middle], levels[levels >= middle]
     if unit == "percent":
         # A relative change is 0 at rest.
@@ -308,13 +308,13 @@ def _find_load_side(shape: ContactOutline, unit: str | None) -> tuple[bool, bool
 
 
 def _find_loading_end_s(
-    stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray
+    stretch: Stretch, sign: float, *, time_s: FloatArray, height: FloatArray
 ) -> float:
     """Return the end of loading, estimated from the knee of the loading curve."""
     until_s = min(stretch.end_s, stretch.onset_s + LOADING_S)
     first = max(0, int(np.searchsorted(time_s, stretch.onset_s)) - 1)
     stop = int(np.searchsorted(time_s, until_s, side="right"))
-    at_s, risen = time_s[first:stop], toward * height[first:stop]
+    at_s, risen = time_s[first:stop], sign * height[first:stop]
     # An actuation spike first moves the reading away from load; loading begins at its peak.
     peak = int(np.argmin(risen[: max(1, int(np.searchsorted(at_s, stretch.begin_s)))]))
     at_s, risen = at_s[peak:], risen[peak:]
@@ -326,7 +326,7 @@ def _find_loading_end_s(
 
 
 def _explain_refusal(
-    stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
+    stretch: Stretch, last: Stretch, outline: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
     """Explain why a stretch after contact is not a hold; empty for a hold."""
     held_s = stretch.end_s - start_s
@@ -337,30 +337,31 @@ def _explain_refusal(
         return _TOO_SHORT
     if readings < MIN_READINGS:
         return _TOO_FEW
-    if not _is_still_before(stretch, last, shape):
+    if not _is_still_before(stretch, last, outline):
         return "the reading already moves before the contact"
-    return _explain_unsettled(stretch, shape, start_s)
+    return _explain_unsettled(stretch, outline, start_s)
 
 
-def _is_still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> bool:
+def _is_still_before(stretch: Stretch, last: Stretch, outline: ContactOutline) -> bool:
     """Return whether the reading is steady before the contact.
 
     At the beginning of a recording, a steady stretch is not required.
     """
     if last.onset_s < last.begin_s and last.end_s - last.begin_s < MIN_LEVEL_S:
         return False
-    at_s = shape.time_s
+    at_s = outline.time_s
     before = (at_s >= max(last.begin_s, last.end_s - 1.0)) & (at_s < stretch.onset_s)
-    moved = float(np.ptp(shape.height[before])) if before.any() else 0.0
-    return moved <= STILL_BEFORE_FRACTION * abs(stretch.level - stretch.before) + 4.0 * shape.noise
+    moved = float(np.ptp(outline.height[before])) if before.any() else 0.0
+    contact_step = abs(stretch.level - stretch.before)
+    return moved <= STILL_BEFORE_FRACTION * contact_step + 4.0 * outline.noise
 
 
-def _explain_unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) -> str:
+def _explain_unsettled(stretch: Stretch, outline: ContactOutline, start_s: float) -> str:
     """Return the reason why a hold doesn't settle; empty if it settles."""
-    inside = (shape.time_s >= start_s) & (shape.time_s <= stretch.end_s - OPENING_S)
-    parts = np.array_split(shape.height[inside], SETTLING_PARTS)
+    inside = (outline.time_s >= start_s) & (outline.time_s <= stretch.end_s - OPENING_S)
+    parts = np.array_split(outline.height[inside], SETTLING_PARTS)
     path = np.diff([np.median(part) for part in parts if part.size])
-    still = STILL_FRACTION * abs(stretch.level - stretch.before) + 4.0 * shape.noise
+    still = STILL_FRACTION * abs(stretch.level - stretch.before) + 4.0 * outline.noise
     third = path.size // 3
     early, late = abs(float(path[:third].sum())), abs(float(path[-third:].sum()))
     if late > max(still, SLOWING_FRACTION * early):

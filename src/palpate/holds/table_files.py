@@ -31,15 +31,15 @@ def open_table(path: Path) -> BufferedReader:
 
     Raises `InputError` if the file doesn't exist or can't be read.
     """
-    wanted = "give a table file (CSV or other text, Excel or Parquet)"
+    remedy = "give a table file (CSV or other text, Excel or Parquet)"
     if path.is_dir():
-        raise InputError(f"{path}: a folder; {wanted}")
+        raise InputError(f"{path}: a folder; {remedy}")
     try:
         return BufferedReader(FileIO(path), SAMPLE_BYTES)
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {wanted}") from error
+        raise InputError(f"{path}: no such file; {remedy}") from error
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; {wanted}") from error
+        raise InputError(f"{path}: {error.strerror or error}; {remedy}") from error
 
 
 def detect_format(file: BufferedReader, *, name: str) -> FileFormat:

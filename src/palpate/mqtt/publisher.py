@@ -27,7 +27,7 @@ MAX_QUEUED_RESULTS = 10_000
 #: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
 #: half periods, and the client reconnects after two.
 _KEEPALIVE_S = 10
-_CONNECT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
+_CONNECT_TIMEOUT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
 #: Maximum time that `close` waits for the thread, seconds.
 _CLOSE_TIMEOUT_S = 3.0
 
@@ -146,7 +146,7 @@ class Publisher:
     def _create_client(self, broker: Broker) -> paho.Client:
         name = f"palpate-{socket.gethostname()}-{os.getpid()}"
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name)
-        client.connect_timeout = _CONNECT_S
+        client.connect_timeout = _CONNECT_TIMEOUT_S
         client.reconnect_delay_set(_MIN_RECONNECT_S, _MAX_RECONNECT_S)
         client.will_set(f"{broker.topic}/online", _OFFLINE, qos=1, retain=True)
         if broker.username is not None:

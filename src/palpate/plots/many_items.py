@@ -38,10 +38,10 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
     styles = _kind_styles(pages)
     with page_figure() as (figure, (axis,)):
         for kind, (colour, marker) in styles.items():
-            mine = np.array([(s, k) for name, s, k in points if name == kind]).reshape(-1, 2)
+            chosen = np.array([(s, k) for name, s, k in points if name == kind]).reshape(-1, 2)
             axis.plot(
-                mine[:, 0],
-                mine[:, 1],
+                chosen[:, 0],
+                chosen[:, 1],
                 marker,
                 color=colour,
                 ms=4.5 if len(points) < 200 else 2.5,

@@ -38,13 +38,13 @@ class FirmnessHistory:
     #: Firmness on each day.
     days: tuple[DayFirmness, ...]
 
-    def day_of(self, when: datetime) -> float:
+    def day_of(self, time: datetime) -> float:
         """Return the days from the first grasp to a time."""
-        return (when - self.grasps[0].taken_at).total_seconds() / DAY_S
+        return (time - self.grasps[0].taken_at).total_seconds() / DAY_S
 
-    def nearest_day(self, when: datetime) -> int:
+    def nearest_day(self, time: datetime) -> int:
         """Return the index of the measured day nearest to a time."""
-        target = self.day_of(when)
+        target = self.day_of(time)
         return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - target))
 
 

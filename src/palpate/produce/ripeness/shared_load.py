@@ -33,7 +33,7 @@ from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import relative_change_percent, total_excess
 
 #: Name of this measurement.
-NAME = "shared_pixels"
+SHARED_PIXELS = "shared_pixels"
 #: Width of an item that the pixel count is converted to, mm.
 _REFERENCE_MM = 60.0
 #: Hertz exponents (see above) of R relative to F, and of F in the contact radius.
@@ -76,11 +76,11 @@ def measure_shared_pixels(
         math.exp(-sharing - power * log_excess) for power in (exponent, 0.0, _RADIUS_POWER)
     )
     return {
-        NAME: Measurement(
+        SHARED_PIXELS: Measurement(
             value=value,
             low=min(uncorrected, fully_corrected),
             high=max(uncorrected, fully_corrected),
-            unit=MEASURED[NAME],
+            unit=MEASURED[SHARED_PIXELS],
         )
     }
 
