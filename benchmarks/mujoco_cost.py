@@ -30,7 +30,7 @@ from palpate_mujoco import MujocoWorld, Pad, PadSensor
 from palpate_mujoco.hand import WIDOWX, Servo
 from palpate_mujoco.world import EVERY_S
 
-MOST = 0.30
+MAX_SLOWDOWN = 0.30
 #: The hand at the end of the arm.
 ON_ARM = replace(
     WIDOWX,
@@ -55,21 +55,21 @@ def create_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
     spec, hand = mujoco.MjSpec(), WIDOWX.spec()
     spec.option = hand.option
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
-    read_link, up_m = spec.worldbody, 0.05
+    link, up_m = spec.worldbody, 0.05
     for number, axis in enumerate(
         ([0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1])
     ):
-        read_link = read_link.add_body(pos=[0, 0, up_m])
-        read_link.add_joint(name=f"arm{number}", axis=axis, damping=[2.0, 0, 0], armature=0.1)
+        link = link.add_body(pos=[0, 0, up_m])
+        link.add_joint(name=f"arm{number}", axis=axis, damping=[2.0, 0, 0], armature=0.1)
         up_m = 0.12
-        read_link.add_geom(
+        link.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0.03, 0, 0, 0.09], size=[0.02, 0, 0]
         )
         arm = spec.add_actuator(target=f"arm{number}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
         arm.gainprm[0], arm.biastype = 500.0, mujoco.mjtBias.mjBIAS_AFFINE
         arm.biasprm[:3] = [0.0, -500.0, -20.0]
     # The hand points down from its palm; turned, it points away from the arm.
-    turned = read_link.add_frame(pos=[0, 0, 0.22], quat=[0, 0, 1, 0])
+    turned = link.add_frame(pos=[0, 0, 0.22], quat=[0, 0, 1, 0])
     turned.attach_body(hand.body("palm"), "arm_", "")
     ball = spec.worldbody.add_body(pos=[0, 0, 0.05 + 5 * 0.12 + 0.22])
     ball.gravcomp = 1.0  # until it is held
@@ -124,7 +124,7 @@ def measure_model(
     rates = [seconds / model.opt.timestep / median(column) for column in zip(*pairs, strict=True)]
     frame_s = median(after - before for before, after in pairs) / (seconds * sensor.frame_rate_hz)
     print(
-        f"{name:17} {held.ncon:2} contacts, taken in every {1e3 * every_s:3.0f} ms: "
+        f"{name:17} {held.ncon:2} contacts, evaluated every {1e3 * every_s:3.0f} ms: "
         f"{rates[0]:8,.0f} steps/s without, {rates[1]:8,.0f} with: {100 * slower:+.0f} %, "
         f"{1e6 * frame_s:.0f} µs a frame"
     )
@@ -147,7 +147,7 @@ def main() -> None:
     ]
     for name, state in held.items():
         measure_model(name, *state, every_s=EVERY_S, seconds=options.seconds, rounds=options.rounds)
-    sys.exit(max(slower) > MOST)
+    sys.exit(max(slower) > MAX_SLOWDOWN)
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def fill(folder: Path, count: int) -> Path:
                 first = file
                 file.write_bytes(content)
             else:
-                os.read_link(first, file)
+                os.link(first, file)
             entry = Entry(
                 ended_at="2026-01-02T03:04:05+00:00",
                 recording=file.name,

@@ -233,7 +233,7 @@ def test_recalibrate_with_own_calibration_reproduces_force(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["settle", "{tmp}/none"], "is no archive; `palpate archive add` creates one"),
+        (["settle", "{tmp}/none"], "not an archive; `palpate archive add` creates one"),
         (["add", "--to", "{tmp}/new"], "nothing to add"),
         (["add", "{recorded}/g1.mcap", "--to", "{tmp}/other"], "contains other files"),
         (["add", "{tmp}/none.mcap", "--to", "{tmp}/new"], "none.mcap: no such file or folder"),

@@ -1,4 +1,4 @@
-"""The study of bruised apples, made small."""
+"""The study of bruised apples at small size."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from palpate_studies.bruise import (
     Examined,
     ScoredSides,
     area,
-    area_lost,
+    compare_areas,
     examine,
+    name_method,
     save_sides,
-    way,
 )
 from palpate_studies.fruit_ranges import BRUISES
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def examined() -> list[Examined]:
-    """Return a few apples of each purpose; `field` reuses those of `paper`."""
+    """Return a few apples of each purpose; `field` reuses the apples of `lab`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bruise, "REFERENCE_APPLES", 1)
         purposes = {"learn": 20, "test": 4}
@@ -38,7 +38,7 @@ def examined() -> list[Examined]:
     return made + [replace(one, level="field") for one in made]
 
 
-def test_sides_are_placed_and_grasped_as_said(examined: list[Examined]) -> None:
+def test_examine_places_and_grasps_each_side(examined: list[Examined]) -> None:
     learned = [one for one in examined if one.purpose == "learn"]
     assert sum(one.is_bruised for one in learned) == 20
     for one in learned:
@@ -50,7 +50,7 @@ def test_sides_are_placed_and_grasped_as_said(examined: list[Examined]) -> None:
             assert low <= one.apple.bruise.diameter_mm <= high
 
 
-def test_an_early_answer_sees_nothing_later(examined: list[Examined]) -> None:
+def test_load_shape_does_not_depend_on_later_frames(examined: list[Examined]) -> None:
     press = examined[0].presses["now"]
     late = (press.time_s > 1.0)[:, None, None]
     changed = replace(
@@ -63,18 +63,17 @@ def test_an_early_answer_sees_nothing_later(examined: list[Examined]) -> None:
     assert not np.array_equal(changed.shape(20.0).modes, press.shape(20.0).modes)
 
 
-def test_the_report_holds_every_way_and_writes_its_sides(
+def test_report_has_every_method_and_writes_training_sides(
     examined: list[Examined], tmp_path: Path
 ) -> None:
     found = bruise.judge(examined)
     document = json.loads(json.dumps(found.payload, allow_nan=False))
     for level in ("lab", "field"):
-        ways = document["ways"][level]
-        assert {SAME_WIDTH, TOGETHER, way("ours", "history"), way("boosted trees", "item")} < set(
-            ways
-        )
-        assert len(ways) == 11
-        assert all(0 <= one["auc"] <= 1 for one in ways.values())
+        summary = document["ways"][level]
+        ours, trees = name_method("ours", "history"), name_method("boosted trees", "item")
+        assert {SAME_WIDTH, TOGETHER, ours, trees} < set(summary)
+        assert len(summary) == 11
+        assert all(0 <= one["auc"] <= 1 for one in summary.values())
         assert document["apples"][level]["learn"] == 20
         assert sum(row["level"] == level for row in document["compared"]) == 12
     found.write(tmp_path)
@@ -84,25 +83,25 @@ def test_the_report_holds_every_way_and_writes_its_sides(
         assert set(written["sides"]) == {"history", "class", "item"}
 
 
-def test_the_area_counts_ties_as_halves() -> None:
+def test_area_counts_ties_half() -> None:
     assert area(np.array([True, False]), np.array([1.0, 1.0])) == 0.5
     assert np.isnan(area(np.array([True, True]), np.array([1.0, 2.0])))
 
 
-def test_an_area_is_compared_on_the_same_drawn_sensors() -> None:
+def test_compare_areas_resamples_sensors() -> None:
     truth, sensors = np.array([True, False] * 20), [str(place // 4) for place in range(40)]
     noise = np.random.default_rng(1).standard_normal((2, 40))
     good, poor = (
         ScoredSides(bruised=truth, score=shift * truth + one, sensors=sensors)
         for shift, one in zip((4.0, 0.5), noise, strict=True)
     )
-    found = area_lost(good, poor)
+    found = compare_areas(good, poor)
     assert found.value == pytest.approx(poor.auc - good.auc)
     assert (found.verdict, found.cases, found.specimens) == ("ours", 40, 10)
-    assert area_lost(good, good).verdict == "undecided"
+    assert compare_areas(good, good).verdict == "undecided"
 
 
-def test_simulated_sides_survive_their_file(
+def test_sides_file_roundtrip_preserves_sides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     learned_on, known = load_simulated_sides()

@@ -11,7 +11,7 @@ from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
-    WAITS_S,
+    READING_S,
     collect_training_rows,
     learn_laws,
     run_learned_loop,
@@ -118,7 +118,7 @@ def test_paper_loop_stops_on_its_reported_target() -> None:
     assert found.on_target_s is not None
     assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
-    assert found.on_target_s > WAITS_S
+    assert found.on_target_s > READING_S
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ from palpate.grasp.paper import Paper
 from palpate_studies.grasp_cycle import (
     Cycle,
     Sample,
-    by_both_fingers,
-    by_controller,
     cycles,
+    grasp_until_both_fingers,
+    grasp_with_controller,
     judge,
     scores,
 )
@@ -21,7 +21,7 @@ from palpate_studies.grasp_cycle import (
 SAMPLE = Sample(seed=31_000, level="lab", kind="rigid")
 CYCLE = Cycle(
     sample=SAMPLE,
-    way="ours",
+    method="ours",
     outcome="held",
     touch_s=4.0,
     answer_s=8.0,
@@ -63,7 +63,7 @@ def test_judge_compares_damage_on_same_objects() -> None:
     found = list[Cycle]()
     for number in range(4):
         ours_on_it = replace(CYCLE, sample=replace(SAMPLE, seed=31_000 + 2 * number))
-        found += [ours_on_it, replace(ours_on_it, way="plain", damaged=number in (1, 2))]
+        found += [ours_on_it, replace(ours_on_it, method="plain", damaged=number in (1, 2))]
     report = judge(found)
     (row,) = report.payload["compared"]
     assert (row["rival"], row["difference"]) == ("plain", -0.5)
@@ -76,7 +76,7 @@ def test_judge_compares_damage_on_same_objects() -> None:
 
 
 def test_judge_unmeasured_quantities_are_null() -> None:
-    plain = replace(CYCLE, way="plain", stiffness_status="none", stiffness=np.nan)
+    plain = replace(CYCLE, method="plain", stiffness_status="none", stiffness=np.nan)
     plain = replace(plain, stiffness_low=np.nan, stiffness_high=np.nan, force_error=np.nan)
     payload = judge([plain]).payload
     (row,) = payload["summary"]
@@ -96,21 +96,25 @@ def test_cycles_grasps_one_object_with_every_method() -> None:
 
 
 @pytest.mark.slow
-def test_by_controller_fading_push_before_contact_still_holds() -> None:
+def test_grasp_with_controller_fading_push_before_contact_still_holds() -> None:
     """Each finger pushes in turn; the falling readings were once reported as a lost sensor."""
-    assert by_controller(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
+    assert (
+        grasp_with_controller(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
+    )
 
 
 @pytest.mark.slow
 def test_paper_steps_continue_until_both_fingers_touch() -> None:
     """One finger pushes this object; a fall of the mean is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
-    for found in (by_controller(sample, paper=Paper()), by_both_fingers(sample)):
+    for found in (grasp_with_controller(sample, paper=Paper()), grasp_until_both_fingers(sample)):
         assert found.outcome == "held"
 
 
 @pytest.mark.slow
 def test_paper_method_push_by_one_finger_is_not_held() -> None:
     """The mean falls by 10 % while one finger pushes and the other is free."""
-    found = by_controller(Sample(seed=5_900_006, level="field", kind="rigid"), paper=Paper())
+    found = grasp_with_controller(
+        Sample(seed=5_900_006, level="field", kind="rigid"), paper=Paper()
+    )
     assert (found.outcome, found.peak_n) == ("sensor_lost", 0.0)

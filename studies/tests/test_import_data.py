@@ -238,5 +238,5 @@ def test_import_data_folder_without_git_prints_one_line(
 ) -> None:
     status, _, err = run_import(capsys, tmp_path / "absent", out=tmp_path / "data")
     assert status == 2
-    assert "no git clone" in err
+    assert "not a git clone" in err
     assert err.count("\n") == 1

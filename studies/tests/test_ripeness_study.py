@@ -133,12 +133,12 @@ def test_scores_of_a_steady_sensor_favour_firmness_over_settled_change(
 
 def test_judge_days_trains_learners_on_all_stations(station: StationRecords) -> None:
     records, other = (synthetic_records(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
-    alone, taught = judge_days(records, name="a"), judge_days(records, taught=[other], name="a")
+    alone, shared = judge_days(records, name="a"), judge_days(records, others=[other], name="a")
     for learner in STAGE_LEARNERS:
         assert scores(alone)[learner]["exact"] > 0.5
-        assert scores(taught)[learner]["exact"] > 0.75
-    assert [row.stages["trees"] for row in alone] != [row.stages["trees"] for row in taught]
-    assert [row.stages["ours"] for row in alone] == [row.stages["ours"] for row in taught]
+        assert scores(shared)[learner]["exact"] > 0.75
+    assert [row.stages["trees"] for row in alone] != [row.stages["trees"] for row in shared]
+    assert [row.stages["ours"] for row in alone] == [row.stages["ours"] for row in shared]
 
 
 def test_compare_methods_pairs_by_fruit(station: StationRecords) -> None:

@@ -14,20 +14,20 @@ from palpate_studies import ripeness
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.grasp_cycle import Sample
 from palpate_studies.second.fruit import COURSES, CorkyPatch, corky, other_avocado
+from palpate_studies.second.objects import other_item
 from palpate_studies.second.sheets import OtherSheet, other_sheet
-from palpate_studies.second.things import other_item
 from palpate_studies.twin_apple import draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 
 
-@pytest.mark.parametrize("way", COURSES)
-def test_other_avocado_softens_between_same_limits(way: str) -> None:
+@pytest.mark.parametrize("course", COURSES)
+def test_other_avocado_softens_between_same_limits(course: str) -> None:
     fruit = draw_avocado(np.random.default_rng(4))
-    other = other_avocado(fruit, way=way)
-    course = [other.force_at_1mm_n(day) for day in np.arange(-12.0, 25.0, 0.1)]
-    assert course[0] == pytest.approx(fruit.hard_n)
-    assert course[-1] == pytest.approx(fruit.softest_n, rel=0.01)
-    assert np.all(np.diff(course) <= 1e-12)
+    other = other_avocado(fruit, course=course)
+    forces_n = [other.force_at_1mm_n(day) for day in np.arange(-12.0, 25.0, 0.1)]
+    assert forces_n[0] == pytest.approx(fruit.hard_n)
+    assert forces_n[-1] == pytest.approx(fruit.softest_n, rel=0.01)
+    assert np.all(np.diff(forces_n) <= 1e-12)
     at = np.arange(-2.0, 6.0)
     first = np.log([fruit.force_at_1mm_n(day) for day in at])
     assert np.max(np.abs(first - np.log([other.force_at_1mm_n(day) for day in at]))) > 0.2
@@ -92,7 +92,7 @@ def test_other_sheet_has_fixed_hysteresis_and_constant_creep_rate() -> None:
     assert falling[390] == pytest.approx(falling[150], rel=0.2)
 
 
-def test_world_with_remade_uses_other_sheet() -> None:
+def test_world_with_replace_sheet_uses_other_sheet() -> None:
     first, second = World(None, seed=5), World(None, seed=5, replace_sheet=other_sheet)
     assert isinstance(second.sheet, OtherSheet)
     assert second.sheet.rest_ohm.tolist() == first.sheet.rest_ohm.tolist()

@@ -41,7 +41,9 @@ def test_follow_staircases_with_trees_rejects_training_sheets() -> None:
     scores = staircases._scores([learned], [now])
     assert (scores["coverage"], scores["mean_half_width_n"]) == (None, None)
     runs = dict.fromkeys(staircases.LEVELS, found)
-    assert [row["rival"] for row in staircases._compare_rivals(runs)] == 2 * [*staircases.RIVALS]
+    assert [row["rival"] for row in staircases._compare_baselines(runs)] == 2 * [
+        *staircases.BASELINES
+    ]
 
 
 @pytest.mark.slow

@@ -66,7 +66,9 @@ def test_read_strokes_finds_contact_and_measured_samples(touches: list[Touch]) -
 
 
 @pytest.mark.parametrize("prior", PRIORS)
-def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], prior: str) -> None:
+def test_follower_uses_reference_force_only_where_measured(
+    touches: list[Touch], prior: str
+) -> None:
     """Changing all unmeasured forces of a test touch does not change the predictions."""
     train = [one for one in touches if one.sensor == "s0"]
     touch = next(one for one in touches if one.sensor == "s1")

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ class Archive:
     """An archive in a folder.
 
     `create`: create the archive if it does not exist.
-    Raises `InputError` if the folder is no archive, or has another schema.
+    Raises `InputError` if the folder is not an archive, or has another schema.
     """
 
     def __init__(self, root: str | os.PathLike[str], *, create: bool = False) -> None:
@@ -68,7 +69,7 @@ class Archive:
         try:
             schema = json.loads(marker.read_text())["schema"]
         except FileNotFoundError:
-            raise InputError(f"{root}: is no archive; `palpate archive add` creates one") from None
+            raise InputError(f"{root}: not an archive; `palpate archive add` creates one") from None
         except (ValueError, KeyError, TypeError) as fault:
             raise InputError(f"{marker}: can't be read; restore it from a backup") from fault
         if schema != SCHEMA:
@@ -123,13 +124,13 @@ def check_name(what: str, name: str) -> str:
 def sources_of(path: Path) -> list[str]:
     """Return the sources of a part.
 
-    Raises `InputError` if the file is no part of an archive.
+    Raises `InputError` if the file is not a part of an archive.
     """
     try:
         marks = pa.parquet.read_schema(path).metadata or {}
         return [str(name) for name in json.loads(marks[_SOURCES])]
     except (KeyError, ValueError) as fault:
-        raise InputError(f"{path}: is no part of an archive; move it elsewhere") from fault
+        raise InputError(f"{path}: not a part of an archive; move it elsewhere") from fault
 
 
 def write_tables(path: Path, tables: Iterable[Any], *, marks: dict[bytes, str]) -> int:
@@ -140,12 +141,7 @@ def write_tables(path: Path, tables: Iterable[Any], *, marks: dict[bytes, str]) 
     first = next(left)
     schema = first.schema.with_metadata({name: text.encode() for name, text in marks.items()})
     with atomic_path(path) as partial, parquet.ParquetWriter(partial, schema) as file:
-        for table in _prepend(first, left):
+        for table in chain((first,), left):
             file.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
             rows += table.num_rows
     return rows
-
-
-def _prepend(first: Any, left: Iterator[Any]) -> Iterator[Any]:
-    yield first
-    yield from left

@@ -52,7 +52,7 @@ GROUPS = {
     },
     "Research": {
         "study": "Regenerate a table or figure next to the published one.",
-        "bench": "Measure speed and memory relative to other software.",
+        "bench": "Measure speed relative to other software.",
     },
 }
 _PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}

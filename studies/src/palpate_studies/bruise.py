@@ -1,7 +1,6 @@
-"""How reliably bruised apples differ from sound ones, by every method on the same grasps.
+"""Detection of bruises on simulated apples, with every method on the same grasps.
 
-A grasp of a twin apple follows a user's steps: search for contact, close on, hold, read every
-pixel.
+A grasp follows a user's steps: search for contact, close further, hold, read every pixel.
 """
 
 from __future__ import annotations
@@ -44,36 +43,35 @@ from palpate_studies.second.fruit import corky, rotten
 from palpate_studies.twin_apple import Apple, draw_apple
 from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session
 
-#: The fingers stand this wide before an apple whose size nobody knows, and this much wider than
-#: the last contact before the next grasp of the same one.
+#: Width of the open fingers before an apple of unknown size, and gap to the last contact before
+#: another grasp of the same apple.
 OPEN_MM, GAP_MM = 72.0, 8.0
-#: Speed while looking for contact, and how far they close on, fast, from where it was seen.
+#: Speed of the search for contact, and fast closure beyond the contact.
 SEARCH_MM_PER_S, CLOSURE_MM = 6.0, 2.0
-#: Still time of the open fingers before each grasp; its last half second gives the rest values.
+#: Still time of the open fingers before each grasp; the rest values are the mean of its last half
+#: second.
 REST_S = 10.0
-#: The early answer.
-CUTOFF_S = 2.5
+#: Smallest width of the search for contact.
 _TIGHTEST_MM = 40.0
-#: When the answer is given, seconds after the fingers close on.
+#: Time of the early answer after the end of the search, seconds.
 EARLY_S = 2.5
-#: How far the middle of the bruise lies from the middle of the fingers, at most, in both
-#: directions: the user presents the side in question and lays it as the twin lays everything
-#: (`off_centre` of `palpate.twin.ranges`: 0.6 of the pitch).
+#: Largest distance of the middle of the bruise from the middle of the fingers, in both directions:
+#: the user presents the tested side with the placement error of the twin (`off_centre` of
+#: `palpate.twin.ranges`: 0.6 of the pitch).
 PLACED_WITHIN_MM = 6.0
-#: A sensor's own idea of its class: sound apples, two sides of each.
+#: Sound apples of the class reference of each sensor, and the grasped sides of each.
 REFERENCE_APPLES, REFERENCE_SIDES_DEG = 8, (0.0, 90.0)
 APPLES_PER_SENSOR = 24
-#: Sensors of one purpose never serve another.
+#: First seed of the sensors of each purpose.
 _FIRST_SENSOR = {"learn": 20_000, "test": 30_000}
-#: The way that needs no learning: the paper's mean over all pixels after 20 s.
+#: Method without training: the paper's mean over all pixels after 20 s, as named in stored results.
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
-#: Pipelines in place of the shipped one, on the same contrasts -> their names in
-#: `palpate.produce.learning.METHODS`.
+#: Baseline with the same contrasts as input -> name in `palpate.produce.learning.METHODS`.
 LEARNERS = {"linear discriminant": "discriminant", "boosted trees": "trees"}
-#: All references at once, by the shipped pipeline.
+#: The shipped pipeline with all references at once.
 TOGETHER = f"logistic regression against all three references at once, {EARLY_S:g} s"
 FALSE_ALARMS = 0.05
-#: Digits of contrasts in the file of simulated sides.
+#: Decimals of the contrasts in the file of simulated sides.
 _DIGITS = 3
 
 
@@ -84,13 +82,13 @@ class ApplePress:
     Attributes
     ----------
     width_mm : float
-        Width at which contact was seen, the closure before the end where none was looked for.
+        Width at contact; without a search for contact, the final width plus `CLOSURE_MM`.
     time_s : ndarray, shape (times,)
-        From the moment that the fingers close on, up to the early answer.
+        Times from the end of the search to the early answer.
     change_percent : ndarray, shape (times, rows, cols)
-        Relative change of each pixel then.
+        Relative change of each pixel at these times.
     settled_percent : ndarray, shape (rows, cols)
-        The same after 20 s.
+        Relative change of each pixel at the end of the hold.
     """
 
     width_mm: float
@@ -99,7 +97,7 @@ class ApplePress:
     settled_percent: FloatArray
 
     def shape(self, cutoff_s: float) -> LoadShape:
-        """Return the load's distribution over the last three frames before a time, or the end."""
+        """Return the load distribution over the last three frames before a time."""
         change = self.settled_percent
         if cutoff_s < HOLD_S:
             change = self.change_percent[self.time_s <= cutoff_s][-3:].mean(axis=0)
@@ -119,10 +117,10 @@ def press(
     open_mm: float = OPEN_MM,
     to_mm: float | None = None,
 ) -> ApplePress:
-    """Lay an apple between the fingers, one side to the first of them; grasp it.
+    """Place an apple with one side at the first finger, and grasp it.
 
-    The fingers close slowly until both feel the paper's 10 %, then on by a fixed way;
-    or, without looking for contact, to a width that is given.
+    The fingers close slowly until a pixel of each finger falls by the paper's 10 %, then by
+    `CLOSURE_MM`. With `to_mm`, they close to this width without a search for contact.
     """
     clock, world = session.world.clock, session.world
     session.close_to(open_mm)
@@ -132,8 +130,8 @@ def press(
     rest_ohm = session.mean_ohm()
     width_mm = _search(session, rest_ohm) if to_mm is None else to_mm + CLOSURE_MM
     session.close_to(width_mm - CLOSURE_MM)
-    change = relative_change_percent(session.read(CUTOFF_S), rest_ohm=rest_ohm)
-    clock.sleep_s(HOLD_S - CUTOFF_S - SETTLED_MEAN_S)
+    change = relative_change_percent(session.read(EARLY_S), rest_ohm=rest_ohm)
+    clock.sleep_s(HOLD_S - EARLY_S - SETTLED_MEAN_S)
     settled = relative_change_percent(session.mean_ohm(), rest_ohm=rest_ohm)
     return ApplePress(
         width_mm=width_mm,
@@ -144,17 +142,17 @@ def press(
 
 
 def _search(session: Session, rest_ohm: FloatArray) -> float:
-    """Close slowly until a pixel of every finger feels something; return the width reported.
+    """Close slowly until a pixel of every finger detects contact; return the reported width.
 
-    Until both fingers touch, the first one only pushes the fruit along.
+    Until both fingers touch, one finger only pushes the fruit.
     """
     session.close_to(_TIGHTEST_MM, speed_mm_per_s=SEARCH_MM_PER_S)
     array, layout = TwinArray(session.world), session.world.layout
-    lightest = 0.0
-    while lightest > CONTACT_PERCENT:
+    weakest = 0.0
+    while weakest > CONTACT_PERCENT:
         ohm = resistance_ohm(array.read(timeout_s=1.0).counts, divider=layout.divider)
         change = relative_change_percent(ohm, rest_ohm=rest_ohm)
-        lightest = max(
+        weakest = max(
             float(change[layout.finger_mask(finger)].min()) for finger in range(layout.fingers)
         )
     array.close()
@@ -163,23 +161,24 @@ def _search(session: Session, rest_ohm: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examined:
-    """One apple, one side of it in question, and its grasps.
+    """One apple with its tested side and its grasps.
 
     Attributes
     ----------
     purpose, level : str
-        What for, and on which level of the twin.
+        ``learn`` or ``test``, and level of the twin.
     sensor : int
         Seed of sensor and gripper.
     apple : Apple
-        The truth.
+        The apple, with its bruise if any.
     angle_deg : float
-        The side in question, to the first finger.
+        Angle of the tested side, which faces the first finger.
     presses : mapping of str to ApplePress
-        ``before`` the bruise; ``now``, placed again; the ``other`` sides, a quarter turn on; at the
-        ``same_width`` as before.
+        ``before``: the side before the bruise; ``now``: the tested side, placed again; ``other``:
+        the sides a quarter turn from it; ``same_width``: the tested side at the width of
+        ``before``.
     sound : LoadShape
-        How the sensor's sound apples load it.
+        Median load distribution of the sensor's sound apples.
     """
 
     purpose: str
@@ -192,12 +191,12 @@ class Examined:
 
     @property
     def is_bruised(self) -> bool:
-        """Whether it is."""
+        """Whether the apple is bruised."""
         return self.apple.bruise is not None
 
-    def side(self, cutoff_s: float) -> Side:
-        """Return the inputs of every method at a time of the hold."""
-        shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
+    def side(self) -> Side:
+        """Return the inputs of every method at the time of the early answer."""
+        shapes = {name: one.shape(EARLY_S) for name, one in self.presses.items()}
         return Side(
             shape=shapes["now"],
             against={
@@ -213,20 +212,20 @@ def examine(
     *,
     levels: Sequence[str],
     seed: int,
-    replace_sheet: Callable[[Apple], Apple] | None = None,
+    change_apple: Callable[[Apple], Apple] | None = None,
 ) -> list[Examined]:
-    """Draw this many apples for each purpose and level, half of them bruised; grasp them.
+    """Draw apples for each purpose and level, half of them bruised, and grasp them.
 
     Parameters
     ----------
     purposes : mapping of str to int
-        ``learn`` and ``test``.
+        Purpose (``learn``, ``test``) -> number of apples at each level.
     levels : sequence of str
         Levels of the twin.
     seed : int
-        Seed of everything.
-    replace_sheet : callable, optional
-        Makes the apples of another generator out of those that are drawn.
+        Seed of the sensors, from which the apples are drawn.
+    change_apple : callable, optional
+        Function from a drawn apple to an apple of another generator.
     """
     batches = [
         _Batch(
@@ -234,7 +233,7 @@ def examine(
             level=level,
             sensor=_FIRST_SENSOR[purpose] + 1000 * seed + first // APPLES_PER_SENSOR,
             apples=min(apples - first, APPLES_PER_SENSOR),
-            replace_sheet=replace_sheet,
+            change_apple=change_apple,
         )
         for purpose, apples in purposes.items()
         for level in levels
@@ -245,13 +244,13 @@ def examine(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Batch:
-    """Apples that one sensor examines."""
+    """Apples of one sensor."""
 
     purpose: str
     level: str
     sensor: int
     apples: int
-    replace_sheet: Callable[[Apple], Apple] | None
+    change_apple: Callable[[Apple], Apple] | None
 
 
 def _examine_batch(batch: _Batch) -> list[Examined]:
@@ -277,7 +276,7 @@ def _examine(session: Session, batch: _Batch, index: int, *, sound: LoadShape) -
     rng = np.random.default_rng([batch.sensor, 2, index])
     near = replace(BRUISES, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
     apple = draw_apple(rng, bruises=near if index % 2 == 1 else None)
-    apple = apple if batch.replace_sheet is None else batch.replace_sheet(apple)
+    apple = apple if batch.change_apple is None else batch.change_apple(apple)
     angle_deg = rng.uniform(0.0, 360.0)
     if apple.bruise is not None:
         beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)
@@ -290,7 +289,7 @@ def _examine(session: Session, batch: _Batch, index: int, *, sound: LoadShape) -
         "other": (apple, angle_deg + 90.0),
     }
     if batch.purpose == "test":
-        # Not judged: it keeps the load history of the sheet as in the stored results.
+        # Not scored: this grasp keeps the load history of the sheet as in the stored results.
         turned["again"] = (apple, angle_deg)
     made = dict(zip(turned, _presses(session, list(turned.values())), strict=True))
     if batch.purpose == "test":
@@ -310,7 +309,7 @@ def _examine(session: Session, batch: _Batch, index: int, *, sound: LoadShape) -
 
 
 def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[ApplePress]:
-    """Grasp each apple, or one apple turned; the fingers open fully before the first."""
+    """Grasp apples at their angles in turn; the fingers open fully before the first grasp."""
     made: list[ApplePress] = []
     for apple, angle_deg in turned:
         open_mm = min(made[-1].width_mm + GAP_MM, OPEN_MM) if made else OPEN_MM
@@ -326,11 +325,11 @@ class ScoredSides:
     Attributes
     ----------
     bruised : ndarray of bool, shape (apples,)
-        The truth.
+        Whether each apple is bruised.
     score : ndarray, shape (apples,)
-        One per apple.
+        Score of each apple.
     sensors : sequence of str
-        On which sensor.
+        Sensor of each apple.
     """
 
     bruised: NDArray[np.bool_]
@@ -343,14 +342,14 @@ class ScoredSides:
         return area(self.bruised, self.score)
 
     def summarise(self) -> dict[str, float]:
-        """Return the area, and the fraction of bruised sides above 95 % of sound ones."""
+        """Return the area, and the fraction of bruises detected at the nominal false alarms."""
         limit = np.quantile(self.score[~self.bruised], 1.0 - FALSE_ALARMS)
         found = float(np.mean(self.score[self.bruised] > limit))
         return {"auc": self.auc, "found": found}
 
 
 def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
-    """Return the area under the ROC curve: how often bruised scores above sound.
+    """Return the area under the ROC curve; ties count half, NaN with one class only.
 
     Examples
     --------
@@ -358,53 +357,53 @@ def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
     0.75
     """
     truth = np.asarray(bruised, dtype=bool)
-    many, rest = int(truth.sum()), int((~truth).sum())
-    if not many or not rest:
+    positive, negative = int(truth.sum()), int((~truth).sum())
+    if not positive or not negative:
         return float("nan")
-    ranks = rankdata(score)
-    return float((ranks[truth].sum() - many * (many + 1) / 2) / (many * rest))
+    rank_sum = rankdata(score)[truth].sum()
+    return float((rank_sum - positive * (positive + 1) / 2) / (positive * negative))
 
 
-def area_lost(ours: ScoredSides, rival: ScoredSides) -> Difference:
-    """Return our area missing under the ROC curve less a rival's."""
+def compare_areas(ours: ScoredSides, baseline: ScoredSides) -> Difference:
+    """Return the area of a baseline minus palpate's; negative values favour palpate."""
 
     def of(chosen: IntArray) -> np.floating:
         truth = ours.bruised[chosen]
-        return np.float64(area(truth, rival.score[chosen]) - area(truth, ours.score[chosen]))
+        return np.float64(area(truth, baseline.score[chosen]) - area(truth, ours.score[chosen]))
 
     return bootstrap_difference(of, ours.sensors)
 
 
-def contrast_known(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
-    """Return the contrasts of sides to each reference, with the truth."""
+def table_contrasts(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
+    """Return the labelled contrasts of the tested sides to each reference."""
     return table_sides(
-        [(str(number), one.is_bruised, one.side(EARLY_S)) for number, one in enumerate(examined)]
+        [(str(number), one.is_bruised, one.side()) for number, one in enumerate(examined)]
     )
 
 
 def score_all(
     tested: Sequence[Examined], model: BruiseModel, *, known: Mapping[str, LabelledTable]
 ) -> dict[str, ScoredSides]:
-    """Return the scores of every way on the test apples; way -> scores.
+    """Score the test apples with every method; return method -> scores.
 
-    `known`: the sides that the model, and the learners in its place, are learned from.
+    `known`: training contrasts of the model and of the baselines.
     """
-    felt = contrast_known(tested)
+    unknown = table_contrasts(tested)
     changes = [
         one.presses["same_width"].mean_percent - one.presses["before"].mean_percent
         for one in tested
     ]
     scores = {SAME_WIDTH: np.array(changes)}
+    sides = [one.side() for one in tested]
     for name in REFERENCES:
-        sides = [one.side(EARLY_S) for one in tested]
-        scores[way("ours", name)] = np.array(
+        scores[name_method("ours", name)] = np.array(
             [model.log_odds(replace(one, against={name: one.against[name]})) for one in sides]
         )
         scores |= {
-            way(learner, name): _learn_and_score(method, [known[name]], [felt[name]])
+            name_method(learner, name): _learn_and_score(method, [known[name]], [unknown[name]])
             for learner, method in LEARNERS.items()
         }
-    scores[TOGETHER] = _learn_and_score("logistic", list(known.values()), list(felt.values()))
+    scores[TOGETHER] = _learn_and_score("logistic", list(known.values()), list(unknown.values()))
     bruised = np.array([one.is_bruised for one in tested])
     sensors = [str(one.sensor) for one in tested]
     return {
@@ -414,44 +413,48 @@ def score_all(
 
 
 def compare_all(scores: Mapping[str, ScoredSides]) -> list[dict[str, Any]]:
-    """Return what ours lacks against each reference, less what each other way lacks."""
+    """Compare palpate with each baseline against each reference."""
     return [
         {
             "reference": name,
-            "rival": rival,
-            **area_lost(scores[way("ours", name)], scores[rival]).to_dict(),
+            "rival": baseline,
+            **compare_areas(scores[name_method("ours", name)], scores[baseline]).to_dict(),
         }
         for name in REFERENCES
-        for rival in (SAME_WIDTH, *(way(learner, name) for learner in LEARNERS), TOGETHER)
+        for baseline in (
+            SAME_WIDTH,
+            *(name_method(learner, name) for learner in LEARNERS),
+            TOGETHER,
+        )
     ]
 
 
 def _learn_and_score(
-    method: str, known: Sequence[LabelledTable], felt: Sequence[LabelledTable]
+    method: str, known: Sequence[LabelledTable], unknown: Sequence[LabelledTable]
 ) -> FloatArray:
-    """Learn from known sides by another pipeline, and return a score for each tested one."""
+    """Train another pipeline on the known sides; return a score for each tested side."""
     bruised = np.array(known[0].labels) == BRUISED
     pipeline = make_pipeline(method).fit(np.hstack([one.rows for one in known]), bruised)
-    return np.asarray(pipeline.decision_function(np.hstack([one.rows for one in felt])))
+    return np.asarray(pipeline.decision_function(np.hstack([one.rows for one in unknown])))
 
 
-def way(method: str, reference: str) -> str:
-    """Return the name of a judgement against one reference."""
+def name_method(method: str, reference: str) -> str:
+    """Return the name of a method with one reference."""
     return f"{method} against {reference}, {EARLY_S:g} s"
 
 
 def report(
     *,
     apples: Annotated[
-        int, typer.Option(help="Apples tested on each level; 500 for reliable figures.", min=24)
+        int, typer.Option(help="Test apples at each level; 500 for precise figures.", min=24)
     ] = 48,
     seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = 1,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Grasp many simulated apples, sound and bruised, and classify them by every method.
+    """Grasp simulated apples, sound and bruised, and classify them with every method.
 
-    --out also writes the training sides of each level. --second judges bruises of another shape,
-    rot, and apples of the first generator, 24 on each sensor, by the training sides in palpate.
+    With --out, the training sides of each level are written too. --second tests the shipped model
+    on the first generator, on bruises of another shape and on rot, with 24 apples on each sensor.
 
     Example: palpate study bruise --apples 96 --out reports
     """
@@ -468,9 +471,9 @@ command = as_command(report)
 
 
 def judge(examined: Sequence[Examined]) -> StudyReport:
-    """Score everything and put it into tables."""
+    """Score all methods at every level, and return the report."""
     levels = list(dict.fromkeys(one.level for one in examined))
-    counts, ways, compared = dict[str, Any](), dict[str, Any](), list[dict[str, Any]]()
+    counts, summary, compared = dict[str, Any](), dict[str, Any](), list[dict[str, Any]]()
     known = {}
     for level in levels:
         of = {
@@ -481,35 +484,36 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
         learned_on = (
             f"{len(of['learn'])} simulated apples on {sensors} simulated sensors, level {level}"
         )
-        known[level] = contrast_known(of["learn"]), learned_on
+        known[level] = table_contrasts(of["learn"]), learned_on
         model = BruiseModel.learn(known[level][0], learned_on=learned_on)
         scores = score_all(of["test"], model, known=known[level][0])
         counts[level] = {purpose: len(mine) for purpose, mine in of.items()}
-        ways[level] = {name: one.summarise() for name, one in scores.items()}
+        summary[level] = {name: one.summarise() for name, one in scores.items()}
         compared += [{"level": level, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
         title="Bruised and sound apples (simulated)",
         provenance=[
-            f"Simulated, each level: {counts[levels[0]]['test']} apples tested and "
-            f"{counts[levels[0]]['learn']} others, on other sensors, learned from, half of them "
-            f"bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm of the middle of either "
-            "finger; grasped once at the side in question, closed by contact. They differ in size, "
-            "firmness, roundness, firmer sides; bruises in diameter, depth, softness, dent and "
-            "place (ranges: `palpate_studies.fruit_ranges`).",
+            f"Simulated, at each level: {counts[levels[0]]['test']} test apples, and "
+            f"{counts[levels[0]]['learn']} training apples on other sensors. Half of the apples "
+            f"are bruised within {PLACED_WITHIN_MM:g} mm of the middle of a finger. The tested "
+            "side is grasped once, closed from contact. Apples differ in size, roundness, and "
+            "firmness around the fruit; bruises differ in diameter, depth, softness, dent and "
+            "position (ranges: `palpate_studies.fruit_ranges`).",
             f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, "
-            "one grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
+            "one grasp a quarter turn from the side; history, one earlier grasp of the same side "
+            "before the bruise.",
         ],
         tables=[
             Table.wide(
-                "Bruised or not, from one grasp of the side: area under the ROC curve, and percent "
-                f"found at {100 * FALSE_ALARMS:g} % false alarms",
+                "Bruised or sound, from one grasp of the side: area under the ROC curve, and "
+                f"percent detected at {100 * FALSE_ALARMS:g} % false alarms",
                 [
                     {"level": level, "way": name, **one}
                     for level in levels
-                    for name, one in ways[level].items()
+                    for name, one in summary[level].items()
                 ],
-                {"way": "{way}"},
+                {"method": _label_method},
                 over="level",
                 form="{auc:.3f}, {found:.0p}",
             )
@@ -517,7 +521,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
         payload={
             "origin": "twin",
             "apples": counts,
-            "ways": ways,
+            "ways": summary,
             "compared": compared,
         },
         files={
@@ -527,57 +531,57 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
     )
 
 
+def _label_method(row: Mapping[str, Any]) -> str:
+    name = str(row["way"])
+    return "settled mean change at one width (the paper's method)" if name == SAME_WIDTH else name
+
+
 def second_report(seeds: Sequence[int]) -> StudyReport:
-    """Judge the same apples, bruised in two ways or rotten, by the shipped model."""
-    remakes: dict[str, Callable[[Apple], Apple] | None] = {
+    """Score the shipped model on apples of both generators, and on rot."""
+    generators: dict[str, Callable[[Apple], Apple] | None] = {
         "first": None,
         "second": corky,
         "rot": rotten,
     }
-    rows, ways = list[dict[str, Any]](), list[dict[str, Any]]()
+    compared, summary = list[dict[str, Any]](), list[dict[str, Any]]()
     _, known = load_simulated_sides()
-    for name, replace_sheet in remakes.items():
+    for name, change_apple in generators.items():
         found = [
             one
             for seed in seeds
-            for one in examine({"test": 24}, levels=["lab"], seed=seed, replace_sheet=replace_sheet)
+            for one in examine({"test": 24}, levels=["lab"], seed=seed, change_apple=change_apple)
         ]
         scores = score_all(found, default_model(), known=known)
         counts = {"apples": len(found), "sensors": len({one.sensor for one in found})}
-        ways += [
-            {
-                "generator": name,
-                "way": way,
-                **counts,
-                **one.summarise(),
-            }
-            for way, one in scores.items()
+        summary += [
+            {"generator": name, "way": method, **counts, **one.summarise()}
+            for method, one in scores.items()
         ]
-        rows += [{"generator": name, **row} for row in compare_all(scores)]
+        compared += [{"generator": name, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
         title="Bruises of another shape, and rot (simulated)",
         provenance=(
             "Simulated, at level lab. The second generator is described in "
-            "`palpate_studies.second.fruit`, fixed before it was scored; the model that "
-            "palpate ships was learned on the first.",
+            "`palpate_studies.second.fruit`, which was fixed before anything was scored on it. "
+            "The shipped model was trained on the first generator.",
         ),
         tables=[
             Table.wide(
-                "Bruised or sound: area under the ROC curve, and percent found at "
+                "Bruised or sound: area under the ROC curve, and percent detected at "
                 f"{100 * FALSE_ALARMS:g} % false alarms",
-                ways,
-                {"way": "{way}"},
+                summary,
+                {"method": _label_method},
                 over="generator",
                 form="{auc:.3f}, {found:.0p}",
             )
         ],
-        payload={"simulated": True, "ways": ways, "compared": rows},
+        payload={"simulated": True, "ways": summary, "compared": compared},
     )
 
 
 def save_sides(known: Mapping[str, LabelledTable], learned_on: str, path: Path) -> None:
-    """Write known sides as JSON, in the form of those that come with palpate."""
+    """Write training sides as JSON, in the format of the file that palpate ships."""
     document = {
         "learned_on": learned_on,
         "sides": {

@@ -19,7 +19,7 @@ from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
 from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateTable, draw_crate
-from palpate_studies.second.things import other_item
+from palpate_studies.second.objects import other_item
 
 #: Grasps per training item and per sorted item.
 TRAINING_GRASPS, SORTED_GRASPS = 2, 3
@@ -78,8 +78,8 @@ def measure_crates(
     """Calibrate a sensor, grasp training items of each kind, then a crate to sort.
 
     The crate has `sorted_items` of each trained kind, and half as many (rounded up) of each
-    untrained kind, which makes a quarter of the crate unknown. With `second`, all items come from
-    the second generator.
+    untrained kind. A quarter of the crate is then unknown if the number is even. With `second`,
+    all items come from the second generator.
     """
     calibration = calibrate_twin(seed=sensor, level=level, apart_from="")
     table = CrateTable(sensor=sensor, seed=sensor + 500_009, level=level)

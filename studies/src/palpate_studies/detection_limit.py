@@ -49,8 +49,8 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
         title="Weakest detectable force, and linearity over the range",
         provenance=[
             f"Simulated: {sensors} sensors per level, 15 Hz, 10 bit. The hand closes at "
-            f"{STEP_MM:g} mm/s until the mean change of both fingers (median of {SMOOTH} frames) "
-            "crosses the threshold. The force is that of the simulated load cell.",
+            f"{STEP_MM:g} mm/s until the mean change of either finger (median of {SMOOTH} frames) "
+            "falls below the threshold. The force is that of the simulated load cell.",
             "The paper has no such data; it names them as future work. The twin's force threshold "
             "per pixel is an assumed range (0.05-0.2 N at `lab`, 0-0.1 N at `field`), which is a "
             "lower bound of these figures.",
@@ -107,7 +107,7 @@ def find_weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]
     rest_ohm, fingers = rest.mean(axis=0), session.world.layout.finger_of_row
 
     def lowest(ohm: FloatArray) -> FloatArray:
-        """Return the smaller of the fingers' smoothed mean changes, per frame."""
+        """Return the smoothed mean change of the finger that falls more, per frame."""
         change = finger_means(
             relative_change_percent(ohm, rest_ohm=rest_ohm), finger_of_row=fingers
         )
@@ -140,7 +140,7 @@ def measure_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, F
 def _departures_percent(
     force_n: FloatArray, percent: FloatArray, excess: FloatArray
 ) -> list[list[float]]:
-    """Return departures in percent, shape (laws, spans); NaN if a law can't be fitted."""
+    """Return departures in percent, shape (laws, spans); NaN if the power law can't be fitted."""
     rows: list[list[float]] = [[], [], []]
     for span_n in SPANS_N:
         inside = (force_n <= span_n) & (excess > 0)

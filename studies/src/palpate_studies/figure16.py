@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -121,17 +122,13 @@ command = as_command(report)
 
 def draw_ripening_fruits(count: int) -> list[Avocado]:
     """Draw fruits that are hard on the first day and ripe on the last."""
-
-    def draw_line() -> Iterator[Avocado]:
-        seed = FIRST_FRUIT
-        while True:
-            fruit = draw_avocado(np.random.default_rng(seed))
-            if fruit.stage(0.0) == "hard" and fruit.stage(DAYS - 1.0) in ("ripe", "overripe"):
-                yield fruit
-            seed += 1
-
-    fruits = draw_line()
-    return [next(fruits) for _ in range(count)]
+    fruits = (draw_avocado(np.random.default_rng(seed)) for seed in itertools.count(FIRST_FRUIT))
+    ripening = (
+        fruit
+        for fruit in fruits
+        if fruit.stage(0.0) == "hard" and fruit.stage(DAYS - 1.0) in ("ripe", "overripe")
+    )
+    return list(itertools.islice(ripening, count))
 
 
 def measure_days(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArray:

@@ -116,11 +116,14 @@ def compare_methods(found: Sequence[GripOutcome], *, method: str = "ours") -> li
             for name, each in group(mine, "method")
         }
         ours = lost.pop(method, {})
-        for rival, theirs in lost.items():
+        for baseline, theirs in lost.items():
             both = [seed for seed in theirs if seed in ours]
-            if not both or rival in ("ours", UNLIMITED):
+            if not both or baseline in ("ours", UNLIMITED):
                 continue
-            pair = {method: [ours[seed] for seed in both], rival: [theirs[seed] for seed in both]}
+            pair = {
+                method: [ours[seed] for seed in both],
+                baseline: [theirs[seed] for seed in both],
+            }
             sensors = [str(seed // GRASPS_PER_SHEET) for seed in both]
             near = [1 - float(np.mean(each)) for each in pair.values()]
             rows += compare(

@@ -31,7 +31,7 @@ Model: TypeAlias = Callable[..., Predicted]
 #: Loads of a test ladder's calibration steps, newtons, spread over the working range. The first
 #: weights of a ladder are near the contact threshold and carry little information.
 GIVEN_N = (1.5, 4.0, 9.0)
-#: Smallest number of loaded steps.
+#: Smallest number of loaded steps: the given steps and two to predict.
 MIN_STEPS = 5
 #: Loads up to this are not scored.
 SMALLEST_LOAD_N = 0.5
@@ -170,7 +170,7 @@ MODELS: Mapping[str, Model] = {
 
 def report(
     *,
-    ladders: Annotated[Path, typer.Option(help="Ladders of weights to learn from.", metavar="CSV")],
+    ladders: Annotated[Path, typer.Option(help="Training ladders of weights.", metavar="CSV")],
     test_ladders: Annotated[
         Path | None,
         typer.Option(
@@ -186,7 +186,7 @@ def report(
     for one in read_ladders(test_ladders) if test_ladders else known:
         others = [ladder for ladder in known if ladder.name != one.name]
         if not others:
-            raise InputError(f"{ladders}: no ladder other than {one.name!r} to learn from; add one")
+            raise InputError(f"{ladders}: no ladder other than {one.name!r} for training; add one")
         rows += _rows(one, others, given=_nearest(one.load_n))
     summary = [
         {"ladder": ladder, "model": model, **_scores(mine)}
@@ -251,7 +251,7 @@ def read_ladders(path: Path) -> list[Ladder]:
         if load_n[0] != 0:
             raise InputError(f"{where} doesn't begin unloaded; add the reading at rest")
         loaded = load_n > 0
-        if np.count_nonzero(loaded) < max(MIN_STEPS, len(GIVEN_N) + 2):
+        if np.count_nonzero(loaded) < MIN_STEPS:
             raise InputError(f"{where} has fewer than {MIN_STEPS} loaded steps; record more")
         found.append(
             Ladder(

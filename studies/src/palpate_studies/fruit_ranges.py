@@ -49,7 +49,7 @@ class BruiseRanges:
     diameter_mm_log: Pair = (11.3, 30.0)
     depth_over_diameter: Pair = (0.25, 0.45)
     softness: Pair = (0.2, 0.6)
-    dent_share: Pair = (0.3, 0.8)
+    dent_fraction: Pair = (0.3, 0.8)
     height_mm: Pair = (-10.0, 10.0)
 
 

@@ -1,6 +1,6 @@
-"""The main job: seconds from open gripper to contact and answer, with its risks.
+"""Times, forces, damage and accuracy of a grasp from the open gripper to the answer.
 
-Each object is grasped by palpate, by the paper's steps, and by the servo's current alone.
+Each object is grasped with palpate, with the paper's steps, and with the servo current alone.
 """
 
 from __future__ import annotations
@@ -25,28 +25,30 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
 from palpate_studies.baselines.feedback_loops import STEP, close_until, make_touch_check, read_ohm
-from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of
-from palpate_studies.force_control_world import draw_random_object as thing
+from palpate_studies.force_control_world import (
+    GRASPS_PER_SHEET,
+    SIZES_MM,
+    calibration_of,
+    draw_random_object,
+)
 from palpate_studies.processes import map_batches
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group, mean, median
-from palpate_studies.second.things import other_thing
+from palpate_studies.second.objects import other_object
 from palpate_studies.stoppable import require_uninterrupted
 
 #: The paper's time from contact to the prediction.
 _PAPER_PREDICTS_S = 2.5
-#: The paper's way by what has to pass the threshold.
+#: The paper's method with the threshold on the mean of all pixels, or on the mean of each finger.
 MEAN_OF_PIXELS, BOTH_FINGERS = "paper's 1 mm steps", "paper's 1 mm steps, both fingers"
-#: Closing on the servo's current: speed, time from reading to reading, force to stop at.
+#: Closing until a servo current: speed, interval of the readings, and force at the stop.
 _CURRENT_MM_PER_S, _CURRENT_EVERY_S, _CURRENT_N = 10.0, 0.02, 2.0
-#: Readings averaged: of the empty hand, and while it closes on.
+#: Averaged current readings of the empty hand, and during the closing.
 _EMPTY_READINGS, _READINGS = 20, 3
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
-#: Seed of the first object: none of them was used before the controller was as it is.
-FIRST_SEED = 5_900_000
-#: And of the first of the second generator, none of which was used before.
-SECOND_SEED = 7_300_000
+#: Seeds of the first object of each generator; none of the objects was used in development.
+FIRST_SEED, SECOND_SEED = 5_900_000, 7_300_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +58,7 @@ class Sample:
     seed: int
     level: str
     kind: GripperKind
-    #: Whether the object is of the second generator.
+    #: Whether the object comes from the second generator.
     second: bool = False
 
     @property
@@ -66,11 +68,12 @@ class Sample:
 
     def obj(self) -> TwinObject:
         """Draw the object, of any stiffness, shape and strength."""
-        drawn = thing(np.random.default_rng([self.seed, 41]), size_mm=SIZES_MM[self.kind])
-        return other_thing(drawn, number=self.seed) if self.second else drawn
+        rng = np.random.default_rng([self.seed, 41])
+        drawn = draw_random_object(rng, size_mm=SIZES_MM[self.kind])
+        return other_object(drawn, number=self.seed) if self.second else drawn
 
     def world(self) -> World:
-        """Return the world of one grasp of it."""
+        """Return the world of one grasp of the object."""
         return World(
             self.obj(),
             seed=self.seed,
@@ -82,28 +85,28 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cycle:
-    """Results of one method on one object; NaN for what it does not measure.
+    """Results of one method on one object; NaN for quantities that it does not measure.
 
     Attributes
     ----------
-    way, outcome : str
-        How it was grasped and how that ended.
+    method, outcome : str
+        Method and outcome of the grasp.
     touch_s, answer_s : float
-        From the open hand to the touch, and to the answer.
+        Time from the open hand to contact, and to the answer.
     touch_peak_n, peak_n : float
-        True largest force until the touch was confirmed, and of all.
+        True maximum force until contact was confirmed, and of the whole grasp.
     damaged : bool
         Whether the object was pressed beyond its yield.
     size_error_mm, force_error, settled_error : float
-        Size less the true one; settled force, and settled mean change, over the true one less 1.
+        Estimated minus true size; relative errors of the settled force and settled mean change.
     stiffness, stiffness_low, stiffness_high, true_stiffness : float
-        N/mm, secant at the settled force; infinite or NaN ends are open.
+        Secant stiffness at the settled force, N/mm; infinite or NaN limits are open.
     stiffness_status : str
-        Of the measurement, or ``"none"``.
+        Status of the measurement, or ``"none"``.
     """
 
     sample: Sample
-    way: str
+    method: str
     outcome: str
     touch_s: float
     answer_s: float
@@ -120,8 +123,8 @@ class Cycle:
     stiffness_status: str = "none"
 
 
-def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
-    """Grasp gently with the controller as shipped, by its own method or by the paper's."""
+def grasp_with_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
+    """Grasp gently with the shipped controller, with its own method or the paper's."""
     world, at = sample.world(), dict[str, float]()
     gripper, size_mm = TwinGripper(world), sample.obj().size_mm
     calibration = calibration_of(sample.sheet, sample.level, sample.kind)
@@ -144,7 +147,7 @@ def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
     low, high = (None, None) if stiffness is None else stiffness.known_ends
     return Cycle(
         sample=sample,
-        way="ours" if paper is None else MEAN_OF_PIXELS,
+        method="ours" if paper is None else MEAN_OF_PIXELS,
         outcome=str(result.outcome),
         touch_s=at.get("contact", np.nan),
         answer_s=at.get("answer", np.nan),
@@ -164,7 +167,7 @@ def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
     )
 
 
-def by_both_fingers(sample: Sample) -> Cycle:
+def grasp_until_both_fingers(sample: Sample) -> Cycle:
     """Close in the paper's steps until the mean of each finger passes the threshold."""
     world = sample.world()
     array, gripper = TwinArray(world), TwinGripper(world)
@@ -178,13 +181,13 @@ def by_both_fingers(sample: Sample) -> Cycle:
         compliance = plan_grasp(calibration, gripper=gripper).compliance
         assert compliance is not None
         size_mm = gripper.limits.target(closed - step) - compliance.zero_mm
-    return _plain(sample, world, way=BOTH_FINGERS, size_mm=size_mm)
+    return _finish_grasp(sample, world, method=BOTH_FINGERS, size_mm=size_mm)
 
 
-def by_current(sample: Sample) -> Cycle:
-    """Close at speed until the servo's current shows 2 N; rigid fingers only.
+def grasp_until_current(sample: Sample) -> Cycle:
+    """Close at speed until the servo current corresponds to 2 N; rigid fingers only.
 
-    What the gears take along the way is known from the calibration, as it is to ours.
+    The calibration contains the friction of the gears, as for palpate.
     """
     world = sample.world()
     gripper = TwinGripper(world)
@@ -193,7 +196,7 @@ def by_current(sample: Sample) -> Cycle:
     assert plan.compliance is not None
     world.clock.sleep_s(0.5)
     gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_CURRENT_MM_PER_S))
-    # The motor gathers speed; then the empty hand shows what its gears take.
+    # After the acceleration, the current of the empty hand is the friction of the gears.
     world.clock.sleep_s(0.3)
     empty_ma = _pull_ma(gripper, world, current=plan.current, count=_EMPTY_READINGS)
     while gripper.state().moving:
@@ -203,7 +206,9 @@ def by_current(sample: Sample) -> Cycle:
     gripper.stop()
     deflection_mm = float(plan.compliance.deflection_mm(_CURRENT_N))
     size_mm = gripper.state().width_mm - plan.compliance.zero_mm + deflection_mm
-    return _plain(sample, world, way="close until current", size_mm=size_mm, predicts_s=0.0)
+    return _finish_grasp(
+        sample, world, method="close until current", size_mm=size_mm, predicts_s=0.0
+    )
 
 
 def _pull_ma(gripper: TwinGripper, world: World, *, current: CurrentLaw, count: int) -> float:
@@ -218,22 +223,22 @@ def _pull_ma(gripper: TwinGripper, world: World, *, current: CurrentLaw, count: 
     return float(np.mean(readings))
 
 
-def _plain(
+def _finish_grasp(
     sample: Sample,
     world: World,
     *,
-    way: str,
+    method: str,
     size_mm: float,
     predicts_s: float = _PAPER_PREDICTS_S,
 ) -> Cycle:
-    """Return the outcome of a method without a controller, with the gripper at contact."""
+    """Finish a grasp without a controller, with the gripper at contact, and return its results."""
     touch_s, touch_peak_n = world.clock.now_s(), world.truth().peak_force_n
     world.clock.sleep_s(predicts_s)
     truth = world.truth()
     held = world.force_n(world.clock.now_s()) > 0.0
     return Cycle(
         sample=sample,
-        way=way,
+        method=method,
         outcome="held" if held else "nothing_there",
         touch_s=touch_s,
         answer_s=touch_s + predicts_s,
@@ -245,22 +250,26 @@ def _plain(
 
 
 def grasp_batch(samples: Sequence[Sample]) -> list[Cycle]:
-    """Grasp objects of one sensor by every method that their hand can do."""
+    """Grasp objects of one sensor with every method that is possible with their hand."""
     return [cycle for sample in samples for cycle in cycles(sample)]
 
 
 def cycles(sample: Sample) -> list[Cycle]:
-    """Grasp one object by every method that its hand can do."""
-    found = [by_controller(sample), by_controller(sample, paper=Paper()), by_both_fingers(sample)]
-    return [*found, by_current(sample)] if sample.kind == "rigid" else found
+    """Grasp one object with every method that is possible with its hand."""
+    found = [
+        grasp_with_controller(sample),
+        grasp_with_controller(sample, paper=Paper()),
+        grasp_until_both_fingers(sample),
+    ]
+    return [*found, grasp_until_current(sample)] if sample.kind == "rigid" else found
 
 
 def report(
     *,
-    grasps: Annotated[int, typer.Option(help="Objects of each hand and level.", min=4)] = 100,
+    grasps: Annotated[int, typer.Option(help="Objects for each hand and level.", min=4)] = 100,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Grasp random simulated objects by default, by the paper's steps and by current alone.
+    """Grasp simulated objects with palpate, with the paper's method and with current alone.
 
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """
@@ -270,7 +279,7 @@ def report(
         for level, kind in product(LEVELS, KINDS)
         for number in range(grasps)
     ]
-    # A process calibrates each sensor once, for all objects on it.
+    # Each sensor is calibrated once for all of its objects, in one process.
     batches = [list(sheet) for _, sheet in groupby(samples, key=lambda one: one.sheet)]
     return judge(map_batches(grasp_batch, batches))
 
@@ -279,24 +288,24 @@ command = as_command(report)
 
 
 def judge(found: Sequence[Cycle]) -> StudyReport:
-    """Report grasps: a row for each way, hand and level."""
+    """Return the report, with a row for each method, hand and level."""
     summary = [
-        {"level": key["level"], "hand": key["kind"], "way": key["way"], **scores(each)}
-        for key, each in group(found, "sample.level", "sample.kind", "way")
+        {"level": key["level"], "hand": key["kind"], "way": key["method"], **scores(each)}
+        for key, each in group(found, "sample.level", "sample.kind", "method")
     ]
     lead = ("level", "hand", "way")
-    rivals = compare_methods(found)
+    compared = compare_methods(found)
     return StudyReport(
         name="grasp-cycle",
         title="A gentle grasp from the open hand to the answer (simulated)",
         provenance=[
-            "Simulated at 15 frames/s: random objects of two decades of stiffness, "
-            "flat or round, half of them relaxing as fruit does, each with a strength of its own; "
-            "four to a sensor and gripper, calibrated on the twin.",
-            "Default settings: a gentle squeeze, no damage limit. Rivals: steps of 1 mm (0.8 kPa) "
-            "until the mean of all pixels has fallen by 10 %, with the prediction at 2.5 s, as in "
-            "the paper; the same until the mean of each finger has; and closing at "
-            "10 mm/s until the servo's current shows 2 N.",
+            "Simulated at 15 frames/s: random objects with a stiffness over two decades and their "
+            "own strength, flat or round, half of them relaxing like fruit. Four objects share a "
+            "sensor and gripper, calibrated on the twin.",
+            "palpate: default settings, a gentle squeeze without a damage limit. Baselines: the "
+            "paper's steps of 1 mm (0.8 kPa) until the mean of all pixels has fallen by 10 %, with "
+            "the prediction at 2.5 s; the same steps until the mean of each finger has fallen by "
+            "10 %; closing at 10 mm/s until the servo current corresponds to 2 N.",
         ],
         tables=[
             Table.of(
@@ -330,15 +339,15 @@ def judge(found: Sequence[Cycle]) -> StudyReport:
                 ),
             ),
             Table.of(
-                "Fraction damaged: ours less the rival (90 %, by sensor)",
-                rivals,
+                "Fraction damaged: palpate minus each baseline (90 % interval, by sensor)",
+                compared,
                 ("level", "hand", "rival", "difference", "low", "high"),
             ),
         ],
         payload={
             "origin": "twin",
             "summary": summary,
-            "compared": rivals,
+            "compared": compared,
         },
     )
 
@@ -346,8 +355,8 @@ def judge(found: Sequence[Cycle]) -> StudyReport:
 def scores(found: Sequence[Cycle]) -> dict[str, Any]:
     """Return times, forces and errors of one method; None for an unmeasured quantity."""
 
-    def middle(name: str, share: float = 0.5) -> float | None:
-        return median([abs(getattr(one, name)) for one in found], share)
+    def middle(name: str, quantile: float = 0.5) -> float | None:
+        return median([abs(getattr(one, name)) for one in found], quantile)
 
     numbers = [one for one in found if np.isfinite(one.stiffness)]
     bounds = [one for one in found if one.stiffness_status in ("at_least", "at_most")]
@@ -357,9 +366,9 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
         "outcomes": dict(Counter(one.outcome for one in found)),
         "damaged": sum(one.damaged for one in found),
         **{
-            f"{name}_{end}": middle(name, share)
+            f"{name}_{end}": middle(name, quantile)
             for name in ("touch_s", "answer_s", "touch_peak_n", "peak_n")
-            for end, share in (("median", 0.5), ("p95", 0.95))
+            for end, quantile in (("median", 0.5), ("p95", 0.95))
         },
         "size_rms_mm": None if size_mm is None else float(np.sqrt(size_mm)),
         "force_median_error": middle("force_error"),
@@ -371,29 +380,29 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
         "stiffness_median_ratio": median(
             [one.stiffness_high / one.stiffness_low for one in numbers]
         ),
-        "stiffness_coverage": mean([_holds(one) for one in numbers]),
+        "stiffness_coverage": mean([_covers_truth(one) for one in numbers]),
         "stiffness_bounds": len(bounds),
-        "stiffness_bounds_right": mean([_holds(one) for one in bounds]),
+        "stiffness_bounds_right": mean([_covers_truth(one) for one in bounds]),
     }
 
 
 def compare_methods(found: Sequence[Cycle]) -> list[dict[str, Any]]:
-    """Return by how much fewer objects ours damages than each rival, of the same objects."""
+    """Compare palpate's fraction of damaged objects with each baseline's, on the same objects."""
     rows = list[dict[str, Any]]()
     for key, every in group(found, "sample.level", "sample.kind"):
-        by_way = {name["way"]: each for name, each in group(every, "way")}
-        ours = {one.sample.seed: float(one.damaged) for one in by_way.get("ours", [])}
-        sheets = [str(one.sample.sheet) for one in by_way.get("ours", [])]
-        for way, each in by_way.items():
+        by_method = {name["method"]: each for name, each in group(every, "method")}
+        ours = {one.sample.seed: float(one.damaged) for one in by_method.get("ours", [])}
+        sheets = [str(one.sample.sheet) for one in by_method.get("ours", [])]
+        for method, each in by_method.items():
             theirs = {one.sample.seed: float(one.damaged) for one in each}
-            if way != "ours" and ours.keys() == theirs.keys():
-                pair = {"ours": list(ours.values()), way: [theirs[seed] for seed in ours]}
+            if method != "ours" and ours.keys() == theirs.keys():
+                pair = {"ours": list(ours.values()), method: [theirs[seed] for seed in ours]}
                 named = {"level": key["level"], "hand": key["kind"]}
                 rows += compare(pair, sheets, statistic=np.mean, **named)
     return rows
 
 
-def _holds(one: Cycle) -> bool:
-    """Whether the true stiffness lies within the ends that are known."""
+def _covers_truth(one: Cycle) -> bool:
+    """Return whether the true stiffness is within the known limits."""
     above = not one.true_stiffness < one.stiffness_low
     return above and not one.true_stiffness > one.stiffness_high

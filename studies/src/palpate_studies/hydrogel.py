@@ -80,7 +80,7 @@ def report(
             f"Real recordings with load cells, {len(contacts)} contacts of {SMALLEST_N:g} N and "
             "more. Each recording in turn is held out. The authors trained their LSTM, which ran "
             "live.",
-            "`ours` is `palpate.ForceLaw` on the sum of 16 channels, scaled by the training "
+            "`palpate` is `palpate.ForceLaw` on the sum of 16 channels, scaled with the training "
             "contacts. The trees have each channel and the same states as inputs.",
         ),
         tables=[Table.of("Held-out recording", rows)],

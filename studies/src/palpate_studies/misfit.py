@@ -49,11 +49,11 @@ def format_missed(counts: dict[str, dict[str, int]], *, of: str) -> str:
     --------
     >>> counts = {"fitted": {"entries": 0, "missed": 0}, "predicted": {"entries": 4, "missed": 1}}
     >>> format_missed(counts, of="Table 4")
-    'Missed of Table 4, within its rounding: 1 of 4 predicted.'
+    "Entries of Table 4 outside the twin's range: 1 of 4 predicted."
     """
     parts = [
         f"{count['missed']} of {count['entries']} {name}"
         for name, count in counts.items()
         if count["entries"]
     ]
-    return f"Missed of {of}, within its rounding: {', '.join(parts)}."
+    return f"Entries of {of} outside the twin's range: {', '.join(parts)}."

@@ -46,7 +46,7 @@ Rows: TypeAlias = list[dict[str, Any]]
 def report(
     *,
     recordings: Annotated[
-        Path, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
+        Path, typer.Option(help="Training recordings of presses.", metavar="CSV")
     ],
     test_recordings: Annotated[
         Path | None,
@@ -69,10 +69,10 @@ def report(
             "Real recordings with a reference load cell.",
             f"{FOLDS} folds by setting: all repeats of a setting are held out together."
             if test_recordings is None
-            else f"Learned from {recordings} alone.",
+            else f"Trained on {recordings} alone.",
             "All models are given the force once per press. After that they use resistance alone, "
-            "except `clock`, which uses no sensor. `ours` is `palpate.ForceLaw` with a population "
-            "learned from the training presses; `trees` have the same states as inputs.",
+            "except `clock`, which uses no sensor. `palpate` is `palpate.ForceLaw` with a "
+            "population learned from the training presses; `trees` have the same states as inputs.",
             "Similar presses make the models look better while the force is held; the release "
             "shows the contribution of the sheet.",
         ),
@@ -139,8 +139,8 @@ def split_folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
 def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
     errors = _pool(train, lambda press: np.abs(follow(press) - log_change(press)))
     order, weight = np.argsort(errors), _weight(train)
-    share = np.cumsum(weight[order]) / weight.sum()
-    half = errors[order[min(int(np.searchsorted(share, LEVEL)), len(order) - 1)]]
+    below = np.cumsum(weight[order]) / weight.sum()
+    half = errors[order[min(int(np.searchsorted(below, LEVEL)), len(order) - 1)]]
     return lambda press: ((value := follow(press)), np.full(value.shape, half))
 
 
@@ -165,10 +165,10 @@ def learn_static_law(train: Presses) -> Follower:
         return _inputs(press)[:, 0]
 
     x, y, weight = _pool(train, reading), _pool(train, log_change), _weight(train)
-    slope, share = 1.0, weight
+    slope, reweighted = 1.0, weight
     for _ in range(20):
-        slope = float((share * x) @ y / max(float((share * x) @ x), 1e-12))
-        share = weight / np.maximum(np.abs(y - slope * x), 0.01)
+        slope = float((reweighted * x) @ y / max(float((reweighted * x) @ x), 1e-12))
+        reweighted = weight / np.maximum(np.abs(y - slope * x), 0.01)
     return _with_interval(lambda press: slope * reading(press), train)
 
 

@@ -1,7 +1,7 @@
 """Compare the twin with real recordings in scatter, creep, curve shapes and noise.
 
 The same quantities are computed for real recordings and for ladders of loads, presses and holds on
-the twin. A twin with smaller values is called kinder.
+the twin. A twin whose value is below the interval of the recordings is called kinder.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ PRESS_MM, WEIGHT_MM = 3.0, 2.5
 LADDER_HOLD_S = 10.0
 PRESS_S, PRESS_MM_PER_S = 2.0, 10.0
 SENSORS, PRESSES, HOLDS = 12, 8, 3
-#: Quantity -> its meaning. The twin is kinder if its value is smaller than the recordings'.
+#: Quantity -> its meaning.
 MEANING = {
     "exponent": "of excess conductance in force, sensor by sensor (standard deviation compared)",
     "scatter of ln force": "about the sensor's own power law, every weight placed again",
@@ -58,7 +58,7 @@ MEANING = {
     "gain scatter": "sd of ln conductance at equal force, place to place",
     "gain scatter, eight places": "pressed together",
     "gain from eight places to the next": "difference / sqrt 2 of half sheets",
-    "creep, %": "of conductance within 1 s of the plateau, the force's share taken out",
+    "creep, %": "of conductance within 1 s of the plateau, corrected for the force",
     "still to come, %": "of the settled ohm value at 2.5 s",
     "noise, %": "of one sample on a settled hold",
     "relaxation error, %": "at 2.5 s, of the settled ohm value",

@@ -27,16 +27,17 @@ if TYPE_CHECKING:
 
 
 #: Names in JSON documents -> names on the results page, in tables and texts.
-_PUBLIC_NAMES = {"ours": "palpate", "rival": "baseline"}
+_PUBLIC_NAMES = {"ours": "palpate", "rival": "baseline", "taught on": "trained on"}
 
 
-def _rename(text: str) -> str:
+def use_public_names(text: str) -> str:
     """Replace the names of JSON documents.
 
-    >>> _rename("ours less the rival, hours")
+    >>> use_public_names("ours less the rival, hours")
     'palpate less the baseline, hours'
     """
-    return re.sub(r"\b(ours|rival)\b", lambda match: _PUBLIC_NAMES[match[0]], text)
+    names = rf"\b({'|'.join(_PUBLIC_NAMES)})\b"
+    return re.sub(names, lambda match: _PUBLIC_NAMES[match[0]], text)
 
 
 def _check_folder(out: Path | None) -> Path | None:
@@ -71,6 +72,28 @@ SecondOption: TypeAlias = Annotated[
 FIGURE_FILES: ContextVar[tuple[tuple[str, ...], int | None]] = ContextVar(
     "FIGURE_FILES", default=(PLOT_ENDINGS, None)
 )
+#: Key of stored JSON documents -> column head, for keys that are not the field's terms.
+_HEADS = {
+    "called": "alarms",
+    "called_before": "alarms before event",
+    "could_bear": "could withstand target",
+    "falsely_unknown": "known called unknown",
+    "felt": "holds with contact",
+    "felt_before": "contact before event",
+    "left_over": "not sorted",
+    "limited_could_bear": "limited, could withstand target",
+    "no_upper_end": "no upper limit",
+    "right": "correct",
+    "seen": "detected",
+    "share_of_settled": "RMS relative to settled",
+    "share_ok": "fraction ok",
+    "sorted_right_per_hour": "sorted correctly per hour",
+    "stiffness_bounds_right": "stiffness bounds correct",
+    "strangers": "unknown items",
+    "strangers_found": "unknown detected",
+    "way": "method",
+    "worst_mm": "largest error, mm",
+}
 #: Column head -> format string, or function of a row; see `Table.of`.
 Columns: TypeAlias = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
 
@@ -166,9 +189,8 @@ class Table:
         rows : sequence of mapping
             One mapping per line.
         columns : mapping, sequence of str, optional
-            Column head -> format of the cells; or keys of the rows, which become the column heads,
-            with three digits for numbers. By default every key of the first row with a scalar
-            value.
+            Column head -> format of the cells; or keys of the rows, with three digits for numbers.
+            By default every key of the first row with a scalar value.
 
         Examples
         --------
@@ -181,7 +203,10 @@ class Table:
         if columns is None:
             columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
         if not isinstance(columns, Mapping):
-            columns = {key.replace("_", " "): partial(_format_value, key=key) for key in columns}
+            columns = {
+                _HEADS.get(key, key.replace("_", " ")): partial(_format_value, key=key)
+                for key in columns
+            }
         cells = [[_format_cell(form, row) for form in columns.values()] for row in rows]
         return cls(title=title, columns=tuple(columns), rows=cells)
 
@@ -272,11 +297,11 @@ class StudyReport:
         console = Console(width=None if sys.stdout.isatty() else 120, emoji=False)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
-            console.print(f"[dim]{_rename(line)}[/dim]", highlight=False)
+            console.print(f"[dim]{use_public_names(line)}[/dim]", highlight=False)
         for table in self.tables:
-            console.print(f"\n[italic]{_rename(table.title)}[/italic]")
-            rows = [[_rename(cell) for cell in row] for row in table.rows]
-            print_table([_rename(head) for head in table.columns], rows, console=console)
+            console.print(f"\n[italic]{use_public_names(table.title)}[/italic]")
+            rows = [[use_public_names(cell) for cell in row] for row in table.rows]
+            print_table([use_public_names(head) for head in table.columns], rows, console=console)
         if out is not None:
             console.print(f"Written to {out}")
 
@@ -287,7 +312,7 @@ class StudyReport:
             path.write_text(json.dumps(self.document, allow_nan=False, indent=1) + "\n")
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
-            path.write_text(_rename("\n\n".join(body)) + "\n")
+            path.write_text(use_public_names("\n\n".join(body)) + "\n")
         for name, write in self.files.items():
             write(out / name)
         endings, dpi = FIGURE_FILES.get()

@@ -113,11 +113,11 @@ def choose_conditions(
     >>> choose_conditions(gripper="soft", aging=True)
     [('lab', 'soft', True), ('field', 'soft', True)]
     """
-    asked = (level, gripper, aging)
+    selected = (level, gripper, aging)
     found = [
         condition
         for condition in CONDITIONS
-        if all(want in (None, has) for want, has in zip(asked, condition, strict=True))
+        if all(want in (None, has) for want, has in zip(selected, condition, strict=True))
     ]
     if not found:
         raise InputError(
@@ -128,7 +128,7 @@ def choose_conditions(
 
 def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
     """Judge the records of all stations, and return the report."""
-    rows = [_condition(condition, stations) for condition, stations in found.items()]
+    rows = [_judge_condition(condition, stations) for condition, stations in found.items()]
     lead: dict[str, Any] = {
         "level": "{level}",
         "gripper": "{gripper}",
@@ -159,7 +159,7 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
                 rows,
                 lead
                 | {"fruit days": "{fruit_days}", "grasps a day": "{grasps_a_day:.1f}"}
-                | {way: f"{{{way}[exact]:.1p}} / {{{way}[within_one]:.1p}}" for way in METHODS},
+                | {name: f"{{{name}[exact]:.1p}} / {{{name}[within_one]:.1p}}" for name in METHODS},
             ),
             Table.of(
                 "Wrong stages: palpate minus the other method, points (90 % over fruits)",
@@ -187,13 +187,13 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
     )
 
 
-def _condition(condition: Condition, stations: Sequence[StationRecords]) -> dict[str, Any]:
-    """Judge the fruits of every station; learners use the labels of all stations."""
+def _judge_condition(condition: Condition, stations: Sequence[StationRecords]) -> dict[str, Any]:
+    """Judge the fruits of every station; the learners are trained on all stations."""
     rows = [
         row
-        for index, felt in enumerate(stations)
+        for index, records in enumerate(stations)
         for row in judge_days(
-            felt, taught=[*stations[:index], *stations[index + 1 :]], name=str(index)
+            records, others=[*stations[:index], *stations[index + 1 :]], name=str(index)
         )
     ]
     if not any(row.wait_days > 0 for row in rows):
@@ -206,9 +206,9 @@ def _condition(condition: Condition, stations: Sequence[StationRecords]) -> dict
         "gripper": gripper,
         "aging": aging,
         "sensors": len(stations),
-        "fruits": sum(len(felt.others) for felt in stations),
-        "grasps": sum(len(felt.grasps) for felt in stations),
-        "damaged": sum(felt.damaged for felt in stations),
+        "fruits": sum(len(records.others) for records in stations),
+        "grasps": sum(len(records.grasps) for records in stations),
+        "damaged": sum(records.damaged for records in stations),
         "compared": compare_methods(rows),
         **scores(rows),
     }

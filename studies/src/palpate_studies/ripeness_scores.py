@@ -68,25 +68,25 @@ class Judged:
 
 
 def judge_days(
-    felt: StationRecords, *, taught: Sequence[StationRecords] = (), name: str = ""
+    records: StationRecords, *, others: Sequence[StationRecords] = (), name: str = ""
 ) -> list[Judged]:
     """Judge every unlabelled fruit on every day from its days so far.
 
     Parameters
     ----------
-    felt : StationRecords
+    records : StationRecords
         Records of one station.
-    taught : sequence of StationRecords
+    others : sequence of StationRecords
         Other stations, whose labelled fruits are also training data of the learners.
     name : str
         Name of the station.
     """
-    rule = learn_rule(felt)
-    published = _learn_published(felt)
-    learners = _learners([felt, *taught])
+    rule = learn_rule(records)
+    published = _learn_published(records)
+    learners = _learners([records, *others])
     found = []
-    for number, fruit in enumerate(felt.others):
-        days = days_of(felt, f"fruit-{number}")
+    for number, fruit in enumerate(records.others):
+        days = days_of(records, f"fruit-{number}")
         for count in range(1, len(days) + 1):
             day = round(days[count - 1].day)
             ours = rule.judge(days[:count])
@@ -94,10 +94,10 @@ def judge_days(
             if wait is None:
                 raise InputError("the rule learned from labels gave no days to ripe")
             own = -1
-            if felt.grasps[0].drive == "width":
+            if records.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)
-            change = felt.as_published[f"fruit-{number}", day]
-            shown = _list_inputs(felt, f"fruit-{number}", days[:count])
+            change = records.as_published[f"fruit-{number}", day]
+            shown = _list_inputs(records, f"fruit-{number}", days[:count])
             found.append(
                 Judged(
                     fruit=f"{name}/{number}",
@@ -122,9 +122,11 @@ def judge_days(
 def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     """Return each method's exact and within-one fractions, and its error in days to ripe."""
     found: dict[str, Any] = {"fruit_days": len(rows)}
-    for way in METHODS:
-        off = np.array([abs(row.truth - row.stages[way]) for row in rows if row.stages[way] >= 0])
-        found[way] = (
+    for method in METHODS:
+        off = np.array(
+            [abs(row.truth - row.stages[method]) for row in rows if row.stages[method] >= 0]
+        )
+        found[method] = (
             {"exact": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
             if off.size
             else None
@@ -145,44 +147,44 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
 def compare_methods(rows: Sequence[Judged]) -> list[dict[str, Any]]:
     """Compare palpate's fraction of wrong stages with each other method's, by fruit."""
     wrong = {
-        way: [float(row.stages[way] != row.truth) for row in rows]
-        for way in METHODS
-        if all(row.stages[way] >= 0 for row in rows)
+        method: [float(row.stages[method] != row.truth) for row in rows]
+        for method in METHODS
+        if all(row.stages[method] >= 0 for row in rows)
     }
     return [
         {
-            "rival": way,
+            "rival": method,
             **difference_of_pairs(
-                wrong["ours"], wrong[way], [row.fruit for row in rows], statistic=np.mean
+                wrong["ours"], wrong[method], [row.fruit for row in rows], statistic=np.mean
             ).to_dict(),
         }
-        for way in wrong
-        if way != "ours"
+        for method in wrong
+        if method != "ours"
     ]
 
 
 def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequence[float]], int]]:
-    """Train the learners on every labelled fruit and day."""
+    """Train the learners on every labelled fruit and day of some stations."""
     rows, stages = list[list[float]](), list[int]()
-    for felt in stations:
-        for number, (fruit, days) in enumerate(select_labelled(felt)):
+    for records in stations:
+        for number, (fruit, days) in enumerate(select_labelled(records)):
             for count in range(1, len(days) + 1):
-                rows.append(_list_inputs(felt, f"labelled-{number}", days[:count]))
+                rows.append(_list_inputs(records, f"labelled-{number}", days[:count]))
                 stages.append(STAGES.index(fruit.stage(round(days[count - 1].day))))
     return {learner: learn_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
 
 
-def _list_inputs(felt: StationRecords, item_id: str, days: Sequence[DayFirmness]) -> list[float]:
+def _list_inputs(records: StationRecords, item_id: str, days: Sequence[DayFirmness]) -> list[float]:
     """Return a learner's inputs for one day.
 
     The inputs are the firmness, the day's means, and the settled change at one width or pressure.
     A missing mean is 0.
     """
     day = round(days[-1].day)
-    first = min(grasp.taken_at for grasp in felt.grasps if grasp.item_id == item_id).date()
+    first = min(grasp.taken_at for grasp in records.grasps if grasp.item_id == item_id).date()
     today = [
         grasp.measurements
-        for grasp in felt.grasps
+        for grasp in records.grasps
         if grasp.item_id == item_id and (grasp.taken_at.date() - first).days == day
     ]
     means = [
@@ -190,20 +192,20 @@ def _list_inputs(felt: StationRecords, item_id: str, days: Sequence[DayFirmness]
         for name in _MEASURED
         for values in [[one[name].middle for one in today if name in one]]
     ]
-    change = felt.as_published[item_id, day]
+    change = records.as_published[item_id, day]
     return [*list_day_inputs(days), *means, change]
 
 
-def _learn_published(felt: StationRecords) -> LabelLearner:
+def _learn_published(records: StationRecords) -> LabelLearner:
     """Learn stages from the settled change, with the same labels as palpate.
 
     Under one pressure a ripe fruit may read more than a hard one, because it touches more pixels.
     """
     known = [
         (change, fruit.stage(day), str(number))
-        for number, fruit in enumerate(felt.labelled)
+        for number, fruit in enumerate(records.labelled)
         for day in range(DAYS)
-        if (change := felt.as_published.get((f"labelled-{number}", day))) is not None
+        if (change := records.as_published.get((f"labelled-{number}", day))) is not None
     ]
     changes, labels, items = zip(*known, strict=True)
     return learn_stages(changes, labels, items=items, stages=STAGES)

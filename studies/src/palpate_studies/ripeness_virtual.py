@@ -88,11 +88,11 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
                 {
                     "generator": "{generator}",
                     "fruit days": "{fruit_days}",
-                    "ours": "{exact:.1p}",
+                    "palpate": "{exact:.1p}",
                 }
                 | {name: f"{{exact_learned[{key}]:.1p}}" for key, name in STAGE_LEARNERS.items()}
                 | {
-                    "wrong: ours - boosted trees, points (90 %)": "{wrong_less_learned[trees]["
+                    "wrong: palpate - boosted trees, points (90 %)": "{wrong_less_learned[trees]["
                     "difference]:+.1p} ({wrong_less_learned[trees][low]:+.1p} to "
                     "{wrong_less_learned[trees][high]:+.1p})",
                     "coverage, %": "{coverage:.0p}",
@@ -106,16 +106,16 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
 def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
     """Return name -> function that makes a generator's fruit from the first generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
-    for way in COURSES:
-        found[way] = _always(way)
+    for course in COURSES:
+        found[course] = _always(course)
     found["all three"] = lambda fruit, number: other_avocado(
-        fruit, way=COURSES[number % len(COURSES)]
+        fruit, course=COURSES[number % len(COURSES)]
     )
     return found
 
 
-def _always(way: str) -> Callable[[Avocado, int], Avocado]:
-    return lambda fruit, number: other_avocado(fruit, way=way)
+def _always(course: str) -> Callable[[Avocado, int], Avocado]:
+    return lambda fruit, number: other_avocado(fruit, course=course)
 
 
 def _scores(days: Sequence[VirtualDay]) -> dict[str, Any]:
@@ -131,11 +131,11 @@ def _scores(days: Sequence[VirtualDay]) -> dict[str, Any]:
     }
 
 
-def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict[str, Any]:
+def _wrong_less(days: Sequence[VirtualDay], baseline_exact: Sequence[bool]) -> dict[str, Any]:
     """Compare palpate's fraction of wrong stages with a baseline's, by fruit."""
     return difference_of_pairs(
         [float(not day.exact) for day in days],
-        [float(not exact) for exact in rival_exact],
+        [float(not exact) for exact in baseline_exact],
         [day.fruit for day in days],
         statistic=np.mean,
     ).to_dict()
@@ -194,13 +194,13 @@ def _simulate_days(
     found = []
     for day in range(DAYS):
         each = np.log(fruit.force_at_1mm_n(day)) + own + mornings[day]
-        felt = _POWER * (each + _GRASP_SD * rng.standard_normal(grasps))
+        measured = _POWER * (each + _GRASP_SD * rng.standard_normal(grasps))
         found.append(
             DayFirmness(
                 day=float(day),
-                firmness=float(felt.mean()),
+                firmness=float(measured.mean()),
                 grasps=grasps,
-                spread=float(felt.std(ddof=1)),
+                spread=float(measured.std(ddof=1)),
             )
         )
     return found

@@ -109,7 +109,7 @@ def report(
         splits, how = split_folds(closings), f"{FOLDS}-fold cross-validation"
     else:
         splits = [(closings, read_closings(test_curves, test_index))]
-        how = f"learned from {index}, tested on {test_index}"
+        how = f"trained on {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
     methods = [apply_shipped_limit(splits, known=known) for known in (True, False)]
     methods += [apply_policy(policy, splits) for policy in (CAP, RULE, RIDGE)]
@@ -125,7 +125,7 @@ def report(
                 else "Real recordings of fruit closed on until rupture"
             )
             + f"; {how}.",
-            "`ours` is `DamageModel.bound_n`, the force limit of a grasp, at the unadjusted "
+            "`palpate` is `DamageModel.bound_n`, the force limit of a grasp, at the unadjusted "
             "nominal rate; all samples used precede the decision. The setting of each other method "
             "is chosen for the nominal rate on the training fruit, as a rank of scores of models "
             "fitted without each fruit. The actual numbers of ruptured test fruit are given.",
@@ -142,7 +142,8 @@ def report(
                 form="{firmness:.2f} ({ruptured} of {grasps})",
             ),
             Table.of(
-                "Lost grip, palpate minus each baseline; a rupture loses all (90 % interval)",
+                "Loss (1 - stop force / rupture force, 1 for a rupture): palpate minus baseline "
+                "(90 % interval)",
                 compared,
                 ("rival", "rate_limit", "difference", "low", "high", "verdict"),
             ),

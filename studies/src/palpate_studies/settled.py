@@ -40,7 +40,7 @@ OWN_HOLDS = (3, 6, 12, 24)
 MOST_TESTED = 60
 #: Drawn single exponentials, the paper's equation 2: time constants (s), amplitudes, noise, rate.
 SINGLE, SINGLE_HOLDS, SINGLE_SEED = "single exponential, drawn", 200, 7
-_TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
+_TAU_S, _AMPLITUDE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -369,7 +369,7 @@ def draw_single_exponentials() -> list[Hold]:
 
     time_s = np.arange(0.0, HORIZON_S + 0.5, 1 / _RATE_HZ)
     shapes = [
-        (1 + between(_SHARE) * np.exp(-time_s / between(_TAU_S)))
+        (1 + between(_AMPLITUDE) * np.exp(-time_s / between(_TAU_S)))
         * (1 + between(_NOISE) * rng.normal(size=time_s.size))
         for _ in range(SINGLE_HOLDS)
     ]

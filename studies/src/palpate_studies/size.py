@@ -35,7 +35,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
-from palpate_studies.baselines.full_input_learners import TREES, answer_left_out
+from palpate_studies.baselines.full_input_learners import TREES, predict_held_out
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -82,9 +82,9 @@ def report(
     seeds = range(first_sensor, first_sensor + sensors)
     found = {level: list(measure_sizes(level, sensors=seeds, berries=berries)) for level in LEVELS}
     summary = [
-        {"level": level, "way": way, **scores(found[level], way)}
+        {"level": level, "way": method, **scores(found[level], method)}
         for level in LEVELS
-        for way in METHODS
+        for method in METHODS
     ]
     return StudyReport(
         name="size",
@@ -117,11 +117,11 @@ def report(
 command = as_command(report)
 
 
-def scores(found: Sequence[SizedStrawberry], way: str) -> dict[str, Any]:
+def scores(found: Sequence[SizedStrawberry], method: str) -> dict[str, Any]:
     """Return the errors of one method and the coverage of its intervals."""
-    error = errors_mm(found, way)
+    error = errors_mm(found, method)
     error = error[np.isfinite(error)]
-    pairs = list_estimates(found) if way == PALPATE else []
+    pairs = list_estimates(found) if method == PALPATE else []
     inside = [value.low <= true_mm <= value.high for value, true_mm in pairs]
     half = [0.5 * (value.high - value.low) for value, _ in pairs]
     return {
@@ -133,15 +133,15 @@ def scores(found: Sequence[SizedStrawberry], way: str) -> dict[str, Any]:
         "within_1_mm": float(np.mean(np.abs(error) <= 1)) if len(error) else None,
         "coverage": float(np.mean(inside)) if inside else None,
         "median_half_width_mm": float(np.median(half)) if half else None,
-        "damaged": sum(one.damaged for one in found) if way == PALPATE else None,
+        "damaged": sum(one.damaged for one in found) if method == PALPATE else None,
     }
 
 
 def _compare_methods(level: str, found: Sequence[SizedStrawberry]) -> list[dict[str, Any]]:
     """Compare palpate's RMS error with each other method's on the same fruit, by sensor."""
     both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
-    of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in METHODS}
-    finite = {way: e for way, e in lost.items() if way == PALPATE or np.isfinite(e).all()}
+    of, lost = [str(one.sensor) for one in both], {name: errors_mm(both, name) for name in METHODS}
+    finite = {name: e for name, e in lost.items() if name == PALPATE or np.isfinite(e).all()}
     return compare(finite, of, ours=PALPATE, statistic=rms, level=level, way=PALPATE)
 
 
@@ -214,7 +214,7 @@ def _strongest_current_ma(observations: Sequence[Observation], *, before_s: floa
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizedStrawberry:
-    """One strawberry: its size, each method's estimate, and damage by our grasp.
+    """One strawberry: its size, each method's estimate, and damage by palpate's grasp.
 
     Attributes
     ----------
@@ -295,26 +295,26 @@ def find_previous_width_mm(session: Session) -> float:
     return float("nan")
 
 
-def errors_mm(found: Sequence[SizedStrawberry], way: str) -> FloatArray:
+def errors_mm(found: Sequence[SizedStrawberry], method: str) -> FloatArray:
     """Return estimate minus true size of all estimates, shape (n,).
 
     The trees, and the constant that corrects the bias of the paper's method, are trained on the
     strawberries of the other sensors; the errors are NaN without other sensors.
     """
-    if way == TREES:
+    if method == TREES:
         true_mm = np.array([one.true_mm for one in found])
         pressed_to_mm = np.array([one.pressed_to_mm for one in found])
-        thinner_mm = answer_left_out(
+        offset_mm = predict_held_out(
             np.array([one.steps for one in found]),
-            asked=true_mm - pressed_to_mm,
+            targets=true_mm - pressed_to_mm,
             specimens=[str(one.sensor) for one in found],
         )
-        return np.asarray(pressed_to_mm + thinner_mm - true_mm)
-    if way == PALPATE:
+        return np.asarray(pressed_to_mm + offset_mm - true_mm)
+    if method == PALPATE:
         return np.array([m.middle - true_mm for m, true_mm in list_estimates(found)], dtype=float)
     seen = [one for one in found if np.isfinite(one.published_mm)]
     errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
-    if way == "published":
+    if method == "published":
         return errors
     of, left = np.array([one.sensor for one in seen]), np.full(errors.shape, np.nan)
     for sensor in set(of.tolist()):

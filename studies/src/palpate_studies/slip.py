@@ -62,7 +62,7 @@ def report(
         provenance=[
             f"Simulated: {events} events per level, ten per sensor from seed {FIRST_SENSOR}, "
             f"frames at 15 Hz. A slip is a pull of {PULLS[0]:g} to {PULLS[1]:g} times the limit of "
-            "friction. An event counts as seen if a finger reports slip or removal within one "
+            "friction. An event counts as detected if a finger reports slip or removal within one "
             "second, by the rules of `palpate.signal.events`.",
             "Only grips that both fingers detect before the event (mean change below -10 %) are "
             "scored. A sliding object leaves the pads within one or two frames; short slips that "
@@ -183,28 +183,28 @@ def _watch_quiet_hold(level: str, *, sensor: int) -> tuple[int, bool]:
 
 
 def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:
-    called = [times for felt, times in found if felt]
-    delays = [min(after) for times in called if (after := [at_s for at_s in times if at_s >= 0])]
+    gripped = [times for held, times in found if held]
+    delays = [min(after) for times in gripped if (after := [at_s for at_s in times if at_s >= 0])]
     return {
         "events": len(found),
-        "felt_before": len(called),
+        "felt_before": len(gripped),
         "seen": len(delays),
-        "rate": len(delays) / len(called) if called else None,
+        "rate": len(delays) / len(gripped) if gripped else None,
         "median_delay_s": median(delays),
         "p95_delay_s": median(delays, 0.95),
-        "called_before": sum(at_s < 0 for times in called for at_s in times),
+        "called_before": sum(at_s < 0 for times in gripped for at_s in times),
     }
 
 
 def _score_alarms(holds: Sequence[tuple[int, bool]]) -> dict[str, Any]:
-    felt = [called for called, held in holds if held]
-    called, hours = sum(felt), len(felt) * QUIET_S / 3600.0
+    counts = [alarms for alarms, held in holds if held]
+    alarms, hours = sum(counts), len(counts) * QUIET_S / 3600.0
     return {
         "holds": len(holds),
-        "felt": len(felt),
+        "felt": len(counts),
         "hours": hours,
-        "called": called,
-        "per_hour": called / hours if hours else None,
+        "called": alarms,
+        "per_hour": alarms / hours if hours else None,
         # Poisson upper limit (95 %): without alarms, three divided by the hours.
-        "per_hour_at_most": float(chi2.ppf(0.95, 2 * called + 2) / (2 * hours)) if hours else None,
+        "per_hour_at_most": float(chi2.ppf(0.95, 2 * alarms + 2) / (2 * hours)) if hours else None,
     }

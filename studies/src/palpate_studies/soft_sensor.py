@@ -52,7 +52,10 @@ class Stroke:
         return np.arange(len(self.force_n)) > int(np.argmax(self.force_n))
 
     def inputs(self, volt: float = 0.1) -> FloatArray:
-        """Return the inputs of the force law, shape (n, INPUTS); `volt` corresponds to 10."""
+        """Return the inputs of the force law, shape (n, INPUTS).
+
+        `volt`: voltage above rest that is scaled to an excess of 10.
+        """
         excess = _USUAL_EXCESS * (self.voltage_v - _REST_V) / volt
         return compute_states(_PERIOD_S * np.arange(len(excess)), log_reading(excess))
 
@@ -70,7 +73,7 @@ Predictor: TypeAlias = Callable[[Stroke], tuple[FloatArray, tuple[FloatArray, Fl
 
 def report(
     *,
-    train: Annotated[Path, typer.Option(help="Strokes to learn from.", metavar="CSV")],
+    train: Annotated[Path, typer.Option(help="Training strokes.", metavar="CSV")],
     test: Annotated[
         Path | None,
         typer.Option(
@@ -97,7 +100,8 @@ def report(
         provenance=(
             f"Real recordings (Han et al., RA-L 3(2), 2018), {len(known)} training strokes. The "
             "inputs are the past voltages of a stroke; place, depth and speed are not given.",
-            "`ours` is `palpate.ForceLaw` on the voltage above rest, scaled by the training set.",
+            "`palpate` is `palpate.ForceLaw` on the voltage above rest, scaled with the training "
+            "set.",
         ),
         tables=[Table.of("RMS error, N", summary)],
         payload={"origin": "real", "summary": summary, "level": LEVEL},
@@ -171,18 +175,18 @@ def learn_force_law(train: Strokes) -> Predictor:
     volt = float(np.percentile(np.concatenate([one.voltage_v for one in train]) - _REST_V, 90))
     contacts = [
         KnownContact(
-            inputs=one.inputs(volt)[felt],
-            force_n=one.force_n[felt],
+            inputs=one.inputs(volt)[used],
+            force_n=one.force_n[used],
             place=one.place_mm,
         )
         for one in train
-        for felt in [one.force_n >= _LEAST_N]
+        for used in [one.force_n >= _LEAST_N]
     ]
-    law, reach = ForceLaw(learn_population(contacts)), interval_quantile(LEVEL)
+    law, quantile = ForceLaw(learn_population(contacts)), interval_quantile(LEVEL)
 
     def predict(one: Stroke) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         log_n, sd = law.log_force(one.inputs(volt))
-        return np.exp(log_n), (np.exp(log_n - reach * sd), np.exp(log_n + reach * sd))
+        return np.exp(log_n), (np.exp(log_n - quantile * sd), np.exp(log_n + quantile * sd))
 
     return predict
 

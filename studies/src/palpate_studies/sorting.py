@@ -112,7 +112,7 @@ class NearestMean:
         return np.asarray(np.sqrt(np.sum(off**2, axis=2)))
 
 
-def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
+def learn_nearest_mean(training: Sequence[CrateItemGrasps]) -> Guess:
     """Learn the class means from every grasp with both size and stiffness."""
 
     def point(measured: Mapping[str, Measurement]) -> FloatArray | None:
@@ -122,7 +122,7 @@ def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
 
     found = [
         (values, item.kind)
-        for item in teaching
+        for item in training
         for one in item.grasps
         if (values := point(one.grasp.measurements)) is not None
     ]
@@ -191,19 +191,19 @@ def _split_training(
     )
 
 
-def _learn_identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Identifier:
-    taught = [
+def _learn_identifier(training: Sequence[CrateItemGrasps], *methods: str) -> Identifier:
+    examples = [
         (item.kind, item_features([one.grasp for one in item.grasps]))
-        for item in teaching
+        for item in training
         if item.teaches
     ]
-    return Identifier(taught, methods=methods) if methods else Identifier(taught)
+    return Identifier(examples, methods=methods) if methods else Identifier(examples)
 
 
-def learn_identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
+def learn_identifiers(training: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
     """Train palpate's identifier and the baselines on the same items."""
-    learners = {name: _learn_identifier(teaching, method) for name, method in LEARNERS.items()}
-    return {PALPATE: _learn_identifier(teaching), **learners}
+    learners = {name: _learn_identifier(training, method) for name, method in LEARNERS.items()}
+    return {PALPATE: _learn_identifier(training), **learners}
 
 
 def name_method(method: str, count: int) -> str:
@@ -218,8 +218,8 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
     """
     found = list[NamedItem]()
     for key, mine in group(crates, "level", "sensor"):
-        (teaching, sorting), level = _split_training(mine), key["level"]
-        guess = learn_nearest_mean(teaching)
+        (training, sorting), level = _split_training(mine), key["level"]
+        guess = learn_nearest_mean(training)
         for item in sorting:
             answer = guess(item.grasps[0].grasp.measurements) or UNKNOWN
             found.append(
@@ -227,7 +227,7 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
             )
         asked = [
             (name_method(name, count), known, count)
-            for name, known in learn_identifiers(teaching).items()
+            for name, known in learn_identifiers(training).items()
             for count in range(1, SORTED_GRASPS + 1)
         ]
         others = [one for one in crates if one.level == level and one.sensor != key["sensor"]]
@@ -278,16 +278,16 @@ def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
     return rows
 
 
-def count_correct(name_items: Sequence[NamedItem]) -> dict[str, Any]:
+def count_correct(named: Sequence[NamedItem]) -> dict[str, Any]:
     """Return the fractions of known and unknown items that one method named correctly."""
-    known = [one for one in name_items if one.item.known]
-    strangers = [one for one in name_items if not one.item.known]
+    known = [one for one in named if one.item.known]
+    unknown = [one for one in named if not one.item.known]
     return {
         "items": len(known),
         "right": float(np.mean([one.best == one.item.kind for one in known])),
         "falsely_unknown": float(np.mean([one.answer == UNKNOWN for one in known])),
-        "strangers": len(strangers),
-        "strangers_found": float(np.mean([one.answer == UNKNOWN for one in strangers])),
+        "strangers": len(unknown),
+        "strangers_found": float(np.mean([one.answer == UNKNOWN for one in unknown])),
     }
 
 
@@ -295,12 +295,12 @@ def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list
     """Sort every crate with every method; return (level, method) -> items in their bins."""
     placed: dict[tuple[str, str], list[Placed]] = {}
     for key, mine in group(crates, "level", "sensor"):
-        teaching, sorting = _split_training(mine)
-        guess = learn_nearest_mean(teaching)
+        training, sorting = _split_training(mine)
+        guess = learn_nearest_mean(training)
         placed.setdefault((key["level"], NEAREST_MEAN), []).extend(
             _guess_item(item, guess) for item in sorting
         )
-        for name, known in learn_identifiers(teaching).items():
+        for name, known in learn_identifiers(training).items():
             for most in range(1, SORTED_GRASPS + 1):
                 method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
                 placed.setdefault((key["level"], method), []).extend(
@@ -401,11 +401,11 @@ def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
     """Draw errors over items per hour for one to three grasps."""
     from palpate.plots.style import BLUE, ORANGE, new_figure
 
-    ways = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}
+    methods = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}
     levels = list(dict.fromkeys(row["level"] for row in summary))
     with new_figure(columns=len(levels), width_in=7.2, height_in=3.2, shared=True) as (fig, axes):
         for axis, level in zip(axes[0], levels, strict=True):
-            for start, (label, colour) in ways.items():
+            for start, (label, colour) in methods.items():
                 rows = [
                     row
                     for row in summary
@@ -417,7 +417,7 @@ def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
                     (100 - at) * (1 - (r["purity"] or 0.0))
                     for at, r in zip(left, rows, strict=True)
                 ]
-                axis.plot(rate, left, "s--", color=colour, label=f"{label}: left for people")
+                axis.plot(rate, left, "s--", color=colour, label=f"{label}: not sorted")
                 axis.plot(rate, wrong, "o-", color=colour, label=f"{label}: in a wrong bin")
             axis.set(xlabel="items per hour", title=f"{level}, simulated", ylim=(0, 100))
         axes[0][0].set_ylabel("fraction of the crate (%)")

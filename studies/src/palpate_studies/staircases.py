@@ -30,7 +30,7 @@ from palpate.signal.relative import excess_conductance, total_excess
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
-from palpate_studies.baselines.full_input_learners import TREES, Answer, learn
+from palpate_studies.baselines.full_input_learners import TREES, Predictor, learn
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
@@ -64,7 +64,7 @@ Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 #: other sheets.
 METHODS = ("settled", "by_time", "memory", "now", TREES)
 #: Baselines of `now`.
-RIVALS = ("settled", "by_time", TREES)
+BASELINES = ("settled", "by_time", TREES)
 #: First test sheet of each generator, fixed before anything was scored on it. Earlier evaluations
 #: used 60_000 to 60_059 and 61_000 to 61_059, and on the second generator 96_100 and later, 97_100
 #: to 97_129 and 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both
@@ -149,7 +149,7 @@ def follow_staircases(
     level: str,
     staircases: int,
     replace_sheet: Callable[[Sheet], Sheet] | None = None,
-    trees: Learned[Answer] | None = None,
+    trees: Learned[Predictor] | None = None,
 ) -> Mapping[str, list[FollowedForce]]:
     """Calibrate a sheet with a user's steps and track staircases on other objects.
 
@@ -203,7 +203,7 @@ def learn_from_staircases(
     level: str,
     staircases: int,
     replace_sheet: Callable[[Sheet], Sheet] | None = None,
-) -> Learned[Answer]:
+) -> Learned[Predictor]:
     """Train trees on the staircases of some sheets; skip sheets that fail calibration."""
     rows, force_n, sheets = list[FloatArray](), list[float](), list[str]()
     for sensor in sensors:
@@ -218,7 +218,7 @@ def learn_from_staircases(
             rows.append(list_features(time_s, excess, pairs=pairs)[used])
             force_n += true_n[used].tolist()
             sheets.append(str(sensor))
-    return learn(TREES, np.concatenate(rows), asked=force_n, seen=sheets)
+    return learn(TREES, np.concatenate(rows), targets=force_n, seen=sheets)
 
 
 def _run_staircases(
@@ -345,13 +345,13 @@ def _scores(
     }
 
 
-def _compare_rivals(runs: Runs) -> list[dict[str, Any]]:
+def _compare_baselines(runs: Runs) -> list[dict[str, Any]]:
     """Compare the RMS error of `now` with each baseline's on the same frames, by sheet."""
     return [
         row
         for level, each in runs.items()
         for row in compare(
-            {name: _errors_n(each[name]) for name in ("now", *RIVALS) if each[name]},
+            {name: _errors_n(each[name]) for name in ("now", *BASELINES) if each[name]},
             [str(one.sensor) for one in each["now"] for _ in one.force_n],
             ours="now",
             statistic=rms,
@@ -394,7 +394,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
         payload={
             "second_generator": second,
             "summary": summary,
-            "compared": _compare_rivals(runs),
+            "compared": _compare_baselines(runs),
             "sheets": sheets,
             "staircases": staircases,
         },

@@ -41,23 +41,24 @@ class StationRecords:
     as_published: dict[tuple[str, int], float]
 
 
-def days_of(felt: StationRecords, item_id: str) -> tuple[DayFirmness, ...]:
+def days_of(records: StationRecords, item_id: str) -> tuple[DayFirmness, ...]:
     """Return the days of an item."""
-    grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
-    drive = felt.grasps[0].drive
+    grasps = [grasp for grasp in records.grasps if grasp.item_id == item_id]
+    drive = records.grasps[0].drive
     return firmness_history(grasps, item_id=item_id, drive=drive).days
 
 
-def select_labelled(felt: StationRecords) -> list[tuple[Avocado, tuple[DayFirmness, ...]]]:
+def select_labelled(records: StationRecords) -> list[tuple[Avocado, tuple[DayFirmness, ...]]]:
     """Return every labelled fruit with its days."""
     return [
-        (fruit, days_of(felt, f"labelled-{number}")) for number, fruit in enumerate(felt.labelled)
+        (fruit, days_of(records, f"labelled-{number}"))
+        for number, fruit in enumerate(records.labelled)
     ]
 
 
-def learn_rule(felt: StationRecords) -> RipenessRule:
+def learn_rule(records: StationRecords) -> RipenessRule:
     """Learn a rule from the labelled fruits with their true stages."""
-    known = select_labelled(felt)
+    known = select_labelled(records)
     return RipenessRule.learn(
         [days for _, days in known],
         labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],

@@ -174,8 +174,8 @@ def _touch(
             phase=phase,
             scored=(phase != "rest") & (force_n >= SMALLEST_N),
             measured_at={
-                prior: int(inside[np.flatnonzero(force_n[inside] >= share * high_n)[0]])
-                for prior, share in FORCE_FRACTIONS.items()
+                prior: int(inside[np.flatnonzero(force_n[inside] >= fraction * high_n)[0]])
+                for prior, fraction in FORCE_FRACTIONS.items()
             },
         )
     ]
@@ -429,11 +429,11 @@ def report(
         provenance=(
             f"Real recordings with a load cell, {len(touches)} touches, {how}. "
             f"Samples of at least {SMALLEST_N:g} N; medians over samples.",
-            "`ours` is `palpate.ForceLaw` with a population learned from the training touches. "
-            "`place`: forces and readings of the other attempts at the place are known. They give "
-            "the gain of the static law, a law of the place for `ours`, and the median force over "
-            "time for the clock. `five_percent`, `eighty_percent`: the force is measured once "
-            "during loading, and later samples are scored.",
+            "`palpate` is `palpate.ForceLaw` with a population learned from the training touches. "
+            "`place`: forces and readings of the other attempts at the place are known. They "
+            "determine the gain of the static law, a law of the place for `palpate`, and the "
+            "median force over time for the clock. `five_percent`, `eighty_percent`: the force is "
+            "measured once during loading, and later samples are scored.",
             "`constant` and `clock` use no sensor. All touches have a similar course in time, "
             "which helps clock, trees and force law equally; unloading and small forces show the "
             "contribution of the sheet.",

@@ -76,7 +76,7 @@ def report(
             "interval over sensors.",
             "Marked *: the family was fitted to this entry, so its agreement shows nothing. All "
             "other entries are predictions.",
-            *(format_missed(misfit[name], of=f"Table 1 by the family {name}") for name in names),
+            *(format_missed(misfit[name], of=f"Table 1 (family {name})") for name in names),
         ],
         tables=[error_table(name, results[name]) for name in names],
         payload={

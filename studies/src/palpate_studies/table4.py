@@ -65,7 +65,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "A slope of -0.163 N/% corresponds to a fall of the resistance by 6.1 % per newton, "
             "-0.0953 N/% to 10.5 %: in the published numbers the stiffer sheet changes less per "
             "newton, contrary to the text below Table 4.",
-            *(format_missed(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
+            *(format_missed(misfit[level], of=f"Table 4 (level {level})") for level in LEVELS),
         ],
         tables=[
             Table.of(

@@ -22,7 +22,7 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, count_missed, format_missed
-from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.report import StudyReport, Table, as_command, use_public_names
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import (
     CLOSURES_MM,
@@ -88,7 +88,7 @@ def report(
             "Published: Table 5, newtons. Ratios are relative to `recorded, 2.5 s`; the paper's "
             "percentages are inconsistent with its newtons and are omitted. Nothing in Table 5 was "
             "an input of the twin.",
-            *(format_missed(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
+            *(format_missed(misfit[level], of=f"Table 5 (level {level})") for level in LEVELS),
         ),
         tables=[Table.of(f"Error of the settled force, {count} grasps of each level", rows)],
         payload={
@@ -205,13 +205,13 @@ def _draw(rows: Sequence[dict[str, Any]]) -> Figure:
     with new_figure(width_in=6.0, height_in=3.8) as (figure, axes):
         panel = axes[0, 0]
         place = np.arange(len(names))
-        looks = (("lab", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
-        for level, shift, colour, marker in looks:
+        styles = (("lab", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
+        for level, shift, colour, marker in styles:
             values = [row["mean_abs_error_n"] for row in rows if row["level"] == level]
             panel.plot(values, place + shift, marker, color=colour, label=f"simulated, {level}")
         printed = [(PUBLISHED_N[name], k) for k, name in enumerate(names) if name in PUBLISHED_N]
         panel.plot(*zip(*printed, strict=True), "D", color=GREY, mfc="none", label="published")
-        panel.set_yticks(place, names)
+        panel.set_yticks(place, [use_public_names(name) for name in names])
         panel.invert_yaxis()
         panel.set_xlabel("mean |error| relative to the force of the settled reading (N)")
         log_axis(panel.xaxis)

@@ -133,10 +133,10 @@ class Faces:
 
         The fractions of a sound face sum to 1, as for all objects; those of a bruised face may not.
         """
-        shares, give = np.zeros(grid.finger.size), _side_deflections(self)
+        fractions, deflections = np.zeros(grid.finger.size), _side_deflections(self)
         for finger, face in enumerate(self.faces):
             mine = grid.finger == finger
-            side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
+            side_mm = max(deformation_mm, 0.0) * deflections[finger] / sum(deflections)
             # Rounded, so that the many time steps of a hold use one cached contact.
             side_mm = _STEP_MM * round(side_mm / _STEP_MM)
             middle_mm = (
@@ -150,8 +150,8 @@ class Faces:
             if face.patch is not None:
                 sound = find_contact(replace(face, patch=None), side_mm)
                 if_sound = _fraction_caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
-            shares[mine] = caught / max(if_sound.sum(), 1e-12)
-        return shares
+            fractions[mine] = caught / max(if_sound.sum(), 1e-12)
+        return fractions
 
 
 @lru_cache(maxsize=512)
@@ -170,17 +170,17 @@ def find_contact(face: Face, side_mm: float) -> FaceContact:
         face.patch.dent_mm * profile - least_mm
     )
     deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
-    give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
-    return FaceContact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
+    compliance = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
+    return FaceContact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / compliance)
 
 
 @lru_cache(maxsize=256)
 def find_first_touch(face: Face) -> tuple[float, float, float]:
-    """Return the extra closure to first touch, and its place, mm."""
+    """Return the gap at the first touch, and the position of this touch, mm."""
     if face.patch is None:
         return 0.0, 0.0, 0.0
-    reach_mm = face.patch.radius_mm + _SEARCH_MARGIN_MM
-    line = np.linspace(-reach_mm, reach_mm, 61)
+    range_mm = face.patch.radius_mm + _SEARCH_MARGIN_MM
+    line = np.linspace(-range_mm, range_mm, 61)
     gap_mm = _distance_squared(line, line) / face.curvature_mm
     gap_mm = gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)
     along, across = np.unravel_index(np.argmin(gap_mm), gap_mm.shape)
@@ -366,5 +366,5 @@ def draw_bruise(rng: np.random.Generator, ranges: BruiseRanges, apple: Apple) ->
         diameter_mm=diameter_mm,
         depth_mm=diameter_mm * draw_uniform(rng, ranges.depth_over_diameter),
         softness=draw_uniform(rng, ranges.softness),
-        dent_mm=flattened_mm * draw_uniform(rng, ranges.dent_share),
+        dent_mm=flattened_mm * draw_uniform(rng, ranges.dent_fraction),
     )

@@ -103,7 +103,7 @@ class Avocado:
 
 def draw_avocado(rng: np.random.Generator, *, ranges: AvocadoRanges = AVOCADOS) -> Avocado:
     """Draw one fruit."""
-    share = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, ranges.relaxing)
+    fractions = rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, ranges.relaxing)
     return Avocado(
         size_mm=draw_uniform(rng, ranges.size_mm),
         hard_n=draw_log_uniform(rng, ranges.hard_n_log),
@@ -112,7 +112,7 @@ def draw_avocado(rng: np.random.Generator, *, ranges: AvocadoRanges = AVOCADOS) 
         pace_days=draw_uniform(rng, ranges.pace_days),
         skew=draw_uniform(rng, ranges.skew),
         days_of_room=tuple(np.exp(ranges.room_log_sd * rng.standard_normal(_DAYS)).tolist()),
-        relaxing_fractions=tuple(share.tolist()),
+        relaxing_fractions=tuple(fractions.tolist()),
         relaxing_time_s=tuple(draw_log_uniform(rng, pair) for pair in _RELAXING_S),
         rupture_per_root=draw_uniform(rng, ranges.rupture_per_root),
         spot_log_sd=ranges.spot_log_sd,

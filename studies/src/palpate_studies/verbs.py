@@ -86,7 +86,7 @@ def bench(
     listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure speed and memory relative to other software.
+    """Measure speed relative to other software.
 
     Example: palpate bench --json
     """

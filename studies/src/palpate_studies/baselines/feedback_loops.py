@@ -37,7 +37,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
-from palpate_studies.baselines.full_input_learners import LEARNERS, Answer, learn
+from palpate_studies.baselines.full_input_learners import LEARNERS, Predictor, learn
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
     LIFTED_S,
@@ -48,26 +48,26 @@ from palpate_studies.force_control_world import (
 )
 from palpate_studies.protocol.parts import Learned
 
-#: Closing speed, and reading time after each step of the approach.
+#: Closing speed, mm/s or kPa/s, and reading time after each step of the approach.
 _RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
 _DWELL_S = 0.42
 #: Step of the approach, mm or kPa, which is also the largest correction; and smallest correction,
 #: the resolution of a servo or regulator.
 STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
-_LEAST: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
+_SMALLEST_STEP: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
 #: Relative error that counts as on target, and largest number of corrections.
-_CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
+_TOLERANCE, _MAX_CORRECTIONS = 0.05, 12
 PAPER_LINE = "the paper's line, exponential at 2.5 s"
 #: Reading time of the exponential, and its frames.
-WAITS_S, _FRAME_RATE_HZ = 2.5, 15
-_FRAMES = int(WAITS_S * _FRAME_RATE_HZ)
+READING_S, _FRAME_RATE_HZ = 2.5, 15
+_FRAMES = int(READING_S * _FRAME_RATE_HZ)
 #: Additional frames after a movement in the learners' inputs, the frame of the early law, and the
 #: smallest force of a law, newtons.
-_SHOWN, _EARLY, _LEAST_N = (2, 14, 24), 6, 0.05
+_SHOWN, _EARLY, _SMALLEST_N = (2, 14, 24), 6, 0.05
 #: Learner -> method.
 LOOPS = {learner: f"{words}, as feedback at 2.5 s" for learner, words in LEARNERS.items()}
 #: Learner -> trained law.
-Laws: TypeAlias = Mapping[str, Learned[Answer]]
+Laws: TypeAlias = Mapping[str, Learned[Predictor]]
 #: From the closure and the servo current of the movement (mA) to the force, N.
 ForceReader: TypeAlias = Callable[[float, float], float]
 #: From array, gripper and rest values, shape (rows, cols), to a reader of the force.
@@ -80,7 +80,7 @@ def run_paper_loop(task: Task) -> GripOutcome:
 
     def reader(array: TwinArray, _gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
         def force_n(_closure: float, _current_ma: float) -> float:
-            ohm = read_ohm(array, seconds=WAITS_S, last=_FRAMES)
+            ohm = read_ohm(array, seconds=READING_S, last=_FRAMES)
             change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
             return float(law.force_n(_forecast(change)).value)
 
@@ -104,10 +104,10 @@ def _forecast(mean_percent: FloatArray) -> float:
 
 def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> GripOutcome:
     """Close to contact, then correct until the learned law reads the target, and lift."""
-    answer = laws[learner].on([_sensor(task)])
+    predict = laws[learner].on([_sensor(task)])
 
     def factor(numbers: FloatArray, _law_n: float) -> float:
-        return float(np.exp(answer(numbers[None])[0]))
+        return float(np.exp(predict(numbers[None])[0]))
 
     return correct_by_reading(task, name=LOOPS[learner], reader=_make_reader(task, factor))
 
@@ -118,7 +118,7 @@ def learn_laws(tasks: Sequence[Task]) -> Laws:
     rows = np.array([numbers for _, numbers, _ in training])
     logs = [log for *_, log in training]
     seen = [_sensor(task) for task, *_ in training]
-    return {name: learn(name, rows, asked=logs, seen=seen) for name in LEARNERS}
+    return {name: learn(name, rows, targets=logs, seen=seen) for name in LEARNERS}
 
 
 def collect_training_rows(task: Task) -> list[tuple[FloatArray, float]]:
@@ -130,7 +130,7 @@ def collect_training_rows(task: Task) -> list[tuple[FloatArray, float]]:
 
     def factor(numbers: FloatArray, law_n: float) -> float:
         settled_n = world.truth().force_n
-        if settled_n > _LEAST_N:
+        if settled_n > _SMALLEST_N:
             found.append((numbers, float(np.log(settled_n / law_n))))
         return 1.0
 
@@ -153,23 +153,23 @@ def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> Ma
 
     def reader(array: TwinArray, gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
         plan = plan_grasp(calibration, gripper=gripper)
-        before = list[tuple[float, float]]()
+        history = list[tuple[float, float]]()
 
         def force_n(closure: float, current_ma: float) -> float:
             read, law_n = _read_all(array, rest_ohm, plan)
-            before.append((closure, law_n))
-            (first, _), (last, last_n) = before[0], before[max(len(before) - 2, 0)]
-            how = [
+            history.append((closure, law_n))
+            (first, _), (last, last_n) = history[0], history[max(len(history) - 2, 0)]
+            movement = [
                 float(task.kind == "soft"),
                 closure,
                 closure - first,
                 closure - last,
                 law_n - last_n,
-                float(len(before)),
+                float(len(history)),
                 current_ma if np.isfinite(current_ma) else 0.0,
                 0.0 if plan.compliance is None else float(plan.compliance.deflection_mm(law_n)),
             ]
-            return law_n * factor(np.array([*how, *read]), law_n)
+            return law_n * factor(np.array([*movement, *read]), law_n)
 
         return force_n
 
@@ -178,13 +178,13 @@ def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> Ma
 
 def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[float], float]:
     """Read after a movement; return the readings and the calibrated law's settled force."""
-    ohm = read_ohm(array, seconds=WAITS_S, last=_FRAMES)
+    ohm = read_ohm(array, seconds=READING_S, last=_FRAMES)
     ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
     change = relative_change_percent(ohm, rest_ohm=rest_ohm)
     excess = excess_conductance(ohm, rest_ohm=rest_ohm)
     reading = np.asarray(plan.reading.reading(excess), dtype=float)
     early_n, law_n = (
-        max(float(law.force_n(reading[frame]).value), _LEAST_N)
+        max(float(law.force_n(reading[frame]).value), _SMALLEST_N)
         for law, frame in ((plan.early_law, _EARLY), (plan.settled_law, -1))
     )
     mean = mean_change(change)
@@ -217,12 +217,12 @@ def correct_by_reading(
     touched_s, force_n = world.clock.now_s(), reader(array, gripper, rest_ohm)
     reading_n, step = force_n(closed, gripper.state().current_ma), STEP[kind] / 2
     on_target_s = None
-    for _ in range(_MOST_MOVES):
-        if abs(reading_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
+    for _ in range(_MAX_CORRECTIONS):
+        if abs(reading_n / task.target_n - 1.0) <= _TOLERANCE:
             on_target_s = world.clock.now_s() - touched_s
             break
         # Step towards the target within the limits of a correction.
-        size = float(np.clip(abs(step), _LEAST[kind], STEP[kind]))
+        size = float(np.clip(abs(step), _SMALLEST_STEP[kind], STEP[kind]))
         step = size if task.target_n > reading_n else -size
         closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
         current_ma = drive(world, gripper, closed, kind=kind)
@@ -283,7 +283,7 @@ def close_until(
     step: float,
     kind: GripperKind,
 ) -> float:
-    """Close stepwise until `done` or until the hand is closed; return the closure."""
+    """Close stepwise until `done` returns true or the hand is closed; return the closure."""
     closed = gripper.limits.closure(gripper.state())
     while closed < gripper.limits.span - step:
         closed += step
@@ -294,7 +294,7 @@ def close_until(
 
 
 def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> float:
-    """Move to a closure and wait; return the servo current during the movement, mA."""
+    """Move to a closure and wait; return the servo current late in the movement, mA."""
     limits = gripper.limits
     closure = min(closure, limits.span)
     travel = abs(closure - limits.closure(gripper.state()))

@@ -1,6 +1,6 @@
 """Untuned learners with all inputs of palpate's method.
 
-A study describes each case with a row of numbers and one target. Ridge regression and boosted trees
+A study describes each case with a row of inputs and one target. Ridge regression and boosted trees
 are trained on other sensors or specimens than those of the test.
 """
 
@@ -16,8 +16,8 @@ from palpate.arrays import FloatArray
 from palpate.errors import require_extra
 from palpate_studies.protocol.parts import Learned
 
-#: From rows of numbers, shape (cases, numbers), to the predicted targets, shape (cases,).
-Answer: TypeAlias = Callable[[FloatArray], FloatArray]
+#: From inputs, shape (cases, inputs), to predicted targets, shape (cases,).
+Predictor: TypeAlias = Callable[[FloatArray], FloatArray]
 RIDGE, TREES = "ridge", "trees"
 #: Added to the spread of constant inputs.
 _TINY = 1e-9
@@ -38,7 +38,9 @@ def make_trees(**settings: Any) -> Any:
 
 
 def make_ridge(penalty: float | None = None) -> Any:
-    """Return an unfitted ridge on standardised inputs; it can choose its penalty.
+    """Return an unfitted ridge on standardised inputs.
+
+    `penalty`: chosen by cross-validation by default.
 
     Raises
     ------
@@ -55,7 +57,7 @@ def make_ridge(penalty: float | None = None) -> Any:
 
 def fit_weighted_ridge(
     rows: FloatArray, truth: FloatArray, weight: FloatArray, penalty: float
-) -> Answer:
+) -> Predictor:
     """Fit a weighted ridge on standardised inputs.
 
     Examples
@@ -73,17 +75,17 @@ def fit_weighted_ridge(
     return lambda some: np.asarray(level + ((some - middle) / spread) @ slope)
 
 
-def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
-    """Train a learner; the result's `found` is an `Answer`.
+def learn(name: str, rows: FloatArray, *, targets: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
+    """Train a learner; `found` of the result is a `Predictor`.
 
     Parameters
     ----------
     name : {"ridge", "trees"}
         Name of the learner.
-    rows : ndarray, shape (cases, numbers)
+    rows : ndarray, shape (cases, inputs)
         Inputs.
-    asked : array_like, shape (cases,)
-        Targets.
+    targets : array_like, shape (cases,)
+        Values to predict.
     seen : sequence of str
         Specimens of the cases.
 
@@ -95,7 +97,7 @@ def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str])
     Examples
     --------
     >>> rows = np.arange(80.0).reshape(40, 2)
-    >>> found = learn("ridge", rows, asked=rows @ [1.0, 2.0], seen=["a"])
+    >>> found = learn("ridge", rows, targets=rows @ [1.0, 2.0], seen=["a"])
     >>> found.on(["b"])(np.array([[6.0, 7.0]])).round(0).tolist()
     [20.0]
     """
@@ -104,20 +106,22 @@ def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str])
         if name == RIDGE
         else make_trees(max_iter=300, learning_rate=0.05, max_leaf_nodes=15)
     )
-    return Learned(found=model.fit(rows, np.asarray(asked)).predict, seen=frozenset(seen))
+    return Learned(found=model.fit(rows, np.asarray(targets)).predict, seen=frozenset(seen))
 
 
-def answer_left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]) -> FloatArray:
-    """Predict each row with trees trained on all other specimens.
+def predict_held_out(
+    rows: FloatArray, *, targets: ArrayLike, specimens: Sequence[str]
+) -> FloatArray:
+    """Predict each row with trees trained on the other specimens.
 
-    Returns shape (cases,); NaN without other specimens.
+    Returns shape (cases,); NaN with only one specimen.
     """
-    of, truth = np.array(specimens), np.asarray(asked, dtype=float)
+    of, truth = np.array(specimens), np.asarray(targets, dtype=float)
     found = np.full(truth.shape, np.nan)
     for one in dict.fromkeys(specimens):
         others = of != one
         if others.any():
             seen = of[others].tolist()
-            answer = learn(TREES, rows[others], asked=truth[others], seen=seen).on([one])
-            found[~others] = answer(rows[~others])
+            predict = learn(TREES, rows[others], targets=truth[others], seen=seen).on([one])
+            found[~others] = predict(rows[~others])
     return found

@@ -31,8 +31,8 @@ def list_day_inputs(days: Sequence[DayFirmness]) -> list[float]:
 
     Examples
     --------
-    >>> felt = [DayFirmness(day=float(d), firmness=2.0 - d, grasps=3, spread=0.1) for d in range(3)]
-    >>> list_day_inputs(felt)
+    >>> days = [DayFirmness(day=float(d), firmness=2.0 - d, grasps=3, spread=0.1) for d in range(3)]
+    >>> list_day_inputs(days)
     [0.0, 0.1, 2.0, 1.0, 2.0, -1.0, -1.0, 1.0, 3.0]
     """
     first, last, before = days[0], days[-1], days[max(len(days) - 2, 0)]

@@ -25,7 +25,7 @@ from palpate_studies.report import OutOption, StudyReport, Table
 
 #: Name that runs all benchmarks.
 ALL = "all"
-COLUMNS = ("what", "size", "peer", "palpate", "peer's", "times as good", "wanted")
+COLUMNS = ("task", "size", "peer", "palpate", "peer's time", "ratio", "required ratio")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,7 +67,7 @@ def rms(errors: FloatArray) -> np.floating[Any]:
 
 def difference_of_pairs(
     ours: ArrayLike,
-    rival: ArrayLike,
+    baseline: ArrayLike,
     specimens: Sequence[str],
     *,
     statistic: Callable[[FloatArray], np.floating[Any]] = np.median,
@@ -79,7 +79,7 @@ def difference_of_pairs(
 
     Parameters
     ----------
-    ours, rival : array_like, shape (cases,)
+    ours, baseline : array_like, shape (cases,)
         Losses of both methods, case by case.
     specimens : sequence of str, length cases
         Sensor, specimen or fruit of each case.
@@ -101,7 +101,7 @@ def difference_of_pairs(
     >>> found.value, found.verdict
     (-1.0, 'ours')
     """
-    a, b = np.asarray(ours, dtype=float), np.asarray(rival, dtype=float)
+    a, b = np.asarray(ours, dtype=float), np.asarray(baseline, dtype=float)
     if a.shape != b.shape or a.shape != (len(specimens),):
         raise ValueError(
             f"losses of shapes {a.shape} and {b.shape} for {len(specimens)} cases; give one loss "
@@ -145,11 +145,11 @@ def compare(
     return [
         {
             **named,
-            "rival": rival,
+            "rival": baseline,
             **difference_of_pairs(losses[ours], lost, specimens, statistic=statistic).to_dict(),
         }
-        for rival, lost in losses.items()
-        if rival != ours
+        for baseline, lost in losses.items()
+        if baseline != ours
     ]
 
 

@@ -32,9 +32,7 @@ class Clone:
     def __init__(self, path: Path, *, commit: str) -> None:
         self.path = path
         if self._git("rev-parse", "--verify", "HEAD") is None:
-            raise InputError(
-                f"{path}: this is no git clone with a commit; clone the repository there"
-            )
+            raise InputError(f"{path}: not a git clone with a commit; clone the repository there")
         found = commit and self._git("rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}")
         self.pinned = bool(found) or not commit
         self.commit = commit if found else "HEAD"
@@ -46,7 +44,7 @@ class Clone:
         return sorted(n for n in self.names if n.startswith(folder) and n.endswith(ending))
 
     def read(self, name: str) -> bytes:
-        """Return a file's content; raises `InputError` if git can't give it."""
+        """Return a file's content; raises `InputError` if git can't read it."""
         content = self._git("show", f"{self.commit}:{name}")
         if content is None:
             raise InputError(f"{self.path}: git can't read {name} at {self.commit}; fetch it")

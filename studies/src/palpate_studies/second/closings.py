@@ -4,7 +4,7 @@ The generator was fixed before anything was scored on it. Damage models and rule
 force that depends on the stiffness, with unimodal scatter. Here a fruit ruptures at a fixed
 deformation, independent of the stiffness. Each kind has two ripenesses; one ruptures at two thirds
 of the other's deformation, and the curve before does not show which. The kinds are those of
-`second.things`: a skin on softer flesh with a core; foam, which stiffens faster than a round
+`second.objects`: a skin on softer flesh with a core; foam, which stiffens faster than a round
 object; dough, whose force depends on the closing speed.
 """
 
@@ -18,7 +18,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import draw_log_uniform
-from palpate_studies.second.things import make_dough, make_foam, make_layered
+from palpate_studies.second.objects import make_dough, make_foam, make_layered
 
 #: Seed of everything drawn here.
 SEED = 96_500

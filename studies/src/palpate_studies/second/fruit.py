@@ -57,7 +57,7 @@ class CorkyApple(Apple):
 
 
 def corky(apple: Apple) -> Apple:
-    """Return the same apple with a bruise of the second generator."""
+    """Return the same apple with its bruise of the second generator."""
     return CorkyApple(**{field.name: getattr(apple, field.name) for field in fields(Apple)})
 
 
@@ -80,19 +80,19 @@ class OtherAvocado(Avocado):
 
     Attributes
     ----------
-    way : {"pause", "two steps", "sudden"}
-        Course; see the module docstring.
+    course : {"pause", "two steps", "sudden"}
+        Softening course; see the module docstring.
     """
 
-    way: str
+    course: str
 
     def force_at_1mm_n(self, day: float) -> float:
         """Return the mean elastic force at 1 mm on a day."""
         # Same midpoint and duration as in the first generator: about four paces.
         gone = (day - self.half_day) / self.pace_days
-        if self.way == "pause":
+        if self.course == "pause":
             done = np.clip(0.5 + gone / 5.0, 0.0, 1.0)
-        elif self.way == "two steps":
+        elif self.course == "two steps":
             done = 0.5 * np.clip(1.0 + (gone + 0.7) / 2.0, 0.0, 1.0)
             done += 0.5 * np.clip((gone - 0.7) / 2.0, 0.0, 1.0)
         else:
@@ -100,7 +100,7 @@ class OtherAvocado(Avocado):
         return float(self.hard_n * (self.softest_n / self.hard_n) ** done)
 
 
-def other_avocado(fruit: Avocado, *, way: str) -> OtherAvocado:
+def other_avocado(fruit: Avocado, *, course: str) -> OtherAvocado:
     """Return the same fruit with another softening course."""
     known = {field.name: getattr(fruit, field.name) for field in fields(Avocado)}
-    return OtherAvocado(**known, way=way)
+    return OtherAvocado(**known, course=course)

@@ -32,8 +32,8 @@ class OtherItem(CrateItem):
 
     def side(self, turn: int) -> TwinObject:
         """Return the upper side of the item after this many turns."""
-        lies = CrateItem.side(self, turn)
-        return lies if lies.contact == "linear" else make_layered(lies)
+        side = CrateItem.side(self, turn)
+        return side if side.contact == "linear" else make_layered(side)
 
 
 def other_item(item: CrateItem) -> OtherItem:
@@ -53,7 +53,7 @@ def other_item(item: CrateItem) -> OtherItem:
     return OtherItem(**known | {"mean": replace(item.mean, size_mm=size_mm)})
 
 
-def other_thing(obj: TwinObject, *, number: int) -> TwinObject:
+def other_object(obj: TwinObject, *, number: int) -> TwinObject:
     """Return the object as layered, foam or dough, in turn by its number."""
     return (make_layered, make_foam, make_dough)[number % 3](obj)
 
