@@ -57,7 +57,7 @@ def force_now(pairs: ForcePairs) -> ForceSource:
     """Return a tracker that estimates force from frames alone with the laws of a grasp.
 
     Dead weights yield settled readings only. The tracker then uses `ForceLaw`, whose prior for the
-    lag of a sheet comes from other sensors.
+    lag of a sheet is derived from other sensors.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class RecordingInfo:
     gripper : GripperLimits or None
         Drive and range of the gripper, if any.
     target_force_n : float or None
-        Requested grip force. With the calibration and the limits, it lets a replay repeat the live
+        Requested grip force. With the calibration and the limits, a replay can repeat the live
         decisions.
     expect_size_mm : float or None
         Expected size of the object.

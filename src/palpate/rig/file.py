@@ -259,12 +259,12 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
     if fault := find_option_fault(stated, opener):
         raise InputError(f"rig file {path}: [{part}] {fault}")
     try:
-        takes = list(inspect.signature(opener).parameters)
+        accepted = list(inspect.signature(opener).parameters)
     except ValueError:  # a built-in without a signature
-        takes = []
-    asked = {name: value for name, value in shared.items() if name in takes}
+        accepted = []
+    passed = {name: value for name, value in shared.items() if name in accepted}
     try:
-        return opener(**stated, **asked)
+        return opener(**stated, **passed)
     except (TypeError, ValueError) as error:
         raise InputError(f"rig file {path}: [{part}]: {error}") from error
 
@@ -288,9 +288,9 @@ def find_option_fault(options: Mapping[str, Any], opener: Callable[..., Any]) ->
         return None
     by_name = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     named = [p.name for p in parameters.values() if p.kind in by_name]
-    takes_all = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    accepts_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     for name, value in options.items():
-        if name not in named and not takes_all:
+        if name not in named and not accepts_any:
             return f"unknown option {name!r}; available: {', '.join(named)}"
         if not _is_of_type(value, hints.get(name)):
             return f"{name} = {value!r}: it must be {describe_type(hints[name])}"

@@ -1,9 +1,9 @@
 """Load signals from resistances: rest baseline, relative change, sums over pixels.
 
-Arrays have shape (..., rows, cols). A pixel that is open (infinite) or has no rest value gives NaN,
-and the sums over pixels ignore NaN. A short pixel has at least the conductance of the converter's
-last step. Its excess is infinite and is never ignored, because an unreadable load must not count as
-no load.
+Arrays have shape (..., rows, cols). An open pixel (infinite), or a pixel without a rest value, yields
+NaN, and the sums over pixels ignore NaN. A short pixel has at least the conductance of the
+converter's last step. Its excess is infinite and is never ignored, because an unreadable load must
+not count as no load.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
 def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
     """Return 100 (R / R_rest - 1), percent (paper, equation 1).
 
-    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN.
-    `rest_ohm`, shape (rows, cols): rest values; NaN or zero gives NaN.
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) yields NaN.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero yields NaN.
 
     >>> relative_change_percent([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
     [[-50.0, 0.0]]
@@ -101,9 +101,9 @@ def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> Flo
 
     The excess conductance still rises with load where the relative change approaches -100 %.
 
-    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN, zero (short)
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) yields NaN, zero (short)
         infinity.
-    `rest_ohm`, shape (rows, cols): rest values; NaN or zero gives NaN.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero yields NaN.
 
     >>> excess_conductance([[500.0, 1000.0, 0.0]], rest_ohm=[[1000.0, 1000.0, 1000.0]]).tolist()
     [[1.0, 0.0, inf]]

@@ -192,8 +192,8 @@ class ServoCurrent:
     """The current of one servo in one session.
 
     `ranges`: ranges of the gear and temperature parameters.
-    `servo_seed`, `session_seed`: seeds of the servo's constant properties, and of those that vary
-        between sessions.
+    `servo_seed`, `session_seed`: seeds of the servo's constant properties, and of its properties
+        in this session.
     `start_s`: time at which the servo was switched on.
     """
 
