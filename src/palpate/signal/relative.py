@@ -1,6 +1,6 @@
 """Load signals from resistances: rest baseline, relative change, sums over pixels.
 
-Arrays have shape (..., rows, cols). An open pixel (infinite), or a pixel without a rest value, yields
+Arrays have shape (..., rows, cols). An open pixel (infinite) or a pixel without a rest value yields
 NaN, and the sums over pixels ignore NaN. A short pixel has at least the conductance of the
 converter's last step. Its excess is infinite and is never ignored, because an unreadable load must
 not count as no load.
