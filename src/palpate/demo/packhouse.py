@@ -45,7 +45,7 @@ _BATCHES = (("labelled", "taught", 12, 1), ("Monday", "fruit", 6, 2))
 #: Elastic force at 1 mm of a hard and an overripe avocado (limits of the twin's ranges), and the
 #: boundaries between a person's stages (midpoints of the twin's four days), newtons.
 _HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)
-#: Midpoint of softening of a batch's ripest and hardest fruit, days after the first morning.
+#: Midpoint of softening of a batch's ripest and hardest fruit, days after its first morning.
 _HALF_DAYS = (-1.0, 4.0)
 #: Variation of the force between spots of a fruit: log standard deviation (as in a mixed crate).
 _SPOT_LOG_SD = 0.08

@@ -302,7 +302,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     Parameters
     ----------
     readings : Readings
-        In ohm, or in counts with a divider; an unknown unit is interpreted as ohm.
+        In ohm, or in counts with a divider; an unknown unit is interpreted as ohm, even with one.
     rest_s : tuple of float
         Start and end of a stretch without load, seconds of the recording.
     mean : bool

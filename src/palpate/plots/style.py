@@ -145,7 +145,10 @@ def letter_panels(figure: Figure) -> None:
 
 
 def log_axis(axis: Axis) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of a decade."""
+    """Make an axis logarithmic, with plain numbers as labels.
+
+    The labels are at 1, 2 and 5 of each decade, and at more digits of an axis below one decade.
+    """
 
     def format_minor(value: float, _: object) -> str:
         low, high = axis.get_view_interval()

@@ -48,8 +48,8 @@ def firmness_of(grasp: Grasp) -> float | None:
     """Return the firmness from a grasp; None if the object was not held or measured.
 
     With fingers driven by width, the firmness is the ln of the stiffness in N/mm at 5 N. The
-    stiffness of a round body is proportional to the cube root of the force. It is calculated from
-    the firmness index, because a gentle squeeze often yields only a bound on the stiffness.
+    stiffness of a round body is proportional to the cube root of the force. The stiffness is
+    calculated from the firmness index, because a gentle squeeze often yields only a bound on it.
 
     With fingers driven by pressure, the firmness is -ln of the number of pixels that share the
     load. If the closing measured the width, the number is corrected for size and force
