@@ -66,7 +66,7 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
             ),
             place_block=lambda: prompt_to_place("the rigid block with the load cell"),
             remove_object=lambda: prompt_and_tare("remove the block: nothing between the fingers"),
-            simulated=False,
+            is_simulated=False,
         )
 
 

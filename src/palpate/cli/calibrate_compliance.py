@@ -86,7 +86,9 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
             f"--block-mm {block_mm:g}: outside the gripper's range of {limits.lowest:g} to "
             f"{limits.highest:g} mm; give the thickness in millimetres"
         )
-    earlier = load_earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
+    earlier = load_earlier_calibration(
+        out, layout=bench.array.layout, simulated=guided.is_simulated
+    )
     if earlier is None:
         raise InputError(
             f"{out} does not exist yet; run `palpate calibrate force --rig {rig} --out {out}` first"

@@ -106,10 +106,10 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
     with (
         open_bench(rig, seed=seed, placements=placements) as guided,
         # Redrawing a progress bar would erase the prompts.
-        progress("settled holds", total=placements, quiet=not guided.simulated) as show,
+        progress("settled holds", total=placements, quiet=not guided.is_simulated) as show,
     ):
         bench, layout = guided.bench, guided.bench.array.layout
-        earlier = load_earlier_calibration(out, layout=layout, simulated=guided.simulated)
+        earlier = load_earlier_calibration(out, layout=layout, simulated=guided.is_simulated)
 
         def reseat(run: int) -> None:
             show(run + 1)
@@ -123,7 +123,7 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        base = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
+        base = replace_rest(earlier, rest, layout=layout, simulated=guided.is_simulated)
     calibration = add_force_law(replace(base, force=pairs))
     return replace(calibration, made_at=format_now())
 

@@ -218,7 +218,7 @@ class Live:
     @property
     def touching_fingers(self) -> list[int]:
         """Fingers in contact outside a grasp, detected by the controller's rule."""
-        return [finger for finger, state in enumerate(self._contacts) if state.touching]
+        return [finger for finger, state in enumerate(self._contacts) if state.is_touching]
 
     @property
     def is_hand_open(self) -> bool | None:

@@ -41,9 +41,9 @@ McapRecord = Channel | Metadata | Message
 class FileState:
     """Completeness and damage of a file, determined while it is read."""
 
-    #: Whether the footer was found.
+    #: Whether the footer and the final magic bytes were found.
     complete: bool = False
-    #: Chunks skipped because of invalid content or a wrong checksum.
+    #: Chunks, or single records, skipped because of invalid content or a wrong checksum.
     damaged_chunks: int = 0
     #: Bytes at the end that form no complete record.
     unread_bytes: int = 0

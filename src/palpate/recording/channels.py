@@ -192,7 +192,7 @@ def _require_int64(value: Any) -> int:
 
 
 def encode_info(info: RecordingInfo) -> dict[str, str]:
-    """Encode a recording's metadata as MCAP texts; None is omitted."""
+    """Encode a recording's metadata as MCAP texts; None and empty strings are omitted."""
     texts = {"format": RECORDING_FORMAT}
     for name in _INFO:
         value = getattr(info, name)

@@ -205,7 +205,7 @@ class GuidedBench:
     #: Removes the object between the fingers.
     remove_object: Callable[[], None]
     #: Whether the bench is simulated.
-    simulated: bool
+    is_simulated: bool
 
 
 def open_twin_bench(rig: str, seed: int) -> GuidedBench:
@@ -226,7 +226,7 @@ def open_twin_bench(rig: str, seed: int) -> GuidedBench:
         reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
         place_block=lambda: world.place(draw_object(rng, "rigid-block")),
         remove_object=lambda: world.place(None),
-        simulated=True,
+        is_simulated=True,
     )
 
 

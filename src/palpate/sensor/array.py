@@ -125,7 +125,7 @@ class Frame:
     Attributes
     ----------
     time_s : float
-        Scan time: device time mapped to the host's clock. It increases from frame to frame.
+        Scan time: device time mapped to the host's clock. It never decreases from frame to frame.
     sequence : int
         Unwrapped frame number from the device. Gaps are lost frames.
     counts : ndarray of int, shape (rows, cols)

@@ -88,7 +88,7 @@ def fit_exponential(
         is_clear = fit.gained * (since_first.size - MIN_SAMPLES + 1) >= (
             _CLEAR_CURVATURE * fit.unexplained
         )
-        accepted = (is_near | is_clear) & ~fit.at_end
+        accepted = (is_near | is_clear) & ~fit.is_at_end
         settled[rows] += np.where(accepted, fit.offset, 0.0)
         rate_per_s[rows] = fit.rate
         decays = np.minimum(fit.rate * (time_s[first] - window.peak_s[rows]), _MAX_DECAYS)
@@ -115,7 +115,7 @@ class DecayFit:
     unexplained: FloatArray
     gained: FloatArray
     #: Whether the best rate is at an end of the grid, so that the data do not determine the rate.
-    at_end: NDArray[np.bool_]
+    is_at_end: NDArray[np.bool_]
 
 
 def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
@@ -133,18 +133,18 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     centred = y - mean[:, None]
     gains = np.square(centred @ table.T)
     best = gains.argmax(axis=1)
-    at_end = (best == 0) | (best == log_rates.size - 1)
+    is_at_end = (best == 0) | (best == log_rates.size - 1)
     centre = np.minimum(np.maximum(best, 1), log_rates.size - 2)
     rows = np.arange(len(y))
     before, at_centre, after = (gains[rows, centre + step] for step in (-1, 0, 1))
     curvature = before - 2 * at_centre + after
     shift = 0.5 * (before - after) * (curvature < 0) / (curvature - (curvature == 0))
-    shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~at_end
+    shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~is_at_end
     log_rate = log_rates[centre] + _GRID_STEP * shift
     amplitude, shape_mean, explained = np.empty((3, len(y)))
     active: slice | NDArray[np.intp] = slice(None)
     for _ in range(_MAX_STEPS):
-        step, *linear = _newton_step(x, centred[active], log_rate[active], free=~at_end[active])
+        step, *linear = _newton_step(x, centred[active], log_rate[active], free=~is_at_end[active])
         log_rate[active] += step
         amplitude[active], shape_mean[active], explained[active] = linear
         is_moving = np.abs(step) > _LAST_STEP
@@ -157,7 +157,7 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
         offset=mean - amplitude * shape_mean,
         unexplained=np.maximum(np.einsum("nm,nm->n", centred, centred) - explained, 0.0),
         gained=explained - gains[:, 0],
-        at_end=at_end,
+        is_at_end=is_at_end,
     )
 
 

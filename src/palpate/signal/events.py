@@ -25,9 +25,9 @@ class EventKind(StrEnum):
 class ContactState:
     """State of one finger in `watch_contact`: contact, held change and slip."""
 
-    touching: bool = False
+    is_touching: bool = False
     held_percent: float = 0.0
-    slipping: bool = False
+    is_slipping: bool = False
 
 
 def watch_contact(
@@ -46,12 +46,12 @@ def watch_contact(
     `threshold_percent`: negative; the paper's is -10 % (section 4.1).
 
     >>> state, event = watch_contact(ContactState(), -12.0)
-    >>> state.touching, event.value
+    >>> state.is_touching, event.value
     (True, 'contact')
     """
     if np.isnan(change_percent):
         return state, None
-    if not state.touching:
+    if not state.is_touching:
         if change_percent > threshold_percent:
             return state, None
         return ContactState(True, change_percent), EventKind.CONTACT
@@ -59,6 +59,6 @@ def watch_contact(
         return ContactState(), EventKind.REMOVAL
     above = change_percent - state.held_percent
     held = state.held_percent + (above if above < 0 else _FOLLOW_FRACTION * above)
-    slipping = change_percent > 0.75 * held and held < 2.0 * threshold_percent
-    event = EventKind.SLIP if slipping and not state.slipping else None
-    return ContactState(True, held, slipping), event
+    is_slipping = change_percent > 0.75 * held and held < 2.0 * threshold_percent
+    event = EventKind.SLIP if is_slipping and not state.is_slipping else None
+    return ContactState(True, held, is_slipping), event

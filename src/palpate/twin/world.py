@@ -219,7 +219,7 @@ class World:
     def set_environment(self, environment: Environment, *, time_s: float | None = None) -> None:
         """Change the climate, the suction or the earlier use immediately.
 
-        `environment.cycles` counts the contacts before those of this world.
+        `environment.cycles` excludes the contacts of this world, unless `cycles_are_all`.
         """
         now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         self._plant.environment = environment
