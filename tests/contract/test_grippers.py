@@ -22,7 +22,7 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
         yield found
 
 
-def reported(hand: Hand) -> float:
+def read_drive_value(hand: Hand) -> float:
     return hand.gripper.limits.drive_reading(hand.gripper.state())
 
 
@@ -45,17 +45,17 @@ def test_gripper_reaches_the_commanded_target_and_reports_it(hand: Hand) -> None
     assert hand.gripper.state().moving
     hand.wait(4.0)
     assert not hand.gripper.state().moving
-    assert reported(hand) == pytest.approx(sent.target, abs=TOLERANCE[drive])
+    assert read_drive_value(hand) == pytest.approx(sent.target, abs=TOLERANCE[drive])
 
 
 def test_gripper_does_not_exceed_the_commanded_rate(hand: Hand) -> None:
     drive = hand.gripper.limits.drive
     target, _, rate = TARGETS[drive]
-    before = reported(hand)
+    before = read_drive_value(hand)
     sent = move(hand, target, rate / 4)
     hand.wait(1.0)
     # At constant servo speed the finger speed varies, up to the commanded rate.
-    assert abs(reported(hand) - before) <= rate / 4 * 1.3 + TOLERANCE[drive]
+    assert abs(read_drive_value(hand) - before) <= rate / 4 * 1.3 + TOLERANCE[drive]
     assert sent.rate <= rate / 4 * 1.001
 
 

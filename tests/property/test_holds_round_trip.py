@@ -51,7 +51,7 @@ def write(path: Path, rows: list) -> None:
         writer.writerows(rows)
 
 
-def found(holds: list[Hold]) -> dict:
+def collect_samples(holds: list[Hold]) -> dict:
     read: dict = {}
     for hold in holds:
         points = dict(zip(hold.time_s.tolist(), hold.values.tolist(), strict=True))
@@ -73,6 +73,6 @@ def test_holds_file_roundtrip_for_any_chunk_size(
         write(path, rows_of(file))
         with patch.object(table, "ROWS_AT_A_TIME", rows_at_a_time):
             holds = list(read_holds(path))
-    assert found(holds) == file
+    assert collect_samples(holds) == file
     assert [hold.hold_id for hold in holds] == [h for h, cs in file.items() for _ in cs]
     assert all(np.all(hold.time_s[1:] > hold.time_s[:-1]) for hold in holds)

@@ -99,7 +99,7 @@ def test_find_contacts_in_percent_is_invariant_to_scale_shift_and_sign(
     assert [hold.end_s for hold in found] == [hold.end_s for hold in expected]
 
 
-def damaged(chance: random.Random) -> bytes:
+def draw_damaged_file(chance: random.Random) -> bytes:
     """Return the contents of a damaged recording file."""
     rows = [f"{t:.2f},{v:.1f}" for t, v in zip(TIME_S[:200], OHM[:200], strict=True)]
     content = ("time_s,R\n" + "\n".join(rows)).encode()
@@ -134,7 +134,7 @@ def test_damaged_table_yields_holds_or_one_line_error(tmp_path: Path) -> None:
     chance, refused = random.Random(20), []
     for number in range(2000):
         path = tmp_path / f"f{number % 7}{chance.choice(['.csv', '.xlsx', '.parquet', '.gz'])}"
-        path.write_bytes(damaged(chance))
+        path.write_bytes(draw_damaged_file(chance))
         try:
             for readings in read_recordings(path):
                 cut_columns(readings)

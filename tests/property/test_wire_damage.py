@@ -22,7 +22,7 @@ FULL = os.environ.get("PALPATE_FULL") == "1"
 AROUND = 3
 
 
-def _sent(count: int, *, seed: int = 3, pixels: int = 1023) -> list[bytes]:
+def _encode_frames(count: int, *, seed: int = 3, pixels: int = 1023) -> list[bytes]:
     rng = np.random.default_rng(seed)
     return [
         encode_message(
@@ -74,7 +74,7 @@ def _variants(frame: bytes, *, every: int, offset: int) -> list[bytes]:
 
 @pytest.mark.slow
 def test_decoder_rejects_every_single_byte_change_deletion_or_insertion() -> None:
-    frames = _sent(200 + 2 * AROUND)
+    frames = _encode_frames(200 + 2 * AROUND)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
     tried = 0
     for hit in range(AROUND, 200 + AROUND):
@@ -89,7 +89,7 @@ def test_decoder_rejects_every_single_byte_change_deletion_or_insertion() -> Non
 
 @pytest.mark.parametrize("burst", [1, 4, 40])
 def test_decoder_counts_losses_from_random_damage_in_a_long_stream(burst: int) -> None:
-    frames = _sent(400_000 if FULL else 5000, seed=burst)
+    frames = _encode_frames(400_000 if FULL else 5000, seed=burst)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
     chance = random.Random(burst)
     stream = b"".join(frames)
@@ -118,7 +118,7 @@ def test_decoder_counts_losses_from_random_damage_in_a_long_stream(burst: int) -
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> None:
-    stream = b"\x07garbage\0" + b"".join(_sent(12))
+    stream = b"\x07garbage\0" + b"".join(_encode_frames(12))
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=30)))
     whole, pieces = Decoder(), Decoder()
     wanted = [_key(message) for message in whole.feed(stream)]
@@ -142,7 +142,7 @@ def test_cobs_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
 def test_decoder_accepts_no_frame_from_random_bytes() -> None:
     chance = random.Random(5)
     decoder = Decoder()
-    frames = _sent(50)
+    frames = _encode_frames(50)
     for _ in range(1_000_000 if FULL else 20_000):
         if chance.random() < 0.5:
             piece = chance.randbytes(chance.randrange(80))
@@ -160,7 +160,7 @@ def test_decoder_memory_is_bounded_without_a_zero() -> None:
     for _ in range(1000):
         decoder.feed(b"\x55" * 1000)
     assert len(decoder._pending) <= MAX_ENCODED_BYTES
-    tail = b"\0" + b"".join(_sent(2))
+    tail = b"\0" + b"".join(_encode_frames(2))
     assert len(decoder.feed(tail)) == 2
 
 

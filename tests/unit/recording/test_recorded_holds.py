@@ -25,7 +25,7 @@ from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 
 
-def grasp(
+def grasp_messages(
     *, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0
 ) -> list[RecordedMessage]:
     """Return rest (1 s), closing (0.5 s), a hold, opening (0.5 s), rest (1.5 s)."""
@@ -45,7 +45,7 @@ def grasp(
     return made
 
 
-def write(path: Path, messages: list[RecordedMessage]) -> Path:
+def write_recording(path: Path, messages: list[RecordedMessage]) -> Path:
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
     with RecordingWriter(path, info=info) as writer:
         for message in messages:
@@ -54,7 +54,7 @@ def write(path: Path, messages: list[RecordedMessage]) -> Path:
 
 
 def test_cut_recorded_holds_span_stop_to_next_movement(tmp_path: Path) -> None:
-    recording = load_recording(write(tmp_path / "run.mcap", grasp()))
+    recording = load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
     holds = {hold.channel: hold for hold in cut_recorded_holds(recording, name="run")}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
     mean = holds["mean"]
@@ -66,7 +66,7 @@ def test_cut_recorded_holds_span_stop_to_next_movement(tmp_path: Path) -> None:
 
 
 def test_cut_recorded_holds_in_ohm_have_no_mean_channel(tmp_path: Path) -> None:
-    recording = load_recording(write(tmp_path / "run.mcap", grasp()))
+    recording = load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
     holds = cut_recorded_holds(recording, unit="ohm")
     assert holds[0].channel == "r0c1"
     expected = resistance_ohm([[600]], divider=RIGID_LAYOUT.divider).item()
@@ -76,14 +76,18 @@ def test_cut_recorded_holds_in_ohm_have_no_mean_channel(tmp_path: Path) -> None:
 def test_cut_recorded_holds_position_step_between_states_is_movement(tmp_path: Path) -> None:
     messages = [
         replace(message, moving=False) if isinstance(message, GripperState) else message
-        for message in grasp()
+        for message in grasp_messages()
     ]
-    (hold, *_) = cut_recorded_holds(load_recording(write(tmp_path / "run.mcap", messages)))
+    (hold, *_) = cut_recorded_holds(
+        load_recording(write_recording(tmp_path / "run.mcap", messages))
+    )
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
 def test_cut_recorded_holds_without_gripper_begin_at_contacts(tmp_path: Path) -> None:
-    recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
+    recording = load_recording(
+        write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
+    )
     (hold, *_) = holds = cut_recorded_holds(recording)
     assert {one.hold_id for one in holds} == {"hold-1"}
     assert hold.channel == "mean"
@@ -93,23 +97,25 @@ def test_cut_recorded_holds_without_gripper_begin_at_contacts(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("messages", "fault"),
     [
-        (grasp(counts_held=301), "no hold found"),
-        (grasp(seconds=0.8), "no hold found"),
-        (grasp()[:12], "6 frames are too few"),
-        (grasp()[140:], "no rest at the beginning"),
+        (grasp_messages(counts_held=301), "no hold found"),
+        (grasp_messages(seconds=0.8), "no hold found"),
+        (grasp_messages()[:12], "6 frames are too few"),
+        (grasp_messages()[140:], "no rest at the beginning"),
     ],
 )
 def test_cut_recorded_holds_without_hold_raises_reason(
     tmp_path: Path, messages: list[RecordedMessage], fault: str
 ) -> None:
-    recording = load_recording(write(tmp_path / "run.mcap", messages))
+    recording = load_recording(write_recording(tmp_path / "run.mcap", messages))
     with pytest.raises(RecordingError, match=fault):
         cut_recorded_holds(recording)
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
 def test_exported_holds_file_roundtrip(tmp_path: Path, to: str) -> None:
-    holds = cut_recorded_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
+    holds = cut_recorded_holds(
+        load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
+    )
     target = tmp_path / f"holds.{to}"
     rows = write_export(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
     back = list(read_holds(target))
@@ -120,8 +126,8 @@ def test_exported_holds_file_roundtrip(tmp_path: Path, to: str) -> None:
 
 
 def test_exported_table_has_one_row_per_frame(tmp_path: Path) -> None:
-    messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp()]
-    path = write(tmp_path / "run.mcap", messages)
+    messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp_messages()]
+    path = write_recording(tmp_path / "run.mcap", messages)
     with RecordingReader(path) as reader:
         rows = write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
     with (tmp_path / "run.csv").open(newline="") as stream:
@@ -134,10 +140,10 @@ def test_exported_table_has_one_row_per_frame(tmp_path: Path) -> None:
 
 
 def test_export_invalid_counts_are_refused(tmp_path: Path) -> None:
-    first, *rest = grasp()
+    first, *rest = grasp_messages()
     frame = next(one for one in (first, *rest) if isinstance(one, Frame))
     wrong = replace(frame, counts=np.full((4, 2), -1), time_s=frame.time_s - 1.0)
-    path = write(tmp_path / "run.mcap", [wrong, first, *rest])
+    path = write_recording(tmp_path / "run.mcap", [wrong, first, *rest])
     with RecordingReader(path) as reader, pytest.raises(RecordingError, match="counts from -1"):
         write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
     assert not (tmp_path / "run.csv").exists()
@@ -146,8 +152,8 @@ def test_export_invalid_counts_are_refused(tmp_path: Path) -> None:
 
 
 def test_exported_csv_escapes_spreadsheet_formulas(tmp_path: Path) -> None:
-    messages = [Event(time_s=0.0, name="=1+1", text=""), *grasp()]
-    with RecordingReader(write(tmp_path / "run.mcap", messages)) as reader:
+    messages = [Event(time_s=0.0, name="=1+1", text=""), *grasp_messages()]
+    with RecordingReader(write_recording(tmp_path / "run.mcap", messages)) as reader:
         write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
         write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
     with (tmp_path / "run.csv").open(newline="") as stream:
@@ -158,7 +164,7 @@ def test_exported_csv_escapes_spreadsheet_formulas(tmp_path: Path) -> None:
 
 def test_exported_parquet_columns_without_values_have_types(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    path = write(tmp_path / "run.mcap", grasp(gripper=False))
+    path = write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
     with RecordingReader(path) as reader:
         write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
     schema = parquet.read_schema(tmp_path / "run.parquet")

@@ -33,7 +33,7 @@ from palpate_studies.board_bytes import encode_message
 WRAP = 2**32
 
 
-def frame(sequence: int, *, stream: int = 9, time_us: int | None = None) -> FrameMessage:
+def make_frame(sequence: int, *, stream: int = 9, time_us: int | None = None) -> FrameMessage:
     return FrameMessage(
         sequence=sequence,
         time_us=4000 * sequence if time_us is None else time_us,
@@ -44,11 +44,11 @@ def frame(sequence: int, *, stream: int = 9, time_us: int | None = None) -> Fram
     )
 
 
-def sent(*sequences: int, stream: int = 9) -> bytes:
-    return b"".join(encode_message(frame(number, stream=stream)) for number in sequences)
+def encode_frames(*sequences: int, stream: int = 9) -> bytes:
+    return b"".join(encode_message(make_frame(number, stream=stream)) for number in sequences)
 
 
-def ack(next_sequence: int, *, stream: int = 9) -> bytes:
+def encode_ack(next_sequence: int, *, stream: int = 9) -> bytes:
     answer = Ack(
         command=Ping.kind,
         tag=1,
@@ -63,7 +63,7 @@ def frames_in(messages: list[BoardMessage]) -> list[FrameMessage]:
     return [message for message in messages if isinstance(message, FrameMessage)]
 
 
-def numbers(decoder: Decoder, data: bytes) -> list[int]:
+def decode_sequences(decoder: Decoder, data: bytes) -> list[int]:
     return [message.sequence for message in frames_in(decoder.feed(data))]
 
 
@@ -86,39 +86,39 @@ def test_encoded_packets_equal_the_examples_in_the_protocol_page() -> None:
 
 def test_decoder_counts_gaps_in_the_sequence_as_lost_frames() -> None:
     decoder = Decoder()
-    assert numbers(decoder, sent(0, 1, 4, 5, 9)) == [0, 1, 4, 5, 9]
+    assert decode_sequences(decoder, encode_frames(0, 1, 4, 5, 9)) == [0, 1, 4, 5, 9]
     assert decoder.counters == LinkCounters(frames=5, lost=5)
 
 
 def test_decoder_counts_no_loss_before_the_first_frame() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(700, 701))
+    decode_sequences(decoder, encode_frames(700, 701))
     assert decoder.counters == LinkCounters(frames=2)
 
 
 def test_decoder_counts_frames_lost_before_an_answer() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(0, 1) + ack(5))
+    decode_sequences(decoder, encode_frames(0, 1) + encode_ack(5))
     assert decoder.counters.lost == 3
-    numbers(decoder, sent(5, 6) + ack(7))
+    decode_sequences(decoder, encode_frames(5, 6) + encode_ack(7))
     assert decoder.counters == LinkCounters(frames=4, lost=3)
 
 
 def test_decoder_counts_losses_between_an_answer_and_the_first_frame() -> None:
     decoder = Decoder()
-    numbers(decoder, ack(0) + sent(2))
+    decode_sequences(decoder, encode_ack(0) + encode_frames(2))
     assert decoder.counters == LinkCounters(frames=1, lost=2)
 
 
 def test_decoder_ignores_an_answer_older_than_the_last_frame() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(0, 1, 2) + ack(1) + sent(3))
+    decode_sequences(decoder, encode_frames(0, 1, 2) + encode_ack(1) + encode_frames(3))
     assert decoder.counters == LinkCounters(frames=4)
 
 
 def test_decoder_ignores_an_answer_without_a_stream() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(3) + ack(0, stream=0) + sent(4))
+    decode_sequences(decoder, encode_frames(3) + encode_ack(0, stream=0) + encode_frames(4))
     assert decoder.counters == LinkCounters(frames=2)
 
 
@@ -129,7 +129,7 @@ def test_decoder_unwraps_sequence_and_time() -> None:
     first = WRAP - 3
     started_us = 5 * WRAP - 9000
     data = b"".join(
-        encode_message(frame(first + k, time_us=started_us + 4000 * k)) for k in range(6)
+        encode_message(make_frame(first + k, time_us=started_us + 4000 * k)) for k in range(6)
     )
     got = frames_in(Decoder().feed(data))
     assert [each.sequence for each in got] == [first + k for k in range(6)]
@@ -139,39 +139,41 @@ def test_decoder_unwraps_sequence_and_time() -> None:
 
 def test_decoder_counts_losses_across_the_wrap() -> None:
     decoder = Decoder()
-    assert numbers(decoder, sent(WRAP - 2, WRAP + 3)) == [WRAP - 2, WRAP + 3]
+    assert decode_sequences(decoder, encode_frames(WRAP - 2, WRAP + 3)) == [WRAP - 2, WRAP + 3]
     assert decoder.counters == LinkCounters(frames=2, lost=4)
-    numbers(decoder, ack(WRAP + 6))
+    decode_sequences(decoder, encode_ack(WRAP + 6))
     assert decoder.counters.lost == 6
 
 
 def test_decoder_unwraps_two_wraps_of_the_sequence() -> None:
     decoder = Decoder()
     steps = range(0, 2 * WRAP + 1, WRAP // 4)
-    assert numbers(decoder, sent(*steps)) == list(steps)
+    assert decode_sequences(decoder, encode_frames(*steps)) == list(steps)
 
 
 def test_decoder_counts_a_new_stream_as_a_restart() -> None:
     decoder = Decoder()
-    assert numbers(decoder, sent(10, 11) + sent(0, 1, stream=10)) == [10, 11, 0, 1]
+    data = encode_frames(10, 11) + encode_frames(0, 1, stream=10)
+    assert decode_sequences(decoder, data) == [10, 11, 0, 1]
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
 def test_decoder_counts_frames_lost_at_the_start_of_a_new_stream() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(10) + sent(3, stream=10))
+    decode_sequences(decoder, encode_frames(10) + encode_frames(3, stream=10))
     assert decoder.counters == LinkCounters(frames=2, lost=3, restarts=1)
 
 
 def test_decoder_counts_a_decreasing_sequence_as_a_restart() -> None:
     decoder = Decoder()
-    assert numbers(decoder, sent(500, 501) + sent(0, 1)) == [500, 501, 0, 1]
+    data = encode_frames(500, 501) + encode_frames(0, 1)
+    assert decode_sequences(decoder, data) == [500, 501, 0, 1]
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
 def test_decoder_restarts_the_time_with_a_new_stream() -> None:
-    late = frame(1, time_us=4_000_000_000)
-    early = frame(0, stream=10, time_us=20)
+    late = make_frame(1, time_us=4_000_000_000)
+    early = make_frame(0, stream=10, time_us=20)
     got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
     assert [each.time_us for each in got] == [4_000_000_000, 20]
 
@@ -181,27 +183,27 @@ def test_decoder_restarts_the_time_with_a_new_stream() -> None:
 
 def test_decoder_does_not_count_garbage_before_the_first_zero() -> None:
     decoder = Decoder()
-    assert numbers(decoder, b"\x55garbage\0" + sent(0, 1)) == [0, 1]
+    assert decode_sequences(decoder, b"\x55garbage\0" + encode_frames(0, 1)) == [0, 1]
     assert decoder.counters == LinkCounters(frames=2)
 
 
 def test_decoder_counts_later_garbage_as_corrupt() -> None:
     decoder = Decoder()
-    numbers(decoder, sent(0) + b"garbage\0" + sent(1))
+    decode_sequences(decoder, encode_frames(0) + b"garbage\0" + encode_frames(1))
     assert decoder.counters == LinkCounters(frames=2, corrupt=1)
 
 
 def test_decoder_started_inside_a_frame_loses_only_that_frame() -> None:
-    data = sent(4, 5, 6)
-    for start in range(1, len(sent(4))):
+    data = encode_frames(4, 5, 6)
+    for start in range(1, len(encode_frames(4))):
         decoder = Decoder()
-        assert numbers(decoder, data[start:])[-2:] == [5, 6]
+        assert decode_sequences(decoder, data[start:])[-2:] == [5, 6]
         assert decoder.counters.corrupt == 0
 
 
 def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
     # Sampling at another rate changes the length of runs of equal bits.
-    data = sent(*range(300))
+    data = encode_frames(*range(300))
     bits = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").reshape(-1, 8)
     ends = np.ones((len(bits), 1), dtype=np.uint8)
     line = np.hstack([0 * ends, bits, ends]).ravel()
@@ -214,13 +216,18 @@ def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
 
 def test_decoder_ignores_zeros_between_packets() -> None:
     decoder = Decoder()
-    assert numbers(decoder, b"\0\0\0" + sent(0) + b"\0\0" + sent(1)) == [0, 1]
+    assert decode_sequences(decoder, b"\0\0\0" + encode_frames(0) + b"\0\0" + encode_frames(1)) == [
+        0,
+        1,
+    ]
     assert decoder.counters == LinkCounters(frames=2)
 
 
 def test_decoder_skips_a_packet_of_unknown_type() -> None:
     decoder = Decoder()
-    assert numbers(decoder, sent(0) + pack(0x42, b"from the future") + sent(1)) == [0, 1]
+    assert decode_sequences(
+        decoder, encode_frames(0) + pack(0x42, b"from the future") + encode_frames(1)
+    ) == [0, 1]
     assert decoder.counters == LinkCounters(frames=2)
 
 
@@ -229,7 +236,7 @@ def test_decoder_skips_a_packet_of_unknown_type() -> None:
     [
         b"",
         bytes(13),
-        sent(0)[:1],
+        encode_frames(0)[:1],
         bytes([0] * 9 + [1, 0x31, 0, 0]) + bytes(15),
         bytes([0] * 9 + [65, 0x31, 0, 0]) + bytes(16),
         bytes([0] * 9 + [1, 0x31, 4, 0]) + bytes(16),
@@ -275,7 +282,7 @@ def test_decode_cobs_returns_none_for_invalid_bytes(damaged: str) -> None:
 
 
 def test_decoder_accepts_the_longest_frame_and_rejects_a_longer_packet() -> None:
-    largest = replace(frame(0), counts=np.full((16, 16), 1023, dtype=np.uint16))
+    largest = replace(make_frame(0), counts=np.full((16, 16), 1023, dtype=np.uint16))
     data = encode_message(largest)
     assert len(data) <= MAX_ENCODED_BYTES
     decoder = Decoder()
@@ -286,7 +293,7 @@ def test_decoder_accepts_the_longest_frame_and_rejects_a_longer_packet() -> None
 
 
 def test_frame_message_counts_are_read_only() -> None:
-    (got,) = frames_in(Decoder().feed(sent(0)))
+    (got,) = frames_in(Decoder().feed(encode_frames(0)))
     with pytest.raises(ValueError, match="read-only"):
         got.counts[0, 0] = 1
 
@@ -316,5 +323,5 @@ def test_decoder_counts_a_gap_of_half_the_sequence_range_as_a_restart(
 def test_decoder_treats_an_answer_half_the_range_ahead_as_older(ahead: int, lost: int) -> None:
     """Such an answer is older than the received frames, so that no frame was lost."""
     decoder = Decoder()
-    decoder.feed(sent(0) + ack((1 + ahead) % 2**32))
+    decoder.feed(encode_frames(0) + encode_ack((1 + ahead) % 2**32))
     assert decoder.counters.lost == lost

@@ -31,7 +31,7 @@ def make_holds(values: FloatArray, time_s: FloatArray = TIME_S) -> tuple[Hold, .
     )
 
 
-def settled(values: FloatArray) -> FloatArray:
+def settled_values(values: FloatArray) -> FloatArray:
     return np.asarray(values[:, (TIME_S > 19.5) & (TIME_S <= 20.0)].mean(axis=1))
 
 
@@ -43,7 +43,10 @@ def own() -> Calibrated:
 def test_calibrated_with_own_holds_has_half_the_error_of_the_prior(own: Calibrated) -> None:
     tested = holds(2, 20)
     errors = [
-        np.abs(predict_settled(TIME_S, tested, cutoff_s=2.5, method=method).value - settled(tested))
+        np.abs(
+            predict_settled(TIME_S, tested, cutoff_s=2.5, method=method).value
+            - settled_values(tested)
+        )
         for method in (own, Relaxation())
     ]
     assert np.median(errors[0]) < 0.5 * np.median(errors[1])
@@ -52,7 +55,7 @@ def test_calibrated_with_own_holds_has_half_the_error_of_the_prior(own: Calibrat
 def test_calibrated_intervals_have_their_nominal_coverage(own: Calibrated) -> None:
     tested = holds(3, 60)
     found = predict_settled(TIME_S, tested, cutoff_s=2.5, method=own)
-    truth = settled(tested)
+    truth = settled_values(tested)
     assert 0.85 <= np.mean((found.low <= truth) & (truth <= found.high)) <= 1.0
     assert np.all(found.high - found.low < 0.3 * np.abs(truth))
 
@@ -69,7 +72,7 @@ def test_calibrated_prediction_scales_with_the_unit(own: Calibrated) -> None:
 def test_calibrated_at_the_horizon_returns_the_settled_value(own: Calibrated) -> None:
     tested = holds(6, 2)
     found = predict_settled(TIME_S, tested, cutoff_s=20.0, method=own)
-    assert found.value == pytest.approx(settled(tested), abs=0.1)
+    assert found.value == pytest.approx(settled_values(tested), abs=0.1)
 
 
 def test_calibrated_without_holds_raises() -> None:
@@ -91,7 +94,7 @@ def test_calibrated_ignores_holds_that_end_before_the_horizon() -> None:
 LONG_S = np.arange(0.0, 20.5, 0.1)
 
 
-def creeping(count: int, *, seed: int = 10) -> FloatArray:
+def creeping_holds(count: int, *, seed: int = 10) -> FloatArray:
     """Return holds in ohm with the same relative fall and different sizes."""
     rng = np.random.default_rng(seed)
     shape = 1.0 - 0.05 * np.log((LONG_S + 1.0) / 21.0)
@@ -100,7 +103,7 @@ def creeping(count: int, *, seed: int = 10) -> FloatArray:
 
 
 def test_calibrated_interval_narrows_with_more_own_holds() -> None:
-    *past, hold = make_holds(creeping(25), LONG_S)
+    *past, hold = make_holds(creeping_holds(25), LONG_S)
     widths = []
     for count in (3, 6, 12, 24):
         found = predict_settled(hold, method=Calibrated(holds=tuple(past[:count])))
@@ -130,7 +133,7 @@ def test_calibrated_status_is_ok_with_enough_own_holds() -> None:
 
 
 def test_calibrated_ignores_holds_without_samples_before_the_cutoff() -> None:
-    late = make_holds(creeping(4)[:, 30:], LONG_S[30:])
-    [hold] = make_holds(creeping(1, seed=13), LONG_S)
+    late = make_holds(creeping_holds(4)[:, 30:], LONG_S[30:])
+    [hold] = make_holds(creeping_holds(1, seed=13), LONG_S)
     own = predict_settled(hold, cutoff_s=2.0, method=Calibrated(holds=late))
     assert own.value == predict_settled(hold, cutoff_s=2.0).value

@@ -19,20 +19,20 @@ from palpate.signal.relative import (
 PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
 
 
-def quiet(frames: int = 60, *, seed: int = 0) -> np.ndarray:
+def make_quiet_frames(frames: int = 60, *, seed: int = 0) -> np.ndarray:
     noise = np.random.default_rng(seed).normal(scale=0.002, size=(frames, 2, 2))
     return PIXELS * (1 + noise)
 
 
 def test_rest_baseline_of_quiet_frames_equals_the_true_values() -> None:
-    rest = rest_baseline(quiet(200))
+    rest = rest_baseline(make_quiet_frames(200))
     np.testing.assert_allclose(rest.rest_ohm, PIXELS, rtol=1e-3)
     np.testing.assert_allclose(rest.spread_percent, 0.2, rtol=0.3)
     assert rest.frames == 200
 
 
 def test_rest_baseline_ignores_single_outliers() -> None:
-    ohm = quiet()
+    ohm = make_quiet_frames()
     spoiled = ohm.copy()
     spoiled[[5, 40], 0, 1] *= 3.0
     np.testing.assert_allclose(
@@ -43,27 +43,27 @@ def test_rest_baseline_ignores_single_outliers() -> None:
 def test_rest_baseline_of_a_settling_sensor_raises() -> None:
     recovery = 1 - 0.05 * np.exp(-np.arange(60) / 30)
     with pytest.raises(CalibrationError, match="settling"):
-        rest_baseline(quiet() * recovery[:, None, None])
+        rest_baseline(make_quiet_frames() * recovery[:, None, None])
 
 
 def test_rest_baseline_of_a_moving_finger_raises() -> None:
     spike = np.zeros(60)
     spike[28:32] = (0.2, 0.15, 0.1, 0.05)
     with pytest.raises(CalibrationError, match="jumped"):
-        rest_baseline(quiet() * (1 + spike)[:, None, None])
+        rest_baseline(make_quiet_frames() * (1 + spike)[:, None, None])
 
 
 def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
-    loaded = quiet() * 0.6
+    loaded = make_quiet_frames() * 0.6
     assert rest_baseline(loaded).frames == 60
     with pytest.raises(CalibrationError, match="there is a load"):
         rest_baseline(loaded, known_ohm=PIXELS)
-    assert rest_baseline(quiet() * 0.95, known_ohm=PIXELS).frames == 60
+    assert rest_baseline(make_quiet_frames() * 0.95, known_ohm=PIXELS).frames == 60
 
 
 def test_rest_baseline_of_too_few_frames_or_dead_pixels_raises() -> None:
     with pytest.raises(CalibrationError, match="at least 5"):
-        rest_baseline(quiet(4))
+        rest_baseline(make_quiet_frames(4))
     with pytest.raises(CalibrationError, match="at least 5"):
         rest_baseline(PIXELS)
     with pytest.raises(CalibrationError, match="no valid pixel"):
@@ -71,7 +71,7 @@ def test_rest_baseline_of_too_few_frames_or_dead_pixels_raises() -> None:
 
 
 def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:
-    ohm = quiet()
+    ohm = make_quiet_frames()
     ohm[:, 0, 0] = np.inf
     rest = rest_baseline(ohm)
     assert np.isnan(rest.rest_ohm[0, 0])

@@ -13,14 +13,14 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
-def world(name: str = "dragonskin-10", **options: object) -> World:
+def make_world(name: str = "dragonskin-10", **options: object) -> World:
     obj = draw_object(np.random.default_rng(1), name)
     return World(obj, seed=1, **options)  # type: ignore[arg-type]
 
 
 def test_twin_array_reads_at_fixed_rate_and_advances_clock() -> None:
     clock = ManualClock(start_s=100.0)
-    array = TwinArray(world(clock=clock, frame_rate_hz=50.0))
+    array = TwinArray(make_world(clock=clock, frame_rate_hz=50.0))
     frames = [array.read(timeout_s=1.0) for _ in range(10)]
     np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.02, atol=1e-9)
     assert [f.sequence for f in frames] == list(range(10))
@@ -29,7 +29,7 @@ def test_twin_array_reads_at_fixed_rate_and_advances_clock() -> None:
 
 
 def test_twin_array_queues_unread_frames_in_order() -> None:
-    setting = world(frame_rate_hz=10.0)
+    setting = make_world(frame_rate_hz=10.0)
     array, gripper = TwinArray(setting), TwinGripper(setting)
     setting.clock.sleep_s(1.0)
     gripper.command(GripperCommand(target=30.0, rate=50.0))
@@ -44,7 +44,7 @@ def test_twin_array_queues_unread_frames_in_order() -> None:
 
 
 def test_twin_array_slow_rate_raises_timeout() -> None:
-    setting = world(frame_rate_hz=2.0)
+    setting = make_world(frame_rate_hz=2.0)
     array = TwinArray(setting)
     with pytest.raises(DeviceTimeoutError, match=r"scans every 0\.5 s"):
         array.read(timeout_s=0.1)
@@ -55,20 +55,20 @@ def test_twin_array_slow_rate_raises_timeout() -> None:
 
 
 def test_twin_array_oversampled_counts_are_sums() -> None:
-    frame = TwinArray(world(oversampling=16)).read(timeout_s=1.0)
-    single = TwinArray(world()).read(timeout_s=1.0)
+    frame = TwinArray(make_world(oversampling=16)).read(timeout_s=1.0)
+    single = TwinArray(make_world()).read(timeout_s=1.0)
     assert frame.oversampling == 16
     np.testing.assert_allclose(frame.counts / 16, single.counts, atol=3)
 
 
 def test_twin_gripper_returns_clamped_command() -> None:
-    gripper = TwinGripper(world())
+    gripper = TwinGripper(make_world())
     sent = gripper.command(GripperCommand(target=-5.0, rate=1e6))
     assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
 
 
 def test_twin_gripper_moves_at_rate_stops_and_releases() -> None:
-    setting = world()
+    setting = make_world()
     gripper = TwinGripper(setting)
     gripper.command(GripperCommand(target=54.0, rate=10.0))
     setting.clock.sleep_s(1.0)
@@ -84,7 +84,7 @@ def test_twin_gripper_moves_at_rate_stops_and_releases() -> None:
 
 
 def test_twin_gripper_current_rises_with_grip() -> None:
-    setting = world()
+    setting = make_world()
     gripper = TwinGripper(setting)
     idle = np.mean([gripper.state().current_ma for _ in range(50)])
     gripper.command(GripperCommand(target=36.0, rate=40.0))
@@ -95,7 +95,7 @@ def test_twin_gripper_current_rises_with_grip() -> None:
 
 
 def test_twin_gripper_current_at_rest_varies_between_stops() -> None:
-    setting = world("springs-4")
+    setting = make_world("springs-4")
     gripper = TwinGripper(setting)
     setting.clock.sleep_s(1.0)
     held: dict[float, list[float]] = {}
@@ -111,7 +111,7 @@ def test_twin_gripper_current_at_rest_varies_between_stops() -> None:
 
 
 def test_twin_soft_gripper_reports_pressure_only() -> None:
-    setting = world("avocado-day-3", gripper="soft")
+    setting = make_world("avocado-day-3", gripper="soft")
     gripper = TwinGripper(setting)
     assert gripper.limits.drive == "pressure"
     gripper.command(GripperCommand(target=40.0, rate=20.0))
@@ -126,7 +126,7 @@ def test_twin_soft_gripper_reports_pressure_only() -> None:
 
 
 def test_twin_load_cell_reads_in_one_gram_steps() -> None:
-    setting = world("rigid-block")
+    setting = make_world("rigid-block")
     cell, gripper = TwinLoadCell(setting), TwinGripper(setting)
     assert abs(cell.read_n()) < 0.03
     gripper.command(GripperCommand(target=38.5, rate=20.0))

@@ -12,13 +12,13 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
 
-def fruit(**changes: float) -> TwinObject:
+def make_fruit(**changes: float) -> TwinObject:
     drawn = draw_object(np.random.default_rng(1), "tomato")
     return replace(drawn, friction=0.5, mass_g=100.0, **changes)
 
 
-def gripped(closure_mm: float, **changes: float) -> World:
-    obj = fruit(**changes)
+def make_gripped_world(closure_mm: float, **changes: float) -> World:
+    obj = make_fruit(**changes)
     world = World(obj, seed=1)
     world.drive(obj.size_mm - closure_mm, rate=20.0)
     world.clock.sleep_s(3.0)
@@ -26,7 +26,7 @@ def gripped(closure_mm: float, **changes: float) -> World:
 
 
 def test_lift_with_sufficient_friction_holds_object() -> None:
-    world = gripped(1.5)
+    world = make_gripped_world(1.5)
     assert 2 * 0.5 * world.force_n(3.0) > 100.0 * N_PER_G
     world.lift()
     assert world.force_n(6.0) > 1.0
@@ -34,25 +34,25 @@ def test_lift_with_sufficient_friction_holds_object() -> None:
 
 
 def test_lift_with_weak_grip_drops_object() -> None:
-    world = gripped(0.8)
+    world = make_gripped_world(0.8)
     weight_n = 100.0 * N_PER_G
     assert 2 * 0.5 * world.force_n(3.0) < weight_n
     world.lift()
     assert world.force_n(4.0) == 0.0
     assert world.has_dropped
     # The truth about the dropped object remains available.
-    assert world.truth().size_mm == fruit().size_mm
+    assert world.truth().size_mm == make_fruit().size_mm
 
 
 def test_lift_with_additional_pull_drops_object() -> None:
-    world = gripped(1.5)
+    world = make_gripped_world(1.5)
     world.lift(more_n=5.0)
     world.force_n(4.0)
     assert world.has_dropped
 
 
 def test_opening_after_lift_puts_object_down() -> None:
-    world = gripped(1.5)
+    world = make_gripped_world(1.5)
     world.lift()
     world.clock.sleep_s(1.0)
     world.drive(74.0, rate=20.0)
@@ -61,7 +61,7 @@ def test_opening_after_lift_puts_object_down() -> None:
 
 
 def test_sliding_object_moves_load_between_pixels() -> None:
-    world = gripped(1.5)
+    world = make_gripped_world(1.5)
     before = world.pixel_resistance_ohm(3.0)
     carried_n = 2 * 0.5 * world.force_n(3.0)
     world.lift(more_n=1.01 * carried_n - 100.0 * N_PER_G)
@@ -86,11 +86,11 @@ def test_place_between_closed_fingers_is_refused() -> None:
     world.drive(50.0, rate=30.0)
     world.clock.sleep_s(3.0)
     with pytest.raises(ValueError, match="open them first"):
-        world.place(fruit())
+        world.place(make_fruit())
 
 
 def test_off_middle_object_loads_only_the_first_finger() -> None:
-    heavy = fruit(size_mm=50.0)
+    heavy = make_fruit(size_mm=50.0)
     heavy = replace(heavy, mass_g=300.0)
     world = World(heavy, seed=3, level="field")
     rest = world.pixel_resistance_ohm(0.5)
@@ -105,7 +105,7 @@ def test_off_middle_object_loads_only_the_first_finger() -> None:
 
 
 def test_opening_within_backlash_preserves_grip_force() -> None:
-    world = gripped(2.0)
+    world = make_gripped_world(2.0)
     held_n = world.force_n(30.0)
     world.drive(world.drive_value(30.0) + 0.9 * world.backlash_mm, rate=20.0, time_s=30.0)
     assert world.force_n(31.0) == pytest.approx(held_n, rel=0.01)

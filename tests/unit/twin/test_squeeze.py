@@ -19,7 +19,7 @@ STIFF = HandCompliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0
 SOFT = HandCompliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
 
 
-def fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
+def make_fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
     return TwinObject(
         name="fruit",
         size_mm=50.0,
@@ -31,7 +31,7 @@ def fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
     )
 
 
-def held(
+def hold_closure(
     obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
 ) -> RelaxingForce:
     """Return the force after a sudden closure and a hold in small steps."""
@@ -46,7 +46,7 @@ def held(
 
 @pytest.mark.parametrize("at_s", [0.5, 2.0, 8.0])
 def test_relaxing_force_at_constant_closure_decays(at_s: float) -> None:
-    squeeze = held(fruit(), 2.0, compliance=STIFF, until_s=at_s)
+    squeeze = hold_closure(make_fruit(), 2.0, compliance=STIFF, until_s=at_s)
     assert squeeze.elastic_n == pytest.approx(8.0, rel=1e-6)
     assert squeeze.force_n == pytest.approx(8.0 * (0.7 + 0.3 * math.exp(-at_s / 2.0)), rel=1e-5)
 
@@ -55,7 +55,7 @@ def test_relaxing_force_at_constant_closure_decays(at_s: float) -> None:
 def test_relaxing_force_under_constant_load_creeps(at_s: float) -> None:
     # A standard linear solid under constant force: J(t) = 1 + s/(1-s) (1 - exp(-(1-s) t / tau)).
     closure_mm = 1e3 * 2.0
-    squeeze = held(fruit(), closure_mm, compliance=SOFT, until_s=at_s)
+    squeeze = hold_closure(make_fruit(), closure_mm, compliance=SOFT, until_s=at_s)
     crept = 1.0 + 0.3 / 0.7 * -math.expm1(-0.7 * at_s / 2.0)
     assert squeeze.force_n == pytest.approx(2.0, rel=2e-3)
     assert squeeze.elastic_n == pytest.approx(2.0 * crept, rel=3e-3)
@@ -74,16 +74,16 @@ def test_relaxing_force_decreases_with_time(
     compliance = HandCompliance(
         finger_mm_per_n=compliance_mm_per_n, pad_travel_mm=0.3, pad_force_n=2.0
     )
-    obj = fruit(fraction)
-    early = held(obj, closure, compliance=compliance, until_s=0.5)
-    late = held(obj, closure, compliance=compliance, until_s=20.0)
+    obj = make_fruit(fraction)
+    early = hold_closure(obj, closure, compliance=compliance, until_s=0.5)
+    late = hold_closure(obj, closure, compliance=compliance, until_s=20.0)
     assert 0.0 < late.force_n <= early.force_n * (1 + 1e-9)
     assert late.elastic_n >= early.elastic_n * (1 - 1e-9)
 
 
 def test_relaxing_force_after_opening_is_zero_not_negative() -> None:
-    obj = fruit(0.5)
-    squeeze = held(obj, 3.0, compliance=STIFF, until_s=10.0)
+    obj = make_fruit(0.5)
+    squeeze = hold_closure(obj, 3.0, compliance=STIFF, until_s=10.0)
     less = squeeze.close_to(obj, 0.2, step_s=0.01, compliance=STIFF)
     assert less.force_n == 0.0
     assert squeeze.close_to(obj, -1.0, step_s=0.01, compliance=STIFF).force_n == 0.0
@@ -96,12 +96,12 @@ def test_soft_fingers_lose_less_force_to_relaxation_than_rigid() -> None:
         early_n = world.force_n(0.6)
         return 1.0 - world.force_n(30.0) / early_n
 
-    soft = lost(World(fruit(), seed=1, gripper="soft"), 26.0)
-    assert 0.01 < soft < 0.5 * lost(World(fruit(), seed=1), 47.0)
+    soft = lost(World(make_fruit(), seed=1, gripper="soft"), 26.0)
+    assert 0.01 < soft < 0.5 * lost(World(make_fruit(), seed=1), 47.0)
 
 
 def test_rupture_below_yield_force_counts_as_damage() -> None:
-    world = World(replace(fruit(), rupture_n=3.0, yield_n=50.0), seed=1)
+    world = World(replace(make_fruit(), rupture_n=3.0, yield_n=50.0), seed=1)
     world.drive(47.0, rate=20.0)
     world.clock.sleep_s(3.0)
     assert world.force_n(3.0) < 50.0

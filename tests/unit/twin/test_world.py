@@ -14,19 +14,21 @@ from palpate.twin.velostat import FAMILIES, Environment
 from palpate.twin.world import World
 
 
-def made(name: str = "dragonskin-10", *, seed: int = 1) -> TwinObject:
+def make_object(name: str = "dragonskin-10", *, seed: int = 1) -> TwinObject:
     return draw_object(np.random.default_rng(seed), name)
 
 
-def held(closure_mm: float, *, seed: int = 1, rate: float = 40.0, **options: object) -> World:
+def make_held_world(
+    closure_mm: float, *, seed: int = 1, rate: float = 40.0, **options: object
+) -> World:
     """Return a world whose fingers start at 0 s to a closure beyond contact."""
-    obj = made()
+    obj = make_object()
     world = World(obj, seed=seed, **options)  # type: ignore[arg-type]
     world.drive(obj.size_mm - closure_mm, rate=rate)
     return world
 
 
-def change(world: World, time_s: float) -> float:
+def mean_change_percent(world: World, time_s: float) -> float:
     """Return the noise-free mean relative change."""
     rest = world.sheet.rest_ohm.reshape(world.layout.rows, world.layout.cols)
     ohm = world.pixel_resistance_ohm(time_s)
@@ -36,22 +38,22 @@ def change(world: World, time_s: float) -> float:
 @pytest.mark.parametrize("level", ["lab", "field"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_world_closing_raises_force_and_lowers_resistance(level: str, family: str) -> None:
-    worlds = [held(c, level=level, family=family) for c in (0.5, 1.0, 2.0, 3.0)]
+    worlds = [make_held_world(c, level=level, family=family) for c in (0.5, 1.0, 2.0, 3.0)]
     forces = [world.force_n(10.0) for world in worlds]
-    changes = [change(world, 10.0) for world in worlds]
+    changes = [mean_change_percent(world, 10.0) for world in worlds]
     assert np.all(np.diff(forces) > 0)
     assert np.all(np.diff(changes) < 0)
     assert changes[-1] > -100.0
 
 
 def test_world_frames_are_reproducible_by_seed() -> None:
-    scans = [[held(2.0, seed=s).scan(t).tolist() for t in (0.1, 5.0)] for s in (7, 7, 8)]
+    scans = [[make_held_world(2.0, seed=s).scan(t).tolist() for t in (0.1, 5.0)] for s in (7, 7, 8)]
     assert scans[0] == scans[1]
     assert scans[0] != scans[2]
 
 
 def test_worlds_with_equal_sheet_seed_share_sensor() -> None:
-    first, second = (World(made(), seed=s, sheet_seed=3) for s in (1, 2))
+    first, second = (World(make_object(), seed=s, sheet_seed=3) for s in (1, 2))
     np.testing.assert_array_equal(first.sheet.rest_ohm, second.sheet.rest_ohm)
     assert first.compliance == second.compliance
     # Placement and scatter depend on the session's seed.
@@ -62,51 +64,51 @@ def test_worlds_with_equal_sheet_seed_share_sensor() -> None:
 
 def test_world_every_movement_raises_resistance_briefly() -> None:
     for target_mm in (60.0, 50.0, 74.0):
-        world = World(made(), seed=2)
+        world = World(make_object(), seed=2)
         world.drive(66.0, rate=40.0)
-        before = change(world, 5.0)
+        before = mean_change_percent(world, 5.0)
         world.drive(target_mm, rate=40.0, time_s=5.0)
         arrives_s = 5.0 + abs(target_mm - 66.0) / 40.0
-        assert change(world, arrives_s) > before + 3.0
-        assert change(world, arrives_s + 2.0) == pytest.approx(before, abs=0.01)
+        assert mean_change_percent(world, arrives_s) > before + 3.0
+        assert mean_change_percent(world, arrives_s + 2.0) == pytest.approx(before, abs=0.01)
 
 
 def test_world_opening_spikes_above_rest_and_recovers() -> None:
-    world = held(3.0)
-    change(world, 5.0)
+    world = make_held_world(3.0)
+    mean_change_percent(world, 5.0)
     world.drive(70.0, rate=40.0, time_s=5.0)
-    assert max(change(world, t) for t in np.arange(5.0, 6.0, 0.02)) > 0.0
-    assert change(world, 60.0) == pytest.approx(0.0, abs=1.5)
+    assert max(mean_change_percent(world, t) for t in np.arange(5.0, 6.0, 0.02)) > 0.0
+    assert mean_change_percent(world, 60.0) == pytest.approx(0.0, abs=1.5)
 
 
 def test_world_resistance_creeps_down_during_hold() -> None:
-    world = held(3.0)
-    readings = [change(world, t) for t in (0.5, 1.0, 2.5, 5.0, 10.0, 20.0)]
+    world = make_held_world(3.0)
+    readings = [mean_change_percent(world, t) for t in (0.5, 1.0, 2.5, 5.0, 10.0, 20.0)]
     assert np.all(np.diff(readings) < 0)
 
 
 def test_world_unloading_shows_hysteresis() -> None:
-    up, down = held(2.0), held(3.0)
+    up, down = make_held_world(2.0), make_held_world(3.0)
     down.force_n(2.0)
-    down.drive(made().size_mm - 2.0 + down.backlash_mm, rate=40.0, time_s=2.0)
+    down.drive(make_object().size_mm - 2.0 + down.backlash_mm, rate=40.0, time_s=2.0)
     assert down.force_n(20.0) == pytest.approx(up.force_n(20.0), rel=0.02)
-    assert change(down, 20.0) < change(up, 20.0) - 0.5
+    assert mean_change_percent(down, 20.0) < mean_change_percent(up, 20.0) - 0.5
 
 
 def test_world_truth_during_hold_equals_settled_force_and_change() -> None:
-    world = held(2.5)
+    world = make_held_world(2.5)
     world.force_n(1.0)
     before = world.truth()
     assert before.force_n == pytest.approx(world.force_n(20.0), rel=1e-9)
-    assert before.settled_percent == pytest.approx(change(world, 20.0), abs=1e-9)
+    assert before.settled_percent == pytest.approx(mean_change_percent(world, 20.0), abs=1e-9)
     after = world.truth()
     assert replace(after, peak_force_n=0.0) == replace(before, peak_force_n=0.0)
     assert after.peak_force_n >= before.force_n
-    assert after.size_mm == made().size_mm
+    assert after.size_mm == make_object().size_mm
 
 
 def test_world_truth_after_release_is_of_final_hold() -> None:
-    world = held(2.5)
+    world = make_held_world(2.5)
     world.force_n(3.0)
     holding = world.truth()
     world.drive(74.0, rate=50.0, time_s=3.0)
@@ -115,15 +117,15 @@ def test_world_truth_after_release_is_of_final_hold() -> None:
 
 
 def test_world_truth_horizon_starts_at_last_movement() -> None:
-    world = held(1.5)
+    world = make_held_world(1.5)
     world.force_n(4.0)
-    world.drive(made().size_mm - 2.5, rate=40.0, time_s=4.0)
+    world.drive(make_object().size_mm - 2.5, rate=40.0, time_s=4.0)
     truth = world.truth()
-    assert truth.settled_percent == pytest.approx(change(world, 24.0), abs=1e-9)
+    assert truth.settled_percent == pytest.approx(mean_change_percent(world, 24.0), abs=1e-9)
 
 
 def test_world_true_stiffness_excludes_gripper_compliance() -> None:
-    springs = made("springs-4")
+    springs = make_object("springs-4")
     world = World(springs, seed=4)
     world.drive(springs.size_mm - 3.0, rate=20.0)
     world.force_n(1.0)
@@ -143,7 +145,7 @@ def test_world_without_object_has_no_force() -> None:
 
 
 def test_world_squeezed_berry_is_damaged() -> None:
-    berry = made("strawberry")
+    berry = make_object("strawberry")
     gentle, rough = World(berry, seed=1), World(berry, seed=1)
     gentle.drive(berry.size_mm - 1.0, rate=20.0)
     rough.drive(berry.size_mm - 12.0, rate=20.0)
@@ -155,7 +157,7 @@ def test_world_squeezed_berry_is_damaged() -> None:
 
 
 def test_world_servo_locks_at_force_limit() -> None:
-    block = made("rigid-block")
+    block = make_object("rigid-block")
     world = World(block, seed=1)
     world.drive(5.0, rate=20.0)
     assert world.force_n(10.0) < 65.0
@@ -164,21 +166,21 @@ def test_world_servo_locks_at_force_limit() -> None:
 
 
 def test_world_removing_a_held_object_ends_the_force() -> None:
-    world = held(3.0)
+    world = make_held_world(3.0)
     world.force_n(5.0)
     world.place(None, time_s=5.0)
     assert world.force_n(5.05) == 0.0
-    assert change(world, 8.0) > -25.0
+    assert mean_change_percent(world, 8.0) > -25.0
 
 
 def test_world_place_needs_open_fingers() -> None:
-    world = held(3.0)
+    world = make_held_world(3.0)
     with pytest.raises(ValueError, match="open them first"):
-        world.place(made("avocado-day-1"), time_s=3.0)
+        world.place(make_object("avocado-day-1"), time_s=3.0)
 
 
 def test_world_refuses_earlier_time() -> None:
-    world = held(3.0)
+    world = make_held_world(3.0)
     world.force_n(5.0)
     with pytest.raises(ValueError, match="go back"):
         world.force_n(1.0)
@@ -187,7 +189,7 @@ def test_world_refuses_earlier_time() -> None:
 def test_world_soft_finger_force_grows_with_pressure() -> None:
     forces = []
     for pressure_kpa in (20.0, 30.0, 40.0, 50.0):
-        world = World(made("avocado-day-3"), seed=1, gripper="soft")
+        world = World(make_object("avocado-day-3"), seed=1, gripper="soft")
         world.drive(pressure_kpa, rate=25.0)
         assert world.drive_value(10.0) == pytest.approx(pressure_kpa)
         forces.append(world.force_n(10.0))
@@ -197,14 +199,16 @@ def test_world_soft_finger_force_grows_with_pressure() -> None:
 
 
 def test_world_environment_affects_ohm_more_than_relative_change() -> None:
-    cool, warm = (held(2.5, environment=Environment(temperature_c=t)) for t in (14.8, 26.8))
+    cool, warm = (
+        make_held_world(2.5, environment=Environment(temperature_c=t)) for t in (14.8, 26.8)
+    )
     ratio = warm.pixel_resistance_ohm(10.0) / cool.pixel_resistance_ohm(10.0)
     assert np.all(np.abs(ratio - 1) > 0.01)
     assert warm.truth().settled_percent == pytest.approx(cool.truth().settled_percent, abs=3.0)
 
 
 def test_world_environment_can_change_during_run() -> None:
-    steady, changed = held(2.5), held(2.5)
+    steady, changed = make_held_world(2.5), make_held_world(2.5)
     cool, warm = Environment(), Environment(temperature_c=31.9)
     changed.set_environment(warm, time_s=5.0)
     jump = changed.pixel_resistance_ohm(5.0) / steady.pixel_resistance_ohm(5.0)
@@ -215,20 +219,20 @@ def test_world_environment_can_change_during_run() -> None:
 
 
 def test_world_floating_lines_cause_crosstalk() -> None:
-    straight = held(2.5)
-    leaky = held(2.5, layout=replace(RIGID_LAYOUT, idle_lines="floating"))
+    straight = make_held_world(2.5)
+    leaky = make_held_world(2.5, layout=replace(RIGID_LAYOUT, idle_lines="floating"))
     assert np.all(leaky.scan(3.0) > straight.scan(3.0))
 
 
 def test_world_naive_readings_have_large_errors() -> None:
     # An early reading converted with a calibration of settled values has a large error.
-    world = held(3.0, family="two-mode")
-    early, settled = change(world, 1.2), change(world, 20.0)
+    world = make_held_world(3.0, family="two-mode")
+    early, settled = mean_change_percent(world, 1.2), mean_change_percent(world, 20.0)
     assert abs(early / settled - 1) > 0.08
     # At level `field`, one gain for all placements has an error of tens of percent.
     excess = []
     for seed in range(12):
-        other = held(2.0, seed=seed, sheet_seed=5, level="field")
+        other = make_held_world(2.0, seed=seed, sheet_seed=5, level="field")
         rest = other.sheet.rest_ohm.reshape(other.layout.rows, other.layout.cols)
         at_hold = excess_conductance(other.pixel_resistance_ohm(20.0), rest_ohm=rest)
         excess.append(np.log(at_hold.sum()))
