@@ -233,8 +233,9 @@ def test_recalibrate_with_own_calibration_reproduces_force(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["settle", "{tmp}/none"], "not an archive; `palpate archive add` creates one"),
+        (["settle", "{tmp}/none"], "none: not an archive; `palpate archive add` creates one"),
         (["add", "--to", "{tmp}/new"], "nothing to add"),
+        (["add", "{tmp}", "--to", "{tmp}/new"], "no recordings (.mcap) in /"),
         (["add", "{recorded}/g1.mcap", "--to", "{tmp}/other"], "contains other files"),
         (["add", "{tmp}/none.mcap", "--to", "{tmp}/new"], "none.mcap: no such file or folder"),
         (["settle", "{archive}", "--horizon", "2"], "--horizon 2: give at least 5 s"),

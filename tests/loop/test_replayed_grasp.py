@@ -177,6 +177,6 @@ def test_replay_of_a_recording_without_a_gripper_is_refused(
     with RecordingWriter(path, info=info):
         pass
     source = Replay(path, clock=ManualClock())
-    with pytest.raises(RecordingError, match="has no gripper"):
+    with pytest.raises(RecordingError, match="not the recording of a grasp"):
         ReplayGripper(source)
     source.close()

@@ -65,6 +65,8 @@ def add(
             raise InputError(f"{path}: no such file or folder")
     recordings = list(find_recordings(files or []))
     if not recordings and store is None:
+        if files:
+            raise InputError(f"no recordings (.mcap) in {', '.join(map(str, files))}")
         raise InputError("nothing to add: name recordings, a folder with recordings, or --store")
     if store is not None and station is None:
         raise InputError("--store: the station of its grasps is unknown; give --station")
@@ -101,7 +103,7 @@ def compact(archive: ArchiveArgument) -> None:
     opened = Archive(archive)
     for kind in KINDS:
         before, after = join_files(opened, kind)
-        print(f"{archive}: {kind}: {before} files became {after}", file=sys.stderr)
+        print(f"{archive}: {kind}: {before} -> {after} files", file=sys.stderr)
 
 
 def settle(

@@ -93,14 +93,13 @@ class ReplayGripper:
     live.
 
     `replay`: the recording; each state belongs to the last frame read from it.
-    Raises `RecordingError` if the recording has no gripper.
+    Raises `RecordingError` if it is not the recording of a grasp.
     """
 
     def __init__(self, replay: Replay) -> None:
         if replay.info.gripper is None:
             raise RecordingError(
-                "the recording has no gripper, so its grasp can't be repeated; use the recording "
-                "of a grasp"
+                "not the recording of a grasp; `palpate grasp --record FILE` makes one"
             )
         self.limits: GripperLimits = replay.info.gripper
         self._replay = replay

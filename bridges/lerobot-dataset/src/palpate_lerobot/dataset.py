@@ -248,7 +248,7 @@ def _write_card_text(episodes: Sequence[Episode]) -> str:
         f"{len(episodes)} grasps by palpate{_describe_origin(episodes)}. `observation.state` is "
         "the measurement, `action` the commanded opening and speed; the column names have "
         "their units and are in `meta/info.json`. Force is an estimate with its 90 % interval. "
-        "Where an episode comes from is in its `palpate/...` columns.\n"
+        "The `palpate/...` columns of an episode state its origin.\n"
     )
 
 
