@@ -50,6 +50,11 @@ def test_paper_method_extra_closing_increases_force(palpate: Command) -> None:
     assert forces_n[1] > 1.2 * forces_n[0]
 
 
+def test_paper_method_shows_no_peak_force_below_its_grip_force(palpate: Command) -> None:
+    assert "peak force" in palpate("grasp", "--seed", "3").out
+    assert "peak force" not in palpate("grasp", "--seed", "3", "--method", "paper").out
+
+
 def test_replay_grasp_repeats_recorded_paper_grasp(tmp_path: Path, palpate: Command) -> None:
     file = tmp_path / "run.mcap"
     live = grasped(palpate, "--cutoff", "1.5", "--record", file)
