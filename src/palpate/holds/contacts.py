@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
 
@@ -115,9 +116,7 @@ def find_stretches(time_s: FloatArray, values: FloatArray) -> ContactOutline:
     [0, 3, 6]
     """
     at_s, height, cell_s = _median_cells(time_s, log_if_wide(values))
-    padded = np.pad(height, MEDIAN_CELLS // 2, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_CELLS)
-    smooth = np.asarray(np.median(windows, axis=-1))
+    smooth = median_filter(height, size=MEDIAN_CELLS, mode="nearest")
     noise = 0.0
     if smooth.size > 2 * MEDIAN_CELLS:
         # Second differences are insensitive to drift and edges.

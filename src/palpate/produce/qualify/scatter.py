@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from palpate.arrays import FloatArray
 
@@ -40,7 +40,7 @@ class Scatter:
         """Return the fraction of single readings within `tolerance` of the item's mean."""
         if not self.within > 0:
             return math.nan
-        return float(2.0 * norm.cdf(tolerance / self.within) - 1.0)
+        return float(2.0 * ndtr(tolerance / self.within) - 1.0)
 
 
 def estimate_scatter(values: FloatArray, item: NDArray[np.intp]) -> Scatter:

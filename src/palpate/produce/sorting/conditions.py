@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from statistics import NormalDist
 from types import MappingProxyType
 from typing import Any, TypeAlias
+
+from scipy.special import ndtr, ndtri
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identity
@@ -195,10 +196,10 @@ def _most_probable_text(probabilities: Mapping[str, float]) -> str:
 
 
 def _probability_below(bound: float, measured: Measurement) -> float:
-    quantile = NormalDist().inv_cdf(0.5 + measured.level / 2)
+    quantile = ndtri(0.5 + measured.level / 2)
     half_width = (
         measured.middle - measured.low
         if bound < measured.middle
         else measured.high - measured.middle
     )
-    return NormalDist().cdf(quantile * (bound - measured.middle) / max(half_width, 1e-9))
+    return float(ndtr(quantile * (bound - measured.middle) / max(half_width, 1e-9)))
