@@ -24,7 +24,7 @@ from tests.loop.test_dashboard import (
     verdict,
 )
 
-from palpate.dashboard.headline import OUTCOMES, PHASES
+from palpate.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
 from palpate.dashboard.messages import DeviceActivity
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
@@ -207,13 +207,15 @@ def test_operator_page_fits_every_possible_text(browser: Browser, address: str, 
         "line 13 (large): 55 %, 80 % required; 3 grasps · below the target of 12.5 N · "
         "answer 12.7 s after contact"
     )
-    again = "Turn the item, then press Grasp again: the bin is provisional"
     with at(browser, f"{address}operate", pixels) as page:
         capital = [word[:1].upper() + word[1:] for word in words]
         fits(page)
         assert page.evaluate(LAID_OUT, [capital, nexts, whys, ""]) == []
-        firm = "at least medium, 137 mm, at least 10.4 N/mm"
-        assert page.evaluate(LAID_OUT, [bins, [again, *nexts], [reason], firm]) == []
+        held = ["within the target of 12.5 N · answer 12.7 s after contact"]
+        measured = "firmness 100 of 100, 137 mm"
+        assert page.evaluate(LAID_OUT, [list(firmness_words()), nexts, held, measured]) == []
+        firm = f"soft to medium, {measured}"
+        assert page.evaluate(LAID_OUT, [bins, [*AGAIN_STEPS, *nexts], [reason], firm]) == []
 
 
 #: Shows the headline of a lost connection; returns the texts that exceed the card.

@@ -27,6 +27,7 @@ from palpate.cli.output import (
 from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
 from palpate.files import check_writable
+from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.item_history import (
@@ -222,7 +223,7 @@ def _export(
     verdicts_path = path.with_suffix(".verdicts.parquet")
     rows = export_grasps(path, grasps, items=found)
     verdict_rows = export_verdicts(verdicts_path, verdicts)
-    print_message(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts")
+    print_message(f"Written: {path} (grasps: {rows}), {verdicts_path} (verdicts: {verdict_rows})")
 
 
 def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
@@ -295,12 +296,14 @@ def _grasps(page: ItemHistory) -> Table:
     heads = [head for head, _ in quantities.values()]
     shown = page.grasps[-_SHOWN:]
     sides = [] if all(grasp.angle_deg is None for grasp in shown) else [">side\n"]
-    table = make_table(("taken", "outcome", *heads, *sides))
+    # The column is shown only if an outcome differs, so that the table fits 80 characters.
+    outcomes = ["outcome"] if any(grasp.outcome is not Outcome.HELD for grasp in shown) else []
+    table = make_table(("taken", *outcomes, *heads, *sides))
     for grasp in shown:
         side = "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°"
         table.add_row(
             format_time(grasp.taken_at),
-            str(grasp.outcome),
+            *[str(grasp.outcome) for _ in outcomes],
             *(
                 _interval_cell(grasp.measurements.get(name), n)
                 for name, (_, n) in quantities.items()

@@ -57,8 +57,10 @@ _QUANTITIES = (
 )
 #: Maximum rows in the tables of grasps and verdicts, and of items (guess).
 _MAX_ROWS, _MAX_ITEMS = 100, 500
+#: Minimum number of items for a spread, and maximum number of listed kinds.
+_MIN_SPREAD, _MAX_KINDS = 5, 4
 _FOOT = (
-    "Intervals have a level of 0.9. Hollow marks and * denote readings without that guarantee. "
+    "Intervals are 90 % intervals; hollow marks and * denote readings without that guarantee. "
     "Times are local."
 )
 
@@ -104,7 +106,7 @@ def report(
             text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")
-    print_message(f"{target}: {len(text) // 1000} kB")
+    print_message(f"Written: {target}")
 
 
 def _file_name(name: str) -> str:
@@ -216,11 +218,13 @@ def _group_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: 
 
 
 def _summary_labels(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
-    chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
+    kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
+    chips = kinds if len(kinds) <= _MAX_KINDS else [f"{len(kinds)} kinds"]
     if grasps:
         first, last = (format_time(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
         day, _, clock = last.partition(" ")
-        chips.append(f"{first} to {clock if first.startswith(day) else last}")
+        until = clock if first.startswith(day) else last
+        chips.append(first if first == last else f"{first} to {until}")
     return chips
 
 
@@ -234,7 +238,8 @@ def _group_tiles(
         values = [measured.middle for page in pages if (measured := page.latest(name))]
         if values:
             low, middle, high = (f"{q:.{digits}f}" for q in np.quantile(values, [0.1, 0.5, 0.9]))
-            tiles[f"Median {caption.lower()}"] = (middle, unit, f"8 in 10: {low} to {high}")
+            below = f"8 in 10: {low} to {high}" if len(values) >= _MIN_SPREAD else ""
+            tiles[f"Median {caption.lower()}"] = (middle, unit, below)
     bruised = _count_verdicts(pages, About.BRUISE)
     if bruised:
         text, many = bruised.most_common(1)[0]

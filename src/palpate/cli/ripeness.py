@@ -92,7 +92,7 @@ def _stage_names(stages: str, *, ripe: str) -> tuple[str, ...]:
     if len(names) < 2 or len(set(names)) < len(names) or not all(names):
         raise InputError(f"--stages {stages}: give at least two different stages, firmest first")
     if ripe not in names[1:]:
-        raise InputError(f"--ripe {ripe}: must be one of {', '.join(names[1:])}")
+        raise InputError(f"--ripe {ripe}: must be a stage after the first: {', '.join(names[1:])}")
     return names
 
 

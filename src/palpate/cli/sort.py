@@ -161,7 +161,9 @@ def _print_identity(
     item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
 ) -> None:
     console = Console(highlight=False, emoji=False)
-    console.print(f"[bold]{escape(f'{item}: {identity.kind}')}[/bold]{' (simulated)' * simulated}")
+    chance = "" if identity.rejected else f" with {100 * identity.confidence:.0f} %"
+    title = escape(f"{item}: {identity.kind}{chance}")
+    console.print(f"[bold]{title}[/bold]{' (simulated)' * simulated}")
     rows = [
         ("something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}")
         for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1])

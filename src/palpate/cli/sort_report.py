@@ -103,10 +103,11 @@ class SortReport:
             (escape(name), str(one["items"]), *[str(one["right"])] * is_judged)
             for name, one in summary["bins"].items()
         ]
-        print_table(("bin", ">items", *[">right"] * is_judged), bins, console=console)
+        print_table(("bin", ">items", *[">correct"] * is_judged), bins, console=console)
         parts = [f"{100 * summary['left_over']:.0f} % in the default bin {self.book.default_bin!r}"]
         if is_judged:
-            parts.insert(0, f"purity {100 * summary['purity']:.0f} % (items in the correct bin)")
+            purity = f"{100 * summary['purity']:.0f} % of the other items in the correct bin"
+            parts.insert(1, purity)
         if self.dry:
             parts.append("dry run: nothing was grasped or written")
         else:

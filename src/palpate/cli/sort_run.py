@@ -285,7 +285,7 @@ def open_supply(
         items, seed=seed, unknown_fraction=_UNKNOWN_FRACTION, prefix=f"crate-{seed}"
     )
     training = draw_crate(
-        list(TRAINED_KINDS) * training_items, seed=seed + 1, prefix=f"taught-{seed}"
+        list(TRAINED_KINDS) * training_items, seed=seed + 1, prefix=f"labelled-{seed}"
     )
     return SimulatedCrate(
         hand=_make_hand(rig, target_force_n, damage),

@@ -46,6 +46,11 @@ OUTCOMES = {
     Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you continue"),
     Outcome.STOPPED: ("Stopped", "Check the hand, then press Grasp again"),
 }
+#: Next step with a provisional bin, while the hand holds the item and after it opened.
+AGAIN_STEPS = (
+    "Press Release, turn the item, then press Grasp again: the bin is provisional",
+    "Turn the item, then press Grasp again: the bin is provisional",
+)
 
 
 def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
@@ -73,7 +78,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         return _headline(text, "busy")
     words = _verdict(progress.answer, session)
     words |= {"text": text, "kind": "warn" if words["on_target"] is False else "good"}
-    return _add_bin(words, progress.answer, devices) if progress.phase == "hold" else words
+    return _add_bin(words, devices) if progress.phase == "hold" else words
 
 
 def phase_text(phase: str) -> str:
@@ -99,6 +104,7 @@ def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
         "kind": kind,
         "why": why,
         "firmness": "",
+        "measured": "",
         "bin": "",
         "on_target": None,
     }
@@ -107,7 +113,8 @@ def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
 def _verdict(result: GraspResult, session: Session) -> dict[str, Any]:
     """Return a headline with the verdict on a measured object."""
     words = verdict(result, target_force_n=session.shown_target_n)
-    return _headline("", "") | words | {"firmness": words["firmness"] or ""}
+    measured = ", ".join(_describe_measurements(result))
+    return _headline("", "") | words | {"firmness": words["firmness"] or "", "measured": measured}
 
 
 def _is_firmness_word(firmness: str) -> bool:
@@ -148,11 +155,13 @@ def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
         words |= {"text": "the object was damaged", "why": words["text"], "firmness": ""}
     elif _has_passed_limit(grasped.result, low_n):
         words["why"] = "the force exceeded the damage limit before the limit was known"
+    if _is_damaged(grasped) or grasped.result.outcome is not Outcome.HELD:
+        words["measured"] = ""
     words["kind"] = outcome_kind(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-    return _add_bin(words, grasped.result, session.devices)
+    return _add_bin(words, session.devices)
 
 
-def _add_bin(headline: dict[str, Any], result: GraspResult, devices: DeviceState) -> dict[str, Any]:
+def _add_bin(headline: dict[str, Any], devices: DeviceState) -> dict[str, Any]:
     """Return the headline with the bin as its text; amber for the default bin."""
     placement = devices.placement
     if headline["kind"] == "bad" or "bin" not in placement:
@@ -161,27 +170,26 @@ def _add_bin(headline: dict[str, Any], result: GraspResult, devices: DeviceState
     if found is None:
         return headline | {"why": f"no bin: {placement['why']}", "kind": "warn"}
     firm = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
-    if result.firmness is not None:
-        index = f"{result.firmness.middle:.0f} of 100"
-        firm = f"{firm} ({index})" if firm else f"firmness {index}"
+    measured = ", ".join(filter(None, (firm, headline["measured"])))
     return headline | {
         "text": found["name"],
         "bin": found["name"],
         "again": found["again"],
         "why": f"{headline['text']}: {found['why'].partition(': ')[2]}",
-        "firmness": ", ".join(filter(None, (firm, *_size_texts(result)))),
+        "firmness": measured,
+        "measured": measured,
         "kind": "warn" if found["rule"] is None else headline["kind"],
     }
 
 
-def _size_texts(result: GraspResult) -> list[str]:
-    """Return the known size and stiffness as text."""
-    rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
-    return [
-        f"{one.text(digits=digits if one.has_value else 2)} {unit}"
-        for one, unit, digits in rows
-        if one is not None and (one.has_value or any(one.known_ends))
-    ]
+def _describe_measurements(result: GraspResult) -> list[str]:
+    """Return the known firmness and size as text."""
+    texts = []
+    if result.firmness is not None and result.firmness.has_value:
+        texts.append(f"firmness {result.firmness.middle:.0f} of 100")
+    if result.size_mm is not None and result.size_mm.has_value:
+        texts.append(f"{result.size_mm.middle:.0f} mm")
+    return texts
 
 
 def _has_passed_limit(result: GraspResult, damage_low_n: float | None) -> bool:
@@ -267,7 +275,7 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return "Choose a rig on the full page"
     if activity is DeviceActivity.GRASPING:
         if progress is not None and progress.phase == "hold":
-            return "Take the item, then press Release"
+            return AGAIN_STEPS[0] if headline.get("again") else "Take the item, then press Release"
         return "Keep your hands away"
     if activity is not DeviceActivity.WATCHING:
         return "Wait"
@@ -286,7 +294,7 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     if _is_damaged(grasped):
         return "Set this item aside"
     if headline.get("again"):
-        return "Turn the item, then press Grasp again: the bin is provisional"
+        return AGAIN_STEPS[1]
     return OUTCOMES[grasped.result.outcome][1]
 
 

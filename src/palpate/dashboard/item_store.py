@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _Read = TypeVar("_Read")
 #: Caption and axis label of the measurements over time on an item's page.
 _FIGURES = {
-    "stiffness_n_per_mm": ("Stiffness over time", "stiffness (N/mm)"),
+    "firmness": ("Firmness over time", "firmness (of 100)"),
     "settled_percent": ("Settled change over time", "settled change (%)"),
 }
 MISSING = "items need the store: pip install 'palpate[produce]'"

@@ -164,7 +164,7 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
             seed.props("outlined dense")
             speed = ui.toggle(
                 SPEEDS,
-                value=requested.speed if requested and requested.speed in SPEEDS else 1.0,
+                value=requested.speed if requested and requested.speed in SPEEDS else None,
                 on_change=lambda event: viewer.request(SetSpeed(event.value)),
             ).props("unelevated no-caps")
             speed.props["aria-label"] = "Speed of simulated time"
@@ -179,7 +179,7 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
                 object_name=object_choice.value or None,
                 # A fractional seed is passed unchanged and refused by the session.
                 seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
-                speed=speed.value,
+                speed=speed.value or (requested.speed if requested else 1.0),
             )
         )
 

@@ -55,6 +55,9 @@ def add_items_panel(
                 return
             version = (item_id, len(found.grasps), len(found.verdicts))
             if version != drawn[0]:
+                if item_id != drawn[0][0]:
+                    # The first figures of an item take seconds.
+                    box.set_content(item_html(found))
                 figures[0] = await run.io_bound(app_state.item_store.figures_html, found) or ""
                 drawn[0] = version
         except PalpateError as error:

@@ -41,7 +41,7 @@ _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 _DAYS = 3
 #: Batch, name of its fruits, number of fruits, grasps of each fruit per day. With fewer grasps the
 #: stages of the fruits to judge stay uncertain.
-_BATCHES = (("labelled", "taught", 12, 1), ("Monday", "fruit", 6, 2))
+_BATCHES = (("labelled", "labelled", 12, 1), ("Monday", "fruit", 6, 2))
 #: Elastic force at 1 mm of a hard and an overripe avocado (limits of the twin's ranges), and the
 #: boundaries between a person's stages (midpoints of the twin's four days), newtons.
 _HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)

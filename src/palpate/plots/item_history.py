@@ -11,7 +11,7 @@ import numpy as np
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, change_colormap, is_dark
 from palpate.plots.style import BLUE, GREY, INK, ORANGE, plain_number
-from palpate.produce.records import About, Grasp, Source
+from palpate.produce.records import About, Grasp, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory
 from palpate.settling.result import Status
 
@@ -68,7 +68,10 @@ def history_figure(
         if name == "stiffness_n_per_mm":
             _limit_axis(axis, value, high)
         _draw_labels(axis, page, zone)
-        date_axis(axis, times)
+        # The same axis for all measurements of an item.
+        labelled = [verdict.given_at for verdict in _labels(page)]
+        shown = [*(grasp.taken_at for grasp in page.grasps), *labelled]
+        date_axis(axis, [local(time, zone) for time in shown])
     return figure
 
 
@@ -92,17 +95,20 @@ def local(moment: datetime, zone: tzinfo | None) -> datetime:
 
 
 def date_axis(axis: Any, times: Sequence[datetime]) -> None:
-    """Label a time axis briefly, with a margin around a single time."""
+    """Label a time axis briefly, and limit it to the times with a margin."""
     from matplotlib import dates
 
     # The classes have no type annotations.
     untyped: Any = dates
     locator = untyped.AutoDateLocator(minticks=3, maxticks=7)
     axis.xaxis.set_major_locator(locator)
-    axis.xaxis.set_major_formatter(untyped.ConciseDateFormatter(locator))
-    axis.margins(x=0.06)
-    if len(set(times)) == 1:
-        axis.set_xlim(times[0] - timedelta(hours=1), times[0] + timedelta(hours=1))
+    formats = ["%Y", "%b", "%d", "%H:%M", "%H:%M", "%H:%M:%S"]
+    zeros = ["", "%Y", "%b", "%b-%d", "%H:%M", "%H:%M"]
+    formatter = untyped.ConciseDateFormatter(locator, formats=formats, zero_formats=zeros)
+    axis.xaxis.set_major_formatter(formatter)
+    first, last = min(times), max(times)
+    margin = timedelta(hours=1) if first == last else 0.06 * (last - first)
+    axis.set_xlim(first - margin, last + margin)
 
 
 def _limit_axis(axis: Any, value: np.ndarray, high: np.ndarray) -> None:
@@ -111,21 +117,29 @@ def _limit_axis(axis: Any, value: np.ndarray, high: np.ndarray) -> None:
     axis.set_ylim(0, min(float(high.max()) * 1.08, max(typical, float(value.max()) * 1.15)))
 
 
+def _labels(page: ItemHistory) -> list[Verdict]:
+    """Return the ripeness labels given by people."""
+    return [
+        verdict
+        for verdict in page.verdicts
+        if verdict.about is About.RIPENESS and verdict.source is Source.PERSON
+    ]
+
+
 def _draw_labels(axis: Any, page: ItemHistory, zone: tzinfo | None) -> None:
-    for verdict in page.verdicts:
-        if verdict.about is About.RIPENESS and verdict.source is Source.PERSON:
-            time = local(verdict.given_at, zone)
-            axis.axvline(time, color=ORANGE, lw=1, ls=":")
-            axis.annotate(
-                verdict.text,
-                (time, 1),
-                xycoords=("data", "axes fraction"),
-                xytext=(3, -2),
-                textcoords="offset points",
-                va="top",
-                color=ORANGE,
-                fontsize=8,
-            )
+    for verdict in _labels(page):
+        time = local(verdict.given_at, zone)
+        axis.axvline(time, color=ORANGE, lw=1, ls=":")
+        axis.annotate(
+            verdict.text,
+            (time, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, -2),
+            textcoords="offset points",
+            va="top",
+            color=ORANGE,
+            fontsize=8,
+        )
 
 
 def _draw_pixels(axis: Any, pixels: np.ndarray) -> None:

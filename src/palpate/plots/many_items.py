@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
-from datetime import timedelta, tzinfo
+from datetime import date, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,14 +71,18 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
 
 
 def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None) -> Figure | None:
-    """Draw stiffness over time; None if every item spans less than 12 h."""
+    """Draw the mean stiffness of each day; None if every item spans less than 12 h."""
     tracks = []
     for page in pages:
-        name = "stiffness_n_per_mm"
+        days: dict[date, list[tuple[datetime, float]]] = {}
+        for grasp in page.grasps:
+            measured = grasp.measurements.get("stiffness_n_per_mm")
+            if measured is not None and measured.value is not None:
+                time = local(grasp.taken_at, zone)
+                days.setdefault(time.date(), []).append((time, measured.value))
         track = [
-            (local(g.taken_at, zone), g.measurements[name].value)
-            for g in page.grasps
-            if name in g.measurements
+            (day[0][0], math.prod(value for _, value in day) ** (1 / len(day)))
+            for day in days.values()
         ]
         if track and track[-1][0] - track[0][0] >= timedelta(hours=12):
             tracks.append((kind_of(page), track))

@@ -77,10 +77,9 @@ def _draw_courses(axis: Any, history: FirmnessHistory, *, rule: RipenessRule, en
         axis.annotate(
             f"{stage} below" if history.drive == "width" else f"{stage} above",
             (end, level),
-            xytext=(-2, -2),
+            xytext=(3, 0),
             textcoords="offset points",
-            ha="right",
-            va="top",
+            va="center",
             fontsize=7,
             color=ORANGE,
         )
@@ -98,7 +97,5 @@ def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:
     title = f"{history.item_id}{simulated}: {ripeness.stage} ({percent:.0f} %)"
     days = ripeness.days_to_ripe
     if days is not None and np.isfinite([days.low, days.high]).all() and days.high > 0:
-        title += (
-            f", ripe in {max(days.value, 0):.1f} days ({max(days.low, 0):.1f} to {days.high:.1f})"
-        )
+        title += f", days to ripe: {days.text}"
     return title

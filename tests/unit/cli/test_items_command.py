@@ -264,7 +264,7 @@ def test_items_of_an_empty_store_explains_how_to_add_one(palpate: Command) -> No
 @pytest.mark.usefixtures("filled")
 def test_items_export_writes_every_grasp_with_its_item(palpate: Command, folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    assert "3 grasps" in palpate("items", "--export", "all.parquet").err
+    assert "all.parquet (grasps: 3)" in palpate("items", "--export", "all.parquet").err
     table = parquet.read_table(folder / "all.parquet")
     assert table["item_id"].to_pylist() == ["A17", "A17", "K2"]
     assert table["kind"].to_pylist() == ["avocado", "avocado", "kiwi"]

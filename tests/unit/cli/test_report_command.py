@@ -108,7 +108,7 @@ def report(palpate: Command) -> Callable[..., str]:
     """Write a report; return its page."""
 
     def write(*arguments: str) -> str:
-        assert "page.html: " in palpate("report", *arguments, "--out", "page.html").err
+        assert "Written: page.html" in palpate("report", *arguments, "--out", "page.html").err
         return Path("page.html").read_text(encoding="utf-8")
 
     return write

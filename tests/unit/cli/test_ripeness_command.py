@@ -111,7 +111,10 @@ def test_ripeness_assumed_from_first_day_is_not_stored(
         (("--batch", "Tuesday"), "has no items of this batch"),
         (("nobody",), "nobody"),
         (("fruit-1", "--stages", "ripe"), "at least two different stages"),
-        (("fruit-1", "--ripe", "green"), "must be one of conditioned, ripe, overripe"),
+        (
+            ("fruit-1", "--ripe", "green"),
+            "must be a stage after the first: conditioned, ripe, overripe",
+        ),
         (("fruit-1", "--plot", "fruit.bmp"), "a plot ends in .png"),
         (("fruit-1", "fruit-2", "--plot", "fruit.png"), "plots a single item"),
         (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is not a stage of ripeness"),

@@ -102,7 +102,7 @@ def test_identify_prints_the_kind_and_stores_the_verdict(palpate: Command, store
 def test_identify_unknown_kind_exits_with_1(palpate: Command, store: Path) -> None:
     out = palpate("sort", "--identify", "X", "--store", store, status=1).out
     assert "X: unknown (simulated)" in out
-    assert "Unlike every trained kind" in out
+    assert "Unlike every labelled kind" in out
 
 
 def test_identify_does_not_learn_from_the_item_itself(palpate: Command, store: Path) -> None:

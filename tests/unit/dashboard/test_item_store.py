@@ -28,6 +28,7 @@ from palpate.twin.world import World
 RESULT = GraspResult(
     outcome=Outcome.HELD,
     stiffness_n_per_mm=Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm"),
+    firmness=Measurement(value=44.1, low=41.0, high=47.2, unit="index"),
     moments=(Moment(time_s=1.9, name="answer"),),
 )
 
@@ -106,25 +107,26 @@ def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(
         item_store.sort_grasp(RESULT, item_id="<b>berry</b>", source=SOURCE, recording=recording)
     found = item_store.page("<b>berry</b>")
     page = item_html(found, figures=item_store.figures_html(found))
-    assert 'aria-label="Stiffness over time"' in page
+    assert 'aria-label="Firmness over time"' in page
+    assert "firmness 44 of 100" in page
     assert "SIMULATED" in page
     assert "&lt;b&gt;berry&lt;/b&gt;" in page
     assert "<b>berry" not in page
 
 
 @pytest.mark.slow
-def test_item_figures_omit_a_stiffness_without_numbers(recording: Path, tmp_path: Path) -> None:
+def test_item_figures_omit_a_firmness_without_numbers(recording: Path, tmp_path: Path) -> None:
     bound = Measurement(
-        value=None, low=1.2, high=80.0, unit="n_per_mm", status=Status.AT_LEAST, reason="soft hand"
+        value=None, low=36.0, high=97.0, unit="index", status=Status.AT_LEAST, reason="soft hand"
     )
     settled = Measurement(value=-30.0, low=-32.0, high=-28.0, unit="percent")
-    result = replace(RESULT, stiffness_n_per_mm=bound, settled_percent=settled)
+    result = replace(RESULT, firmness=bound, settled_percent=settled)
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(2):
         item_store.sort_grasp(result, item_id="berry-7", source=SOURCE, recording=recording)
     figures = item_store.figures_html(item_store.page("berry-7"))
     assert 'aria-label="Settled change over time"' in figures
-    assert "Stiffness over time" not in figures
+    assert "Firmness over time" not in figures
 
 
 def test_unusable_item_store_is_reported_with_its_name(recording: Path, tmp_path: Path) -> None:

@@ -409,3 +409,39 @@ def test_headline_of_a_replay_uses_the_recorded_target() -> None:
     assert (shown["verdict"]["on_target"], shown["verdict"]["target_force_n"]) == (True, 3.0)
     assert shown["verdict"]["kind"] == "good"
     assert shown["operator"]["target"] == "3 N"
+
+
+def test_operator_view_shows_firmness_and_size_of_a_held_object_only() -> None:
+    session = Session(send=lambda message: None)
+    result = GraspResult(
+        outcome=Outcome.HELD,
+        force_n=FORCE,
+        size_mm=Measurement(value=59.2, low=59.0, high=59.4, unit="mm"),
+        firmness=Measurement(value=60.4, low=52.0, high=72.0, unit="index"),
+    )
+    held = replace(progress(9.0, 1.0), phase="hold", decided=True)
+    # The outcome of a running grasp is not final.
+    session.devices.live.set_progress(
+        replace(held, answer=replace(result, outcome=Outcome.STOPPED))
+    )
+    shown = [document(session, generation=-1, after_s=0.0)["verdict"]["measured"]]
+    for outcome in (Outcome.HELD, Outcome.SLIPPED):
+        session.devices.grasped = Grasped(result=replace(result, outcome=outcome))
+        shown.append(document(session, generation=-1, after_s=0.0)["verdict"]["measured"])
+    assert shown == ["firmness 60 of 100, 59 mm"] * 2 + [""]
+
+
+def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_held() -> None:
+    session = Session(send=lambda message: None)
+    held = replace(progress(9.0, 1.0), phase="hold", decided=True)
+    session.devices.live.set_progress(held)
+    session.devices.activity = DeviceActivity.GRASPING
+    for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
+        given = {
+            "name": "by hand",
+            "rule": None,
+            "again": again,
+            "why": "by hand (default): 1 grasp",
+        }
+        session.devices.placement = {"bin": given}
+        assert document(session, generation=-1, after_s=0.0)["operator"]["next"].startswith(step)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, timedelta
 
 import pytest
@@ -91,6 +92,26 @@ def test_softening_figure_requires_two_days() -> None:
     assert softening_figure([page(grasp(0), grasp(1))]) is None
     figure = softening_figure([page(grasp(0), grasp(48, stiffness=1.5))])
     assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 1.5]
+
+
+def test_softening_figure_shows_the_mean_of_each_day() -> None:
+    history = page(grasp(0), grasp(48, stiffness=1.0), grasp(48.1, stiffness=4.0))
+    figure = softening_figure([history], zone=UTC)
+    assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 2.0]
+
+
+def test_history_figures_of_an_item_have_the_same_time_axis() -> None:
+    size_only = replace(grasp(0.01), measurements={"size_mm": measured(60.0, "mm")})
+    history = page(grasp(0), size_only, verdicts=(said("ripe", source=Source.PERSON),))
+    figures = [
+        history_figure(history, name, label="") for name in ("stiffness_n_per_mm", "size_mm")
+    ]
+    axes = [figure.axes[0] for figure in figures]
+    assert axes[0].get_xlim() == axes[1].get_xlim()
+    # Times less than a minute apart are labelled with hours and minutes as well.
+    axes[0].figure.canvas.draw()
+    labels = [label.get_text() for label in axes[0].get_xticklabels()]
+    assert all(label.count(":") in (1, 2) for label in labels)
 
 
 def test_counts_figure_preserves_order_and_shortens_names() -> None:

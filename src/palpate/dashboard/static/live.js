@@ -66,7 +66,7 @@ function drawMeasures(doc) {
     if (one && now) {
       card.title = "measured at 20 s; below, the answer with its 90 % interval";
       card.innerHTML = `<div class="name"><span>${title}</span><span>measured</span></div><div class="value num">${fixed(now.value, digits)} <span>${unit}</span></div>
-        <div class="range num">early answer ${fixed(one.value, digits)} ${range(one.low, one.high, digits)}${truth === null ? "" : ` · ${t("true {value}", { value: fixed(truth, digits) })}`}</div>${bar(one)}`;
+        <div class="range num">answer ${fixed(one.value, digits)} ${range(one.low, one.high, digits)}${truth === null ? "" : ` · ${t("true {value}", { value: fixed(truth, digits) })}`}</div>${bar(one)}`;
       continue;
     }
     card.title = "with its 90 % interval";
@@ -79,9 +79,10 @@ function drawMeasures(doc) {
 function drawForceNow(card, now, answer, { decided, hand }) {
   card.dataset.decided = true;
   card.title = "force now, with its 90 % interval";
-  const settled = answer && answer.value !== null ? `${decided ? "answer" : "so far"} ${fixed(answer.value, 2)} N ${range(answer.low, answer.high, 2)}` : "";
-  card.innerHTML = `<div class="name"><span>${hand ? "Grip force now" : "Force now"}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
-    <div class="range num">${interval(now, 2)}</div><div class="range num">${settled}</div>`;
+  const digits = now.value < 10 ? 2 : 1;
+  const settled = answer && answer.value !== null ? `${decided ? "answer" : "so far"} ${fixed(answer.value, digits)} N ${range(answer.low, answer.high, digits)}` : "";
+  card.innerHTML = `<div class="name"><span>${hand ? "Grip force now" : "Force now"}</span></div><div class="value num">${fixed(now.value, digits)} <span>N</span></div>
+    <div class="range num">${interval(now, digits)}</div><div class="range num">${settled}</div>`;
 }
 
 function drawVerdict(doc) {

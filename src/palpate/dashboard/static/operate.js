@@ -16,12 +16,13 @@ function draw(doc) {
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   card.dataset.bin = Boolean(verdict.bin);
   headline(card, $("verdict-text"), operator.word);
-  setText($("verdict-firm"), verdict.bin ? joined(verdict.firmness) : "");
+  setText($("verdict-firm"), joined(verdict.measured));
   setText($("verdict-why"), [headlineDetail(operator.word, verdict.text), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
   setText($("next-text"), operator.next);
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand.
   const now = measured.force_now, state = now ? "" : handState(doc);
   setText($("force-now"), state || fixed(now?.value, 1));
+  setText($("force-title"), now && doc.link.stale ? "Last force" : "Force now");
   setText($("force-unit"), state ? "" : "N");
   $("force-now").classList.toggle("words", Boolean(state));
   setText($("force-target"), doc.hand !== null ? t("target: {target}", operator) : now ? `90 %: ${t("{low} to {high}", { low: fixed(now.low, 1), high: fixed(now.high, 1) })}` : "");

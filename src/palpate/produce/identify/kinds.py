@@ -74,20 +74,20 @@ def explain_identity(identity: Identity) -> str:
 
     >>> probability = {"kiwi": 0.9, "tomato": 0.1}
     >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
-    >>> explain_identity(one)
-    'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of training items are as atypical.'
+    >>> print(explain_identity(one))
+    kiwi 90 %, tomato 10 %; 40 % of training items are at least as atypical; 1 grasp.
     """
     count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
-    atypical = f"{100 * identity.usual:.2g} % of training items are as atypical"
+    atypical = f"{100 * identity.usual:.2g} % of training items are at least as atypical"
     if identity.rejected:
         return (
-            f"Unlike every trained kind: {atypical}; most similar kind {identity.best_guess}; "
+            f"Unlike every labelled kind: {atypical}; most similar kind {identity.best_guess}; "
             f"{count}."
         )
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     named = ", ".join(
-        f"{'something else' if kind == UNKNOWN else kind} with {100 * p:.0f} %"
+        f"{'something else' if kind == UNKNOWN else kind} {100 * p:.0f} %"
         for kind, p in ranked[:3]
         if p >= 0.01
     )
-    return f"{named}, from {count}; {atypical}."
+    return f"{named}; {atypical}; {count}."

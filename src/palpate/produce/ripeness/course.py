@@ -67,8 +67,8 @@ class Course:
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_COURSES:
             raise InputError(
-                f"course of ripening: {len(useful)} items were grasped on {FEWEST_DAYS} days or "
-                f"more, {FEWEST_COURSES} are needed; grasp some items daily until they are soft"
+                f"{len(useful)} items were grasped on {FEWEST_DAYS} days or more, the course of "
+                f"ripening requires {FEWEST_COURSES}; grasp some items daily until they are soft"
             )
         firmness = np.concatenate([[day.firmness for day in item] for item in useful])
         low, high = (float(level) for level in np.quantile(firmness, [0.05, 0.95]))
@@ -98,7 +98,7 @@ class Course:
         found = course_at(best.x)
         if found.hard - found.soft < 2 * found.noise_sd:
             raise InputError(
-                "course of ripening: no item softened by more than the scatter of its grasps; "
+                "no item softened by more than the scatter of its grasps; "
                 "grasp on more days, or more often per day"
             )
         return found

@@ -181,7 +181,8 @@ def percent(fraction: float) -> str:
 
 def _describe_kind(identity: Identity) -> str:
     if identity.rejected:
-        return f"like no trained kind ({percent(identity.usual)} of training items are as atypical)"
+        usual = f"{percent(identity.usual)} of training items are at least as atypical"
+        return f"unlike every labelled kind ({usual})"
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     return " or ".join(
         f"{'something else' if kind == UNKNOWN else kind} {percent(p)}"
