@@ -105,7 +105,7 @@ def qualify(
     )
     if report is not None:
         write_report(report, document, found=found, source=readings.name)
-        print_message(f"palpate qualify: wrote {report}")
+        print_message(f"Written: {report}")
     if as_json:
         print_json(document)
         return
@@ -178,7 +178,7 @@ def effort_rows(document: Document) -> list[tuple[str, str]]:
     hour = document["items_per_hour"]
     return [
         (
-            f"reference readings to average for an error within {document['tolerance']:g}{unit} "
+            f"reference readings to average for an error within {document['tolerance']:.3g}{unit} "
             f"in {100 * document['level']:.0f} % of items",
             format_count(document, "reference"),
         ),

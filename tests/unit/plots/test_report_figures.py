@@ -101,8 +101,8 @@ def test_softening_figure_shows_the_mean_of_each_day() -> None:
 
 
 def test_history_figures_of_an_item_have_the_same_time_axis() -> None:
-    size_only = replace(grasp(0.01), measurements={"size_mm": measured(60.0, "mm")})
-    history = page(grasp(0), size_only, verdicts=(said("ripe", source=Source.PERSON),))
+    size_only = replace(grasp(0.01), measurements={"size_mm": make_measurement(60.0, "mm")})
+    history = page(grasp(0), size_only, verdicts=(make_verdict("ripe", source=Source.PERSON),))
     figures = [
         history_figure(history, name, label="") for name in ("stiffness_n_per_mm", "size_mm")
     ]
