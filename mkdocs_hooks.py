@@ -1,7 +1,7 @@
-"""Brings `hardware/` into the site.
+"""Add `hardware/` to the site.
 
-In the repository pages link to `../hardware/README.md` and it links to `../docs/...`; on the site
-the folder lies below the pages.
+In the repository, pages link to `../hardware/README.md`, which links to `../docs/...`. On the site,
+the folder is below the pages.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ ROOT = Path(__file__).resolve().parent
 HARDWARE = ROOT / "hardware"
 
 
-class AsWritten(griffe.Extension):
-    """Lets docstrings through as they are written, where griffe would read something else."""
+class DocstringFixes(griffe.Extension):
+    """Corrections where griffe misreads docstrings."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
-        """Keep `array_like, shape (n,)`, which griffe takes for Python."""
+        """Rewrite `array_like, shape (n,)`, which griffe would parse as Python."""
         if obj.docstring is not None:
             obj.docstring.value = obj.docstring.value.replace(", shape (", " of shape (")
 
     def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
-        """Read what `#:` comments above a field have to say of it."""
+        """Use `#:` comments above a field as its docstring."""
         if attr.docstring is None and attr.lineno and isinstance(attr.filepath, Path):
             above = reversed(attr.lines_collection[attr.filepath][: attr.lineno - 1])
             comment = [*takewhile(lambda line: line.startswith("#:"), map(str.strip, above))]
@@ -35,7 +35,7 @@ class AsWritten(griffe.Extension):
                 attr.docstring = griffe.Docstring(text, parent=attr)
 
     def on_function(self, *, func: griffe.Function, **_: Any) -> None:
-        """Give parameters described together each its own default; griffe repeats the first's."""
+        """Set the default of each parameter; griffe repeats the first for joint descriptions."""
         for section in [] if func.docstring is None else func.docstring.parsed:
             if section.kind is griffe.DocstringSectionKind.parameters:
                 for parameter in section.value:

@@ -120,8 +120,9 @@ def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
             p50, p99 = np.quantile(ages_ms, [0.5, 0.99])
             print(
                 f"12 x 32 pixels at {rate_hz:g} frames/s, one viewer: "
-                f"{len(ages_ms) / took_s:.1f} pictures a second, {made / len(ages_ms):.1f} nodes "
-                f"made for each; age of the frame when drawn p50 {p50:.0f} ms, p99 {p99:.0f} ms; "
+                f"{len(ages_ms) / took_s:.1f} redraws a second, {made / len(ages_ms):.1f} nodes "
+                f"created for each; age of the frame when drawn p50 {p50:.0f} ms, "
+                f"p99 {p99:.0f} ms; "
                 f"{now['frames'] - before['frames']:.0f} frames in {took_s:.0f} s, "
                 f"{now['lost'] - before['lost']:.0f} lost; processor: server {busy[0]:.1f} %, "
                 f"devices {busy[1]:.1f} %, browser {busy[2]:.0f} %; load {os.getloadavg()[0]:.1f}"

@@ -5,7 +5,7 @@
 For each seed (object, sheet, gripper, calibration) the same grasp is repeated on both readouts.
 Each repeat has new noise of sheet and converter, a random phase of the frame clock, and an object
 that is 0 to 2 mm larger (`--larger-mm 0`: the same object, so that only noise differs). The
-criterion applies to settled change, size error, grip force and the times of touch and answer: the
+criterion applies to settled change, size error, grip force, and times of contact and answer: the
 readouts must not differ significantly, neither in one direction over all seeds nor in any direction
 within seeds (permutation rank tests within seeds, p > 0.01 each), and their mean difference must be
 below the standard deviation of one draw.
@@ -74,11 +74,11 @@ def grasp(
     rate_hz: float,
     larger_mm: float,
 ) -> list[float]:
-    """Grasp once; return settled change, size error, force, times of touch and answer."""
+    """Grasp once; return settled change, size error, force, times of contact and answer."""
     obj = draw_object(np.random.default_rng([seed, 10]))
     rng = np.random.default_rng([seed, draw, firmware])
-    phase, share = rng.uniform(size=2)
-    obj = replace(obj, size_mm=obj.size_mm + share * larger_mm)
+    phase, enlargement = rng.uniform(size=2)
+    obj = replace(obj, size_mm=obj.size_mm + enlargement * larger_mm)
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, frame_rate_hz=rate_hz)
     world.clock.sleep_s(phase / world.frame_rate_hz)
     for _ in range(2 * draw + firmware):
@@ -90,14 +90,14 @@ def grasp(
     result = run_grasp(plan, array=array, gripper=gripper, clock=world.clock)
     array.close()
     size_mm, force_n, settled = result.size_mm, result.force_n, result.settled_percent
-    came_s = {moment.name: moment.time_s - began_s for moment in result.moments}
+    after_start_s = {moment.name: moment.time_s - began_s for moment in result.moments}
     return [
         np.nan if settled is None else settled.value,
         np.nan if size_mm is None else size_mm.value - obj.size_mm,
         np.nan if force_n is None else force_n.value,
         # In whole frames, because clocks may differ within one frame.
         *(
-            round(came_s[name] * rate_hz) / rate_hz if name in came_s else np.nan
+            round(after_start_s[name] * rate_hz) / rate_hz if name in after_start_s else np.nan
             for name in MOMENTS
         ),
     ]
@@ -114,8 +114,8 @@ def compare_draws(twin: Floats, firmware: Floats, *, rng: np.random.Generator) -
 
     def statistics(ordered: Floats) -> Floats:
         """Return the rank statistics over all seeds and within seeds."""
-        lean = (ordered[:, :half] - middle).sum(axis=1)
-        return np.array([abs(lean.sum()), (lean**2).sum()])
+        shift = (ordered[:, :half] - middle).sum(axis=1)
+        return np.array([abs(shift.sum()), (shift**2).sum()])
 
     chance = np.array([statistics(rng.permuted(ranks, axis=1)) for _ in range(_PERMUTATIONS)])
     p = (1 + np.sum(chance >= statistics(ranks), axis=0)) / (1 + _PERMUTATIONS)

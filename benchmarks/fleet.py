@@ -73,7 +73,7 @@ def main() -> None:
     force_s = time.perf_counter() - started_s
     rows = {
         "on the wire": (wire, None),
-        "recording (.mcap), gripper's state with it": (recorded, writing_s / count),
+        "recording (.mcap) with the states of the gripper": (recorded, writing_s / count),
         "archive (Parquet)": (archived, adding_s / count),
         "force with interval": (None, force_s / count),
     }

@@ -93,7 +93,7 @@ def watch_messages(pid: int, address: str, *, seconds: float) -> None:
     missing = sum(after - before - 1 for before, after in pairwise(numbers))
     print(f"one viewer: {cpu_percent:.1f} % of a core; load {os.getloadavg()[0]:.1f}")
     print(f"  {sum(counts.values()) / took_s:.0f} messages/s, {missing} of {len(numbers)} missing")
-    print_latency("  from the frame to the viewer, its last message", late_ms)
+    print_latency("  from the frame to the viewer's last message of the frame", late_ms)
 
 
 def main() -> None:
@@ -117,7 +117,7 @@ def main() -> None:
             address = read_address(process)
             time.sleep(SETTLE_S)
             cpu_percent = measure_cpu_percent(process.pid, seconds=options.seconds)
-            print(f"with it, no viewer: {cpu_percent:.1f} % of a core", flush=True)
+            print(f"with Foxglove, no viewer: {cpu_percent:.1f} % of a core", flush=True)
             watch_messages(process.pid, address, seconds=options.seconds)
 
 

@@ -142,7 +142,7 @@ def main() -> None:
     )
     print(
         f"from bytes to command: median {np.median(us):.0f} us, p99 {np.percentile(us, 99):.0f}, "
-        f"longest {us.max():.0f} us; one core does {1e6 / us.mean():.0f} frames/s"
+        f"longest {us.max():.0f} us; one core processes {1e6 / us.mean():.0f} frames/s"
     )
     total_s = us.sum() / 1e6 + twin_s
     print(

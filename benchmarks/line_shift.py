@@ -1,4 +1,4 @@
-"""A shift on a line: OPC UA and Modbus clients grasp simulated items.
+"""A simulated shift on a line: OPC UA and Modbus clients grasp items.
 
 Run `python benchmarks/line_shift.py --items 50`. Each client in turn commands grasps and releases,
 and compares every result with that of HTTP. The output is the number of different results, the time
@@ -41,8 +41,8 @@ POLL_S = 0.01
 def print_results(name: str, differ: int, late_ms: list[float]) -> None:
     p50, p99 = np.quantile(late_ms, [0.5, 0.99])
     print(
-        f"{name}: {len(late_ms)} results, {differ} differ from HTTP's; from the grasp's end to the "
-        f"client p50 {p50:.0f} ms, p99 {p99:.0f} ms, longest {max(late_ms):.0f} ms; "
+        f"{name}: {len(late_ms)} results, {differ} differ from HTTP; end of grasp to client "
+        f"p50 {p50:.0f} ms, p99 {p99:.0f} ms, longest {max(late_ms):.0f} ms; "
         f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
         flush=True,
     )

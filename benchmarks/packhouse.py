@@ -27,15 +27,15 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-ASKS_S = 0.1
+REQUEST_PERIOD_S = 0.1
 
 
-def http_asker(address: str) -> Callable[[], object]:
+def http_requester(address: str) -> Callable[[], object]:
     return lambda: time_request_ms(address, "/state")
 
 
 @contextmanager
-def opcua_asker(port: int) -> Iterator[Callable[[], object]]:
+def opcua_requester(port: int) -> Iterator[Callable[[], object]]:
     """Yield a function that reads the state over one OPC UA connection."""
     from asyncua import Client
 
@@ -53,7 +53,7 @@ def opcua_asker(port: int) -> Iterator[Callable[[], object]]:
 
 
 @contextmanager
-def modbus_asker(port: int) -> Iterator[Callable[[], object]]:
+def modbus_requester(port: int) -> Iterator[Callable[[], object]]:
     """Yield a function that reads the first registers over one Modbus TCP connection."""
     from pymodbus.client import ModbusTcpClient
 
@@ -90,12 +90,12 @@ def watch(
     from benchmarks.dashboard import cpu_s, devices_of, read_link
 
     while read_link(address)["period_p99_s"] is None:
-        time.sleep(ASKS_S)
+        time.sleep(REQUEST_PERIOD_S)
     devices, p99_ms, asked_ms, turn = devices_of(pid), [], [], 0
     before, cpu = read_link(address), {name: cpu_s(one) for name, one in _both(pid, devices)}
     began_s = time.monotonic()
     while time.monotonic() < began_s + seconds:
-        time.sleep(ASKS_S)
+        time.sleep(REQUEST_PERIOD_S)
         turn += 1
         if ask is not None:
             asked_s = time.perf_counter()
@@ -137,22 +137,22 @@ def time_results(port: int, folder: Path, *, count: int) -> None:
     from palpate.mqtt.broker import Broker
     from palpate.mqtt.publisher import Publisher
 
-    listening = Subscriber(port, "bench")
+    subscriber = Subscriber(port, "bench")
     broker = Broker(host="127.0.0.1", port=port, tls=False, topic="bench")
-    complaints: Queue[str] = Queue()
-    publisher = Publisher(broker, store=folder / "bench.sqlite", on_error=complaints.put)
-    listening.until("online")
+    errors: Queue[str] = Queue()
+    publisher = Publisher(broker, store=folder / "bench.sqlite", on_error=errors.put)
+    subscriber.until("online")
     text, call_ms, arrived_ms = "x" * 3000, [], []
     for number in range(count):
         began_s = time.perf_counter()
         publisher.publish_result({"number": number, "text": text})
         call_ms.append(1e3 * (time.perf_counter() - began_s))
-        listening.until("result")
+        subscriber.until("result")
         arrived_ms.append(1e3 * (time.perf_counter() - began_s))
-    print_latency("handing over a result (what a grasp waits for)", call_ms)
-    print_latency("from there to a subscriber, through outbox and broker", arrived_ms)
+    print_latency("publishing a result (a grasp waits for this call)", call_ms)
+    print_latency("from the call to a subscriber, through outbox and broker", arrived_ms)
     publisher.close()
-    listening.close()
+    subscriber.close()
 
 
 def main() -> None:
@@ -182,16 +182,16 @@ def main() -> None:
         with serve_rig(folder, rig, *bridges) as (address, pid):
             base = alone, math.nan
             watched(address, pid, what="all bridges, no requests", base=base)
-            ask = http_asker(address)
-            _, http_ms = watched(address, pid, what="HTTP asked", ask=ask, base=base)
+            ask = http_requester(address)
+            _, http_ms = watched(address, pid, what="HTTP requests", ask=ask, base=base)
             base = alone, http_ms
-            with opcua_asker(opcua) as ask:
-                watched(address, pid, what="OPC UA asked", ask=ask, base=base)
-            with modbus_asker(modbus) as ask:
-                watched(address, pid, what="Modbus TCP asked", ask=ask, base=base)
+            with opcua_requester(opcua) as ask:
+                watched(address, pid, what="OPC UA requests", ask=ask, base=base)
+            with modbus_requester(modbus) as ask:
+                watched(address, pid, what="Modbus TCP requests", ask=ask, base=base)
             broker.hang()
-            ask = http_asker(address)
-            watched(address, pid, what="the broker hangs, HTTP asked", ask=ask, base=base)
+            ask = http_requester(address)
+            watched(address, pid, what="the broker hangs, HTTP requests", ask=ask, base=base)
             print_latency(
                 "POST /api/stop",
                 [time_request_ms(address, "/stop", method="POST") for _ in range(100)],

@@ -34,7 +34,7 @@ from store import invent_grasps
 DEBIAN = Path("/usr/lib/postgresql")
 TEMPLATES = 200
 SIZE = "SELECT pg_database_size('postgres')"
-CUT = (
+TERMINATE = (
     "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
     "WHERE pid <> pg_backend_pid() AND backend_type = 'client backend'"
 )
@@ -108,7 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--stations", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--every", type=float, default=5.0, help="seconds from grasp to grasp")
+    parser.add_argument("--every", type=float, default=5.0, help="period of the grasps, seconds")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place, run_server(Path(place)) as url:
         os.environ["XDG_STATE_HOME"] = place
@@ -123,7 +123,7 @@ def main() -> None:
                 for number in range(options.stations)
             ]
             time.sleep(options.seconds / 2)
-            cuts = query_number(url, CUT)
+            cuts = query_number(url, TERMINATE)
             ended = [one.get() for one in running]
         acknowledged_ids = {name for names, _, _ in ended for name in names}
         refused = {name for _, names, _ in ended for name in names}
@@ -133,7 +133,7 @@ def main() -> None:
     spent_ms = np.array([ms for _, _, each in ended for ms in each])
     print(
         f"{options.stations} stations, {options.seconds:g} s, a grasp every {options.every:g} s; "
-        f"{cuts} connections cut in the middle"
+        f"{cuts} connections terminated at half time"
     )
     print(
         f"{len(acknowledged_ids)} grasps acknowledged, "

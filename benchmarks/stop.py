@@ -78,13 +78,13 @@ def add_recordings_periodically(folder: Path, original: Path) -> Iterator[None]:
     """Add a recording periodically, like grasps."""
     over = threading.Event()
 
-    def arrive() -> None:
+    def write_periodically() -> None:
         number = 0
         while not over.wait(NEW_S):
             number += 1
             (folder / f"new-{time.time_ns()}-{number}.mcap").write_bytes(original.read_bytes())
 
-    thread = threading.Thread(target=arrive)
+    thread = threading.Thread(target=write_periodically)
     thread.start()
     try:
         yield
@@ -106,7 +106,7 @@ def time_stop_ms(connection: http.client.HTTPConnection) -> float:
         found = json.load(reply)
     took_ms = 1e3 * (time.perf_counter() - began_s)
     if found != {"stopped": True}:
-        raise SystemExit(f"a stop was answered with {found}")
+        raise SystemExit(f"unexpected answer to a stop: {found}")
     return took_ms
 
 
@@ -192,8 +192,8 @@ def main() -> None:
                 late |= p99 > LIMIT_MS
                 print(
                     f"{count} recordings, {viewers} viewers: median {p50:.0f} ms, p90 {p90:.0f}, "
-                    f"p99 {p99:.0f}, longest {max(ms):.0f} (n {len(ms)}); a byte to a process and "
-                    f"back p99 {np.quantile(bare_ms, 0.99):.0f}, longest {max(bare_ms):.0f}; "
+                    f"p99 {p99:.0f}, longest {max(ms):.0f} (n {len(ms)}); round trip of a byte to "
+                    f"a process p99 {np.quantile(bare_ms, 0.99):.0f}, longest {max(bare_ms):.0f}; "
                     f"load {os.getloadavg()[0]:.1f}",
                     flush=True,
                 )

@@ -84,7 +84,7 @@ def take_screenshots(browser: Browser, address: str, out: Path) -> None:
         expect(page.locator("#calibrated .result")).to_be_visible()
         page.evaluate("document.activeElement.blur()")
         page.mouse.move(640, 20)
-        # The tab's underline moves, and the press leaves a ring for a moment.
+        # Wait until the animations of the tab have ended.
         page.wait_for_timeout(1000)
         page.screenshot(path=out / f"calibration-stopped-{shade}.png")
 

@@ -101,11 +101,11 @@ def grasp(policy: Any, *, seed: int, is_capped: bool) -> dict[str, Any]:
     limits = rig.gripper.limits
     states: list[np.ndarray] = []
     for tick in range(TRIAL_TICKS):
-        felt = hand.observe()
-        states.append(np.array(list(felt.values())))
-        if felt["force_n"] == 0.0 or tick % PRESSING_TICKS == 0:
+        seen = hand.observe()
+        states.append(np.array(list(seen.values())))
+        if seen["force_n"] == 0.0 or tick % PRESSING_TICKS == 0:
             travel_mm, log_rate = policy.predict([build_inputs(states)])[0]
-            target_mm = float(np.clip(felt["width_mm"] + travel_mm, limits.lowest, limits.highest))
+            target_mm = float(np.clip(seen["width_mm"] + travel_mm, limits.lowest, limits.highest))
             rate = float(np.clip(np.exp(log_rate), 0.5, 20.0))
         if is_capped:
             hand.send({"width_mm": target_mm, "rate_mm_per_s": rate})
@@ -129,9 +129,9 @@ def main(grasps: int, trials: int) -> None:
         held = sum(not truth["damaged"] and truth["force_n"] >= HELD_N for truth in truths)
         peak_n = [truth["peak_force_n"] for truth in truths]
         print(
-            f"{name}: {held} of {trials} held unhurt at {HELD_N:g} N or more, {damaged} damaged; "
-            f"highest force, median {np.median(peak_n):.2f} N, largest {max(peak_n):.2f} N "
-            "(simulated)"
+            f"{name}: {held} of {trials} held undamaged at {HELD_N:g} N or more, "
+            f"{damaged} damaged; highest force, median {np.median(peak_n):.2f} N, "
+            f"largest {max(peak_n):.2f} N (simulated)"
         )
 
 

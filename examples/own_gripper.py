@@ -56,7 +56,7 @@ class Plates:
 class MyGripper:
     """The gripper interface.
 
-    A command gives a target and a rate, mm and mm/s.
+    A command contains a target (mm) and a rate (mm/s).
     """
 
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)

@@ -9,7 +9,7 @@ from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
 
 
 @pytest.mark.slow
-def test_the_page_runs(
+def test_commands_of_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_page("archive", tmp_path, monkeypatch, capsys)

@@ -1,9 +1,9 @@
-"""Whether LeRobot's own recording runs with palpate's robot and camera, on the twin.
+"""Check that LeRobot records with palpate's robot and camera, on the twin.
 
 Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4 or 0.6,
-palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function
-records two episodes in which the hand is sent to close all the way, with 3 N as the limit. Ends
-with status 1 where something is not as it should be.
+palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. The function of `lerobot-record`
+records two episodes in which the hand is commanded to close fully, with a force limit of 3 N. The
+exit status is 1 if a check fails.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 30.0
-#: How LeRobot 0.6, and 0.4, choose a codec that every player has.
+#: Options of LeRobot 0.6 and 0.4 for a codec that every player supports.
 try:
     from lerobot.configs.video import RGBEncoderConfig
 
@@ -39,11 +39,11 @@ except ImportError:
 @TeleoperatorConfig.register_subclass("closing")
 @dataclass(kw_only=True)
 class ClosingConfig(TeleoperatorConfig):
-    """Always gives the same action."""
+    """Configuration of `Closing`."""
 
 
 class Closing(Teleoperator):
-    """Closes all the way, whatever is in between."""
+    """A teleoperator that always closes fully."""
 
     config_class = ClosingConfig
     name = "closing"
@@ -57,13 +57,13 @@ class Closing(Teleoperator):
     def send_feedback(self, feedback: dict[str, Any]) -> None: ...
     def disconnect(self) -> None: ...
     def get_action(self) -> dict[str, float]:
-        """Return the wish."""
+        """Return the action."""
         return {"width_mm": 5.0, "rate_mm_per_s": 20.0}
 
 
-def check(holds: bool, what: str) -> None:
-    print(("ok  " if holds else "BAD ") + what)
-    if not holds:
+def check(passed: bool, what: str) -> None:
+    print(("ok  " if passed else "BAD ") + what)
+    if not passed:
         sys.exit(1)
 
 
@@ -97,11 +97,14 @@ def main() -> None:
         with av.open(next(root.glob("videos/observation.images.touch/*/*.mp4"))) as film:
             images = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     check(data.num_episodes == EPISODES, f"{EPISODES} episodes, {len(data)} frames")
-    check(names[:4] == ["width_mm", "force_n", "force_low_n", "force_high_n"], "newtons")
+    check(
+        names[:4] == ["width_mm", "force_n", "force_low_n", "force_high_n"],
+        "names of position and force",
+    )
     force_n = state[:, names.index("force_n")]
-    check(1.0 < force_n.max() <= 1.1 * LIMIT_N, f"pressed, and felt {force_n.max():.2f} N at most")
-    check(len(images) == len(data), "an image of the pixels for each frame")
-    check({image.shape for image in images} == {(128, 64, 3)}, "of the size that was asked for")
+    check(1.0 < force_n.max() <= 1.1 * LIMIT_N, f"largest force {force_n.max():.2f} N")
+    check(len(images) == len(data), "one image of the pixels per frame")
+    check({image.shape for image in images} == {(128, 64, 3)}, "images of the requested size")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """Latency and loss of the ROS 2 bridge: simulated 250 Hz frames over DDS.
 
 After `source VENV/bin/ros.sh`: `python ros2/benchmarks/latency.py --seconds 600 [--reliable]`. The
-stamp of a frame is the moment at which it was handed to the node, on the same machine's clock;
-latency is counted from there to the subscriber's callback. Lost is what was sent and never heard.
+stamp of a frame is the time at which it was passed to the node, on the clock of the same machine.
+The latency is the time from the stamp to the subscriber's callback. Lost frames were sent but not
+received.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ RATE_HZ = 250.0
 
 
 def publish(seconds: float) -> None:
-    """Publish frames on time; print how many and what they cost."""
+    """Publish frames at the rate; print their number and the processor time."""
     rclpy.init()
     node = Node("bench_sensor")
     info = RecordingInfo(
@@ -41,15 +42,15 @@ def publish(seconds: float) -> None:
     while not node.count_subscribers("/bench_sensor/counts"):
         time.sleep(0.1)
     time.sleep(1.0)
-    begun_s, cpu_s = time.monotonic(), time.process_time()
+    start_s, cpu_s = time.monotonic(), time.process_time()
     total = int(seconds * RATE_HZ)
     for number in range(total):
-        wait_s = begun_s + number / RATE_HZ - time.monotonic()
+        wait_s = start_s + number / RATE_HZ - time.monotonic()
         if wait_s > 0:
             time.sleep(wait_s)
         now_s = time.monotonic()
-        topics.see(Frame(time_s=now_s, sequence=number, counts=counts[number % 64]))
-    took_s = time.monotonic() - begun_s
+        topics.publish(Frame(time_s=now_s, sequence=number, counts=counts[number % 64]))
+    took_s = time.monotonic() - start_s
     cpu_percent = 100 * (time.process_time() - cpu_s) / took_s
     print(json.dumps({"sent": total, "took_s": took_s, "cpu_percent": cpu_percent}), flush=True)
     time.sleep(1.0)
@@ -60,22 +61,22 @@ def main() -> None:
     """Subscribe, count, and print one JSON document."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--reliable", action="store_true", help="ask for every frame")
+    parser.add_argument("--reliable", action="store_true", help="request reliable delivery")
     parser.add_argument("--publish", action="store_true", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.publish:
-        publish(asked.seconds)
+    options = parser.parse_args()
+    if options.publish:
+        publish(options.seconds)
         return
     rclpy.init()
     node, delays_s = Node("bench_client"), []
 
-    def hear(message: Image) -> None:
+    def receive(message: Image) -> None:
         stamp = message.header.stamp
         delays_s.append(time.time() - stamp.sec - 1e-9 * stamp.nanosec)
 
-    qos = QoSProfile(depth=250) if asked.reliable else qos_profile_sensor_data
-    node.create_subscription(Image, "/bench_sensor/counts", hear, qos)
-    command = [sys.executable, __file__, "--publish", "--seconds", str(asked.seconds)]
+    qos = QoSProfile(depth=250) if options.reliable else qos_profile_sensor_data
+    node.create_subscription(Image, "/bench_sensor/counts", receive, qos)
+    command = [sys.executable, __file__, "--publish", "--seconds", str(options.seconds)]
     sender = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ})
     while sender.poll() is None:
         rclpy.spin_once(node, timeout_sec=0.1)

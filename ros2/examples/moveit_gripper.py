@@ -1,11 +1,11 @@
-"""Drive palpate's hand as MoveIt's controller manager does, without MoveIt.
+"""Drive palpate's hand like MoveIt's controller manager, without MoveIt.
 
-    python ros2/examples/moveit_gripper.py 0.0      # close: ends at the object
+    python ros2/examples/moveit_gripper.py 0.0      # close until the object
     python ros2/examples/moveit_gripper.py 0.074    # open
 
-Reads `moveit_controllers.yaml` next to it and sends the goal that MoveIt 2's
-`ParallelGripperCommandControllerHandle` makes of a trajectory: the last position of the joint and
-`max_effort`. Like there, an action that is aborted has failed.
+The script reads `moveit_controllers.yaml` in its folder and sends the goal that MoveIt 2's
+`ParallelGripperCommandControllerHandle` creates from a trajectory: the last position of the joint
+and `max_effort`. As in MoveIt, an aborted action has failed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CONTROLLERS = Path(__file__).with_name("moveit_controllers.yaml")
 
 
 def main() -> int:
-    """Send one position, and print how it ended; 0 where MoveIt would continue."""
+    """Send one position and print the result; return 0 if MoveIt would continue."""
     manager = yaml.safe_load(CONTROLLERS.read_text())["moveit_simple_controller_manager"]
     name = manager["controller_names"][0]
     controller = manager[name]

@@ -1,4 +1,4 @@
-"""colcon installs this package; palpate itself comes from pip (`pip install palpate`)."""
+"""Setup of the package for colcon; palpate itself is installed with `pip install palpate`."""
 
 from setuptools import setup
 

@@ -104,7 +104,7 @@ def test_learn_from_grasps_force_cap_prevents_damage(
 ) -> None:
     run("learn_from_grasps.py", "2", "1")
     free, capped = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"no cap: \d of 1 held unhurt at 1 N or more, \d damaged; .*", free)
-    assert re.match(r"cap 4 N: \d of 1 held unhurt", capped)
+    assert re.fullmatch(r"no cap: \d of 1 held undamaged at 1 N or more, \d damaged; .*", free)
+    assert re.match(r"cap 4 N: \d of 1 held undamaged", capped)
     # The cap is kept by the calibration's 90 % interval.
     assert float(re.findall(r"largest ([\d.]+) N", capped)[0]) < 4.8

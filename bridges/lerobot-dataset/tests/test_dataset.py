@@ -1,6 +1,6 @@
 """Simulated grasps as a LeRobot data set, read by pyarrow and pandas as LeRobot does.
 
-LeRobot itself is too heavy for the tests: `bridges/lerobot/check_with_lerobot.py` asks it.
+LeRobot itself is too heavy for the tests; `bridges/lerobot/check_with_lerobot.py` uses it.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ TARGET_N = 2.0
 DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
 
 
-class NotingGripper:
-    """A gripper that notes what was really sent, and when."""
+class RecordingGripper:
+    """A gripper that records the sent commands with their times."""
 
     def __init__(self, gripper: Gripper) -> None:
         self._gripper = gripper
@@ -69,7 +69,7 @@ def palpate(*arguments: object) -> int:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with two grasps, of which the second has a target force."""
+    """Return a folder with two grasps; the second has a target force."""
     folder = tmp_path_factory.mktemp("grasps")
     palpate("grasp", "--rig", "sim-rigid", "--seed", 1, "--record", folder / "gentle.mcap")
     options = ["--target-force-n", TARGET_N, "--record", folder / "firm.mcap"]
@@ -95,10 +95,10 @@ def info_of(dataset: Path) -> dict[str, Any]:
     return found
 
 
-def test_the_commands_decided_again_are_those_that_were_sent(tmp_path: Path) -> None:
+def test_recomputed_commands_equal_sent_commands(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     rig = open_rig("sim-rigid", seed=5)
-    hand = NotingGripper(rig.gripper)
+    hand = RecordingGripper(rig.gripper)
     plan = plan_grasp(rig.calibration, gripper=hand, target_force_n=TARGET_N)
     with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
         run_grasp(plan, array=rig.array, gripper=hand, clock=rig.clock, subscribers=[recorder])
@@ -115,12 +115,12 @@ def test_the_commands_decided_again_are_those_that_were_sent(tmp_path: Path) -> 
 def grasp_until(
     file: Path, *, phase: Phase, recorded_end: bool = True, stop: bool = False
 ) -> GraspResult:
-    """Grasp, and release or stop in a phase, as a user would."""
+    """Grasp, and release or stop in a phase like a user."""
     requests = Requests()
     rig = open_rig("sim-rigid", seed=3)
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N, hold_s=60.0)
 
-    def give_back(grasp_state: GraspState) -> None:
+    def end_grasp(grasp_state: GraspState) -> None:
         if grasp_state.phase is phase and grasp_state.phase_time_s > (
             1.0 if phase is Phase.HOLD else 0.2
         ):
@@ -133,7 +133,7 @@ def grasp_until(
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder],
-            watchers=[give_back],
+            watchers=[end_grasp],
             requests=requests,
         )
         if recorded_end:
@@ -141,29 +141,29 @@ def grasp_until(
     return result
 
 
-def test_grasp_that_a_user_released_is_an_episode(tmp_path: Path) -> None:
+def test_grasp_released_by_user_is_an_episode(tmp_path: Path) -> None:
     result = grasp_until(tmp_path / "released.mcap", phase=Phase.HOLD)
     track = read_grasp(tmp_path / "released.mcap")
     assert (track.outcome, len(track.time_s)) == ("held", result.frames)
 
 
 @pytest.mark.parametrize(
-    ("options", "why"),
+    ("options", "reason"),
     [
         ({"phase": Phase.HOLD, "recorded_end": False}, "gripper_fault"),
-        ({"phase": Phase.HOLD, "stop": True}, "its user stopped it"),
-        ({"phase": Phase.SQUEEZE}, "its user stopped it"),
+        ({"phase": Phase.HOLD, "stop": True}, "the user stopped the grasp"),
+        ({"phase": Phase.SQUEEZE}, "the user stopped the grasp"),
     ],
 )
-def test_grasp_without_its_end_is_refused(
-    tmp_path: Path, options: dict[str, Any], why: str
+def test_read_grasp_without_recorded_end_is_refused(
+    tmp_path: Path, options: dict[str, Any], reason: str
 ) -> None:
     grasp_until(tmp_path / "cut.mcap", **options)
-    with pytest.raises(RecordingError, match=rf"cut\.mcap: .*{why}"):
+    with pytest.raises(RecordingError, match=rf"cut\.mcap: .*{reason}"):
         read_grasp(tmp_path / "cut.mcap")
 
 
-def test_states_are_what_was_recorded(recorded: Path, dataset: Path) -> None:
+def test_states_match_recording(recorded: Path, dataset: Path) -> None:
     frames, names = read(dataset, DATA), info_of(dataset)["features"]["observation.state"]["names"]
     first = frames["observation.state"][frames["episode_index"] == 0]
     recording = load_recording(recorded / "gentle.mcap")
@@ -173,18 +173,18 @@ def test_states_are_what_was_recorded(recorded: Path, dataset: Path) -> None:
     force, low, high = (first[:, names.index(f"force_{one}n")] for one in ("", "low_", "high_"))
     assert ((low <= force) & (force <= high)).all()
     pixels = first[:, 4:]
-    assert np.abs(pixels[:5]).max() < 5.0, "nothing is touched at the beginning"
+    assert np.abs(pixels[:5]).max() < 5.0, "no contact at the start"
     assert pixels.min() < -20.0
 
 
-def test_the_force_of_a_grasp_comes_to_its_target(dataset: Path) -> None:
+def test_force_of_grasp_reaches_its_target(dataset: Path) -> None:
     frames = read(dataset, DATA)
     state = frames["observation.state"][frames["episode_index"] == 1]
     assert state[:, 1].max() == pytest.approx(TARGET_N, rel=0.5)
     assert state[:8, 1].max() < 0.5
 
 
-def test_frames_are_numbered_and_timed_as_lerobot_wants_them(dataset: Path) -> None:
+def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:
     frames, info = read(dataset, DATA), info_of(dataset)
     assert info["codebase_version"] == "v3.0"
     assert list(frames) == list(info["features"])
@@ -226,7 +226,7 @@ def test_episodes_have_bounds_tasks_and_origin(dataset: Path) -> None:
     assert "SIMULATED" in (dataset / "README.md").read_text()
 
 
-def test_statistics_are_those_of_all_frames_and_of_each_episode(dataset: Path) -> None:
+def test_statistics_cover_all_frames_and_each_episode(dataset: Path) -> None:
     frames = read(dataset, DATA)
     whole = json.loads((dataset / "meta/stats.json").read_text())
     episode = pq.read_table(dataset / EPISODES).to_pylist()[1]
@@ -242,7 +242,7 @@ def test_statistics_are_those_of_all_frames_and_of_each_episode(dataset: Path) -
             assert found["q50"] == pytest.approx(np.median(rows, axis=0))
 
 
-def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path) -> None:
+def test_lower_fps_selects_nearest_frames(recorded: Path, tmp_path: Path) -> None:
     track = read_grasp(recorded / "gentle.mcap")
     assert track.rate_hz == pytest.approx(15.0)
     assert track.at_rate(5)[:5].tolist() == [0, 3, 6, 9, 12]
@@ -255,10 +255,10 @@ def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["gentle.mcap", "--lerobot", "new", "--fps", "30"], "lower --fps"),
-        (["gentle.mcap", "cut.mcap", "--lerobot", "new"], "cut.mcap: decided again"),
+        (["gentle.mcap", "cut.mcap", "--lerobot", "new"], "cut.mcap: the recomputed grasp ends"),
         (
             ["gentle.mcap", "pad.mcap", "--lerobot", "new"],
             "pad.mcap: the recording has no gripper",
@@ -271,10 +271,10 @@ def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path
         (["gentle.mcap", "firm.mcap"], "only one recording can be exported"),
     ],
 )
-def test_what_makes_no_data_set_is_refused_and_leaves_nothing(
+def test_export_lerobot_of_unusable_input_is_refused_without_files(
     recorded: Path,
     words: list[str],
-    said: str,
+    message: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -290,13 +290,13 @@ def test_what_makes_no_data_set_is_refused_and_leaves_nothing(
     before = sorted(recorded.iterdir())
     assert palpate("export", *words) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert len(error.strip().splitlines()) == 1
     assert sorted(recorded.iterdir()) == before
 
 
 def _cut(whole: str, half: str) -> None:
-    """Write the first half of a recording, as a killed process leaves it."""
+    """Write the first half of a recording, as after a killed process."""
     from palpate.recording import RecordingReader
 
     with RecordingReader(whole) as reader:

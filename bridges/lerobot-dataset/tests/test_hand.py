@@ -1,4 +1,4 @@
-"""A policy's gripper on the twin: its observations, and its limit of force."""
+"""A policy's hand on the twin: its observations and its force limit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def ball() -> Rig:
 
 
 @pytest.mark.parametrize("name", ["strawberry", "ball-44lbs", "rigid-block"])
-def test_a_policy_that_only_closes_keeps_the_limit(name: str) -> None:
+def test_policy_that_only_closes_stays_below_limit(name: str) -> None:
     rig = rig_with(name)
     hand = hand_of(rig, limit_n=3.0)
     strongest_n = 0.0
@@ -47,24 +47,24 @@ def test_a_policy_that_only_closes_keeps_the_limit(name: str) -> None:
     assert rig.truth is not None
     truth = rig.truth()
     assert not truth["damaged"]
-    # The limit is kept by the calibration's interval; of these three none passes it by a tenth.
+    # The limit applies to the upper force; the true force exceeds it by less than a tenth here.
     assert 1.0 < truth["peak_force_n"] < 3.3
     assert strongest_n < 3.3
 
 
-def test_opening_is_never_cut_and_closing_again_starts_from_there() -> None:
+def test_opening_is_never_limited_and_resets_closing_range() -> None:
     hand = hand_of(rig_with("ball-44lbs"), limit_n=6.0)
     for wanted in (CLOSED, OPEN):
         for _ in range(200):
-            felt = hand.observe()
+            seen = hand.observe()
             sent = hand.send(wanted)
-        assert (felt["force_n"] > 2.0) is (wanted is CLOSED)
+        assert (seen["force_n"] > 2.0) is (wanted is CLOSED)
     assert sent == OPEN
     assert hand.observe()["width_mm"] == pytest.approx(74.0)
     assert hand.send(CLOSED)["width_mm"] > 70.0
 
 
-def test_an_action_without_a_number_is_refused(ball: Rig) -> None:
+def test_send_action_without_finite_number_is_refused(ball: Rig) -> None:
     hand = hand_of(ball, limit_n=6.0)
     for action in ({"width_mm": 40.0}, {"width_mm": float("nan"), "rate_mm_per_s": 5.0}):
         with pytest.raises(InputError, match="finite values of width_mm, rate_mm_per_s"):
@@ -72,12 +72,12 @@ def test_an_action_without_a_number_is_refused(ball: Rig) -> None:
 
 
 @pytest.mark.parametrize("limit_n", [0.0, 15.1, float("nan")])
-def test_a_limit_above_the_ceiling_is_refused(ball: Rig, limit_n: float) -> None:
+def test_force_limit_outside_ceiling_is_refused(ball: Rig, limit_n: float) -> None:
     with pytest.raises(InputError, match="limit_n"):
         hand_of(ball, limit_n=limit_n)
 
 
-def test_a_silent_sensor_stops_the_fingers() -> None:
+def test_observe_without_frames_stops_fingers() -> None:
     rig = rig_with("ball-44lbs")
     hand = hand_of(rig, limit_n=6.0)
     hand.send({"width_mm": 60.0, "rate_mm_per_s": 1.0})
@@ -112,7 +112,7 @@ def damage_file(path: Path, *, n: Callable[[float], float]) -> Path:
     return path
 
 
-def test_the_limit_of_a_damage_file_is_below_what_all_of_them_bear(tmp_path: Path) -> None:
+def test_learned_limit_is_below_all_rupture_forces(tmp_path: Path) -> None:
     weak = read_learned_limit_n(damage_file(tmp_path / "weak.json", n=lambda _: 4.0))
     by_stiffness = damage_file(tmp_path / "stiff.json", n=lambda stiffness: stiffness)
     assert 1.0 < weak < 4.0

@@ -26,42 +26,42 @@ PAGE = Path(__file__).parents[3] / "docs/lerobot.md"
 
 @dataclass
 class Cameras:
-    """The part of a robot's configuration that the page sets."""
+    """The part of a robot's configuration that is on the page."""
 
     cameras: dict[str, CameraConfig]
 
 
 def camera(rig: str, **settings: object):  # type: ignore[no-untyped-def]
-    """Make the camera as a robot of LeRobot does: by its type's name."""
+    """Create the camera like a LeRobot robot, from the name of its type."""
     config = CameraConfig.get_choice_class("palpate")(rig=rig, **settings)
     assert config.type == "palpate"
     return make_cameras_from_configs({"touch": config})["touch"]
 
 
 @pytest.fixture(scope="module")
-def pictures() -> list[np.ndarray]:
+def images() -> list[np.ndarray]:
     """Return images of the twin until its object is squeezed."""
-    taken: list[np.ndarray] = []
+    found: list[np.ndarray] = []
     with camera("sim-rigid", width=8, height=16) as touch:
-        while len(taken) < 600 and (not taken or taken[-1].max() < 80):
-            taken.append(touch.async_read(timeout_ms=2000))
-    return taken
+        while len(found) < 600 and (not found or found[-1].max() < 80):
+            found.append(touch.async_read(timeout_ms=2000))
+    return found
 
 
-def test_it_is_an_image_stream_of_the_size_that_was_asked(pictures: list[np.ndarray]) -> None:
-    assert {one.shape for one in pictures} == {(16, 8, 3)}
-    assert {one.dtype for one in pictures} == {np.dtype(np.uint8)}
+def test_images_have_requested_size(images: list[np.ndarray]) -> None:
+    assert {one.shape for one in images} == {(16, 8, 3)}
+    assert {one.dtype for one in images} == {np.dtype(np.uint8)}
 
 
-def test_a_squeeze_is_seen_where_nothing_was(pictures: list[np.ndarray]) -> None:
-    assert pictures[0].max() < 20
-    assert pictures[-1].max() >= 80
-    assert all(np.array_equal(one[..., 0], one[..., 2]) for one in pictures), "grey"
-    blocks = pictures[-1][..., 0].reshape(4, 4, 2, 4)
-    assert (blocks == blocks[:, :1, :, :1]).all(), "each pixel of the sensor is an even area"
+def test_squeeze_brightens_dark_image(images: list[np.ndarray]) -> None:
+    assert images[0].max() < 20
+    assert images[-1].max() >= 80
+    assert all(np.array_equal(one[..., 0], one[..., 2]) for one in images), "grey"
+    blocks = images[-1][..., 0].reshape(4, 4, 2, 4)
+    assert (blocks == blocks[:, :1, :, :1]).all(), "each pixel of the sensor is a uniform area"
 
 
-def test_each_image_is_given_once_and_the_latest_at_any_time() -> None:
+def test_async_read_returns_each_image_once_and_read_latest_anytime() -> None:
     touch = camera("sim-rigid")
     with pytest.raises(DeviceNotConnectedError):
         touch.async_read()
@@ -82,26 +82,26 @@ def test_each_image_is_given_once_and_the_latest_at_any_time() -> None:
         touch.read_latest()
 
 
-def test_option_of_the_page_makes_a_camera_for_a_robot() -> None:
+def test_option_on_page_configures_camera_for_robot() -> None:
     found = re.search(r'--robot\.cameras="(.*)"', PAGE.read_text(encoding="utf-8"))
     configs = draccus.parse(Cameras, args=[f"--cameras={found[1]}"]).cameras
     touch = configs["touch"]
-    # LeRobot's robots refuse a camera without any of them.
+    # LeRobot's robots refuse a camera without all three.
     assert None not in (touch.width, touch.height, touch.fps)
     assert make_cameras_from_configs(configs)["touch"].fps == touch.fps
 
 
-def test_a_simulated_sensor_is_called_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_simulated_sensor_logs_simulated(caplog: pytest.LogCaptureFixture) -> None:
     with camera("sim-rigid"):
         assert "SIMULATED" in caplog.text
 
 
-def test_a_size_that_does_not_fit_is_refused() -> None:
+def test_connect_with_unsuitable_size_is_refused() -> None:
     with pytest.raises(ValueError, match="width 64, height 128"):
         camera("sim-rigid", width=63).connect()
 
 
-def test_a_board_without_calibration_is_seen_from_its_first_second_on(tmp_path: Path) -> None:
+def test_board_without_calibration_uses_first_second_as_rest(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     with run_on_port(partial(run_board, rate_hz=100.0)) as (port, process):
         rig.write_text(
@@ -112,6 +112,6 @@ def test_a_board_without_calibration_is_seen_from_its_first_second_on(tmp_path: 
             assert touch.read().shape == (128, 64, 3)
             assert touch.read_latest().max() < 20
             os.kill(process, signal.SIGSTOP)
-            # What was on its way still comes.
+            # Frames already sent still arrive.
             with pytest.raises(TimeoutError, match="palpate doctor"):
                 deque((touch.async_read(timeout_ms=300) for _ in range(200)), maxlen=0)

@@ -1,4 +1,4 @@
-"""A pad that faces up, turned and shifted, and 1 kg that lies on it."""
+"""A pad that faces up, turned and shifted, with 1 kg on it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate_mujoco import Pad, PadSensor
 
 WEIGHT_N = 9.81
-#: Pixels of one pad, and where they are on the geom.
+#: Pixels of one pad, and their position on the geom.
 PALM = ArrayLayout(name="palm", rows=2, cols=3, finger_of_row=(0, 0))
 UP = Pad(geom="pad", along=(1.0, 0.0, 0.0), across=(0.0, 1.0, 0.0))
 
@@ -39,7 +39,7 @@ def lying(
     cone: str = "elliptic",
     layout: ArrayLayout = PALM,
 ) -> PadSensor:
-    """Return a sensor on which 1 kg has come to rest."""
+    """Return a sensor with 1 kg at rest on it."""
     above_m = float(size.split()[-1]) + 0.0011
     text = _MODEL.format(
         cone=cone, shape=shape, size=size, x=at_mm[0] / 1e3, y=at_mm[1] / 1e3, z=above_m
@@ -51,7 +51,7 @@ def lying(
 
 
 def contact_n(sensor: PadSensor) -> float:
-    """Return the sum of the normal forces of all contacts, as MuJoCo gives them."""
+    """Return the sum of MuJoCo's normal forces of all contacts."""
     total, force = 0.0, np.zeros(6)
     for index in range(sensor.data.ncon):
         mujoco.mj_contactForce(sensor.model, sensor.data, index, force)

@@ -1,4 +1,4 @@
-"""The environment keeps gymnasium's rules, and rewards the grip that it asks for."""
+"""The environment follows gymnasium's rules and rewards the target grip force."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ NAME = "palpate_mujoco.env:palpate/Grasp-v0"
 
 
 @pytest.mark.parametrize("hand", ["widowx", "so101"])
-def test_gymnasiums_own_check_passes(hand: str) -> None:
-    # With pictures below: they need a process of their own.
+def test_env_passes_gymnasiums_check(hand: str) -> None:
+    # Rendering is checked below, in its own process.
     check_env(gymnasium.make(NAME, hand=hand).unwrapped, skip_render_check=True)
 
 
-def test_closing_further_presses_more_and_is_felt() -> None:
+def test_step_closing_further_increases_force_and_change() -> None:
     env = gymnasium.make(NAME, object_name="springs-4", target_force_n=4.0)
     env.reset(seed=2)
     seen = []
-    # Size of the springs less 0.5, 1.5 and 2.5 mm, of an opening between 5 and 74 mm.
+    # 0.5, 1.5 and 2.5 mm below the size of the springs; the opening ranges from 5 to 74 mm.
     for width_mm in (44.5, 43.5, 42.5):
         action = np.array([2.0 * (width_mm - 5.0) / 69.0 - 1.0], dtype=np.float32)
         for _ in range(45):
-            felt, reward, terminated, _, info = env.step(action)
+            observation, reward, terminated, _, info = env.step(action)
         assert not terminated
-        seen.append((felt["change_percent"].mean(), info["truth"]["force_n"], reward))
-        assert felt["width_mm"][0] == pytest.approx(width_mm, abs=0.15)
+        seen.append((observation["change_percent"].mean(), info["truth"]["force_n"], reward))
+        assert observation["width_mm"][0] == pytest.approx(width_mm, abs=0.15)
     changes, forces_n, rewards = zip(*seen, strict=True)
     assert changes[0] > changes[1] > changes[2]
     assert forces_n[0] < forces_n[1] < forces_n[2]
     assert rewards == pytest.approx([-abs(force_n / 4.0 - 1.0) for force_n in forces_n])
 
 
-def test_damage_ends_the_episode_at_a_cost() -> None:
+def test_damage_terminates_episode_with_cost() -> None:
     env = gymnasium.make(NAME, object_name="strawberry")
     env.reset(seed=2)
     terminated = False
@@ -53,26 +53,26 @@ def test_damage_ends_the_episode_at_a_cost() -> None:
     assert reward < -20.0
 
 
-def test_an_episode_is_as_long_as_a_grasp() -> None:
+def test_episode_is_truncated_after_300_steps() -> None:
     env = gymnasium.make(NAME, object_name="apple")
     env.reset(seed=1)
     ends = [env.step(np.array([1.0], dtype=np.float32))[3] for _ in range(300)]
     assert ends.index(True) == 299
 
 
-def test_each_reset_draws_another_sheet_and_object() -> None:
+def test_reset_draws_new_sheet_and_object() -> None:
     env = gymnasium.make(NAME)
     drawn = [env.reset(seed=seed)[1]["truth"]["size_mm"] for seed in (1, 2, 1)]
     assert drawn[0] == drawn[2] != drawn[1]
 
 
-def test_an_unknown_object_is_refused() -> None:
+def test_unknown_object_is_refused() -> None:
     with pytest.raises(InputError, match="no simulated object 'anvil'"):
         GraspEnv(object_name="anvil")
 
 
 def run_with(gl: str, *lines: str) -> subprocess.CompletedProcess[str]:
-    """Run Python with one of MuJoCo's ways to draw: it chooses when it is imported."""
+    """Run Python with an OpenGL backend, which MuJoCo selects on import."""
     text = "\n".join(("import gymnasium", f"NAME = {NAME!r}", *lines))
     environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
     return subprocess.run(
@@ -86,7 +86,7 @@ def run_with(gl: str, *lines: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(find_library("EGL") is None, reason="libEGL is not installed")
-def test_gymnasiums_own_check_passes_with_pictures_too() -> None:
+def test_env_with_rendering_passes_gymnasiums_check() -> None:
     done = run_with(
         "egl",
         "from gymnasium.utils.env_checker import check_env",
@@ -101,7 +101,7 @@ def test_gymnasiums_own_check_passes_with_pictures_too() -> None:
     assert done.stdout == "(240, 320, 3) uint8 True\n", done.stderr
 
 
-def test_no_way_to_draw_is_one_clear_line() -> None:
+def test_render_without_opengl_raises_clear_error() -> None:
     done = run_with(
         "glfw",
         'env = gymnasium.make(NAME, render_mode="rgb_array", object_name="tomato")',

@@ -1,4 +1,4 @@
-"""Gripper models: valid by MuJoCo's checks, and of the stated geometry."""
+"""Gripper models: valid in MuJoCo, with the stated geometry."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def posed(angle_rad: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def apart_mm(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+def pad_distance_mm(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """Return the distance between the pads."""
     pads = [model.geom(pad.geom).id for pad in SO101.pads]
     return 1e3 * float(mujoco.mj_geomDistance(model, data, *pads, 1.0, np.zeros(6)))
 
 
 @pytest.mark.parametrize("name", HANDS)
-def test_mujoco_finds_nothing_to_warn_of_in_a_squeeze(name: str) -> None:
+def test_squeeze_causes_no_mujoco_warnings(name: str) -> None:
     obj = draw_object(np.random.default_rng(1), "springs-8")
     world = MujocoWorld(obj, seed=1, hand=find_hand(name))
     world.drive(36.0, rate=20.0)
@@ -41,7 +41,7 @@ def test_mujoco_finds_nothing_to_warn_of_in_a_squeeze(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", HANDS)
-def test_an_empty_hand_goes_where_it_is_sent(name: str) -> None:
+def test_empty_hand_reaches_target_width(name: str) -> None:
     world = MujocoWorld(None, seed=1, hand=find_hand(name))
     for width_mm in (20.0, 60.0):
         world.drive(width_mm, rate=40.0)
@@ -49,18 +49,18 @@ def test_an_empty_hand_goes_where_it_is_sent(name: str) -> None:
         assert world.drive_value(world.now_s()) == pytest.approx(width_mm, abs=0.1)
 
 
-def test_the_jaw_counts_from_where_its_pads_touch() -> None:
-    assert apart_mm(*posed(0.0)) == pytest.approx(0.0, abs=0.05)
+def test_jaw_angle_is_zero_when_pads_touch() -> None:
+    assert pad_distance_mm(*posed(0.0)) == pytest.approx(0.0, abs=0.05)
 
 
-def test_the_pads_face_each_other_squarely_at_38_mm() -> None:
+def test_pads_are_parallel_at_38_mm() -> None:
     model, data = posed(0.533)
-    assert apart_mm(model, data) == pytest.approx(38.0, abs=0.05)
+    assert pad_distance_mm(model, data) == pytest.approx(38.0, abs=0.05)
     fixed, moving = (data.geom(pad.geom).xmat.reshape(3, 3) for pad in SO101.pads)
     assert moving == pytest.approx(fixed, abs=1e-6)
 
 
-def test_opening_the_jaw_tilts_its_pad_and_leaves_the_other() -> None:
+def test_opening_jaw_tilts_only_its_pad() -> None:
     normals = []
     for angle_rad in (0.533, 1.0):
         _, data = posed(angle_rad)
@@ -70,10 +70,10 @@ def test_opening_the_jaw_tilts_its_pad_and_leaves_the_other() -> None:
     assert np.arccos(moving @ tilted) == pytest.approx(1.0 - 0.533)
 
 
-def test_the_fixed_jaw_stays_and_the_other_pushes_the_object_to_it() -> None:
+def test_moving_jaw_pushes_object_to_fixed_jaw() -> None:
     obj = draw_object(np.random.default_rng(1), "ball-44lbs")
     world = MujocoWorld(obj, seed=1, hand=SO101)
-    # The chord that the servo reads is about 5 mm less than the gap: a calibration takes it out.
+    # The chord read by the servo is about 5 mm less than the gap; a calibration corrects this.
     world.drive(obj.size_mm - 8.0, rate=20.0)
     world.clock.sleep_s(3.0)
     assert world.force_n(world.now_s()) > 1.0
@@ -84,6 +84,6 @@ def test_the_fixed_jaw_stays_and_the_other_pushes_the_object_to_it() -> None:
     assert place_m == pytest.approx([-0.020 - bent_m, 0.0, 0.0], abs=2e-5)
 
 
-def test_an_unknown_hand_is_refused() -> None:
+def test_unknown_hand_is_refused() -> None:
     with pytest.raises(InputError, match=r"no hand 'claw' in MuJoCo; available: widowx, so101"):
         find_hand("claw")

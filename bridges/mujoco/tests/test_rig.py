@@ -1,4 +1,4 @@
-"""The MuJoCo rigs: a whole grasp, early ends, and a core without MuJoCo."""
+"""The MuJoCo rigs: complete and early ended grasps, and a core without MuJoCo."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def calibration(rig: Rig) -> Calibration:
     return rig.calibration
 
 
-def thing(name: str) -> TwinObject:
+def draw_subject(name: str) -> TwinObject:
     return draw_object(np.random.default_rng([SEED, 10]), name)
 
 
@@ -52,7 +52,7 @@ def planned(calibration: Calibration, world: MujocoWorld, target_force_n: float)
     return plan_grasp(calibration, gripper=TwinGripper(world), target_force_n=target_force_n)
 
 
-def springs_that_yield(n: float) -> DamageModel:
+def learn_from_springs(n: float) -> DamageModel:
     """Return a damage limit learned from springs that yield at about one force."""
     rng, paths, limits_n = np.random.default_rng(3), [], []
     for stiffness in np.geomspace(2.0, 12.0, 24):
@@ -64,73 +64,73 @@ def springs_that_yield(n: float) -> DamageModel:
     return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
 
 
-def test_a_berry_is_held_and_measured(rig: Rig) -> None:
+def test_strawberry_is_held_and_measured(rig: Rig) -> None:
     # Four standard deviations of the size error (`benchmarks/mujoco_rig.py`).
     check_held(rig, size_mm=0.8)
 
 
-def test_a_jaw_that_swings_holds_and_measures_too() -> None:
-    # Of a berry, whose pads do not face each other squarely.
+def test_swinging_jaw_holds_and_measures_strawberry() -> None:
+    # On a strawberry the pads are not parallel, which increases the size error.
     check_held(open_rig("mujoco-so101", object_name="strawberry", seed=SEED), size_mm=2.0)
 
 
 def check_held(rig: Rig, *, size_mm: float) -> None:
-    """Grasp on a rig, and compare with its own truth."""
+    """Grasp on a rig, and compare with its truth."""
     plan = plan_grasp(rig.calibration, gripper=rig.gripper)
     result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
     assert rig.truth is not None
     truth = rig.truth()
     assert result.outcome is Outcome.HELD
     assert rig.is_simulated
-    assert truth["size_mm"] == thing("strawberry").size_mm
+    assert truth["size_mm"] == draw_subject("strawberry").size_mm
     assert result.size_mm.value == pytest.approx(truth["size_mm"], abs=size_mm)
     assert result.force_n.low < truth["force_n"] < result.force_n.high
     assert not truth["damaged"]
 
 
-def test_an_unknown_object_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["grasp", "--rig", "mujoco", "--object", "anvil"]
-    assert run(build_app(), asked, name="palpate") == 2
+def test_unknown_object_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["grasp", "--rig", "mujoco", "--object", "anvil"]
+    assert run(build_app(), arguments, name="palpate") == 2
     assert "no simulated object 'anvil'" in capsys.readouterr().err
 
 
-def test_an_empty_hand_finds_nothing(calibration: Calibration) -> None:
+def test_empty_hand_ends_with_nothing_there(calibration: Calibration) -> None:
     world = MujocoWorld(None, seed=SEED)
     assert grasp(world, planned(calibration, world, 5.0)).outcome is Outcome.NOTHING_THERE
 
 
-def test_a_target_is_reached_and_the_hand_opens_again(calibration: Calibration) -> None:
-    world = MujocoWorld(thing("springs-8"), seed=SEED)
+def test_grasp_reaches_target_and_opens(calibration: Calibration) -> None:
+    world = MujocoWorld(draw_subject("springs-8"), seed=SEED)
     result = grasp(world, planned(calibration, world, 8.0))
     assert result.outcome is Outcome.HELD
     assert world.truth().force_n == pytest.approx(8.0, rel=0.25)
     assert world.drive_value(world.now_s()) == pytest.approx(74.0, abs=0.1)
 
 
-def test_the_force_ceiling_ends_the_grasp_and_opens(calibration: Calibration) -> None:
-    world = MujocoWorld(thing("springs-8"), seed=SEED)
+def test_force_ceiling_ends_grasp_and_opens(calibration: Calibration) -> None:
+    world = MujocoWorld(draw_subject("springs-8"), seed=SEED)
     safe = replace(planned(calibration, world, 3.0), safety=SafetyLimits(force_ceiling_n=5.0))
 
-    def shove(_: Observation) -> None:
+    def push_finger(_: Observation) -> None:
         if world.sensor.finger_n.mean() > 2.0:
             world.data.body("right_finger").xfrc_applied[0] = -40.0
 
-    result = grasp(world, safe, shove)
+    result = grasp(world, safe, push_finger)
     assert result.outcome is Outcome.FORCE_LIMIT
     assert world.drive_value(world.now_s()) == pytest.approx(74.0, abs=0.1)
     assert world.force_n(world.now_s()) == 0.0
 
 
-def test_a_damage_limit_holds_back_from_the_target(calibration: Calibration) -> None:
-    world = MujocoWorld(thing("springs-4"), seed=SEED)
-    plan = replace(planned(calibration, world, 8.0), damage=springs_that_yield(4.0))
+def test_damage_limit_keeps_force_below_target(calibration: Calibration) -> None:
+    world = MujocoWorld(draw_subject("springs-4"), seed=SEED)
+    plan = replace(planned(calibration, world, 8.0), damage=learn_from_springs(4.0))
     result = grasp(world, plan)
     assert result.outcome is Outcome.HELD
     assert "damage_limit" in [moment.name for moment in result.moments]
     assert world.truth().peak_force_n < 5.0
 
 
-def test_the_core_knows_the_rig_and_imports_none_of_it() -> None:
+def test_core_lists_rigs_without_importing_mujoco() -> None:
     assert {"mujoco", "mujoco-so101"} <= set(rig_names())
     code = (
         "import sys, palpate, palpate.cli, palpate.rig; palpate.rig.rig_names(); "

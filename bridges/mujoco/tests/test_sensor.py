@@ -1,4 +1,4 @@
-"""The sheet on a pad: the twin's own, whoever steps the model."""
+"""The sheet on a pad is the twin's, with any stepping of the model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate_mujoco import PadSensor, TouchGrid
 TALL = ArrayLayout(name="tall", rows=5, cols=5, finger_of_row=(0,) * 5)
 
 
-def test_frames_come_at_the_arrays_rate_and_fit_its_layout() -> None:
+def test_frames_have_rate_and_layout_of_array() -> None:
     sensor = lying()
     array = TwinArray(sensor)
     frames = [array.read(timeout_s=0.1) for _ in range(30)]
@@ -32,46 +32,46 @@ def test_frames_come_at_the_arrays_rate_and_fit_its_layout() -> None:
         array.read(timeout_s=0.01)
 
 
-def test_a_steady_load_reads_what_the_twins_sheet_does_under_it() -> None:
+def test_constant_load_reads_like_twin_sheet() -> None:
     sensor = lying(at_mm=(5.0, 0.0))
-    load_n, chance = sensor.load_n.ravel(), sensor.placement
+    load_n, placement = sensor.load_n.ravel(), sensor.placement
     sensor.step_to(sensor.data.time + 19.0)
-    state = SheetState.at_rest(PALM.pixels, creep=chance.creep)
+    state = SheetState.at_rest(PALM.pixels, creep=placement.creep)
     for step_s in (1e-3, 20.0):
         state = state.advance(
             step_s,
             load_n,
             travel_mm=0.0,
             sheet=sensor.sheet,
-            gain=chance.gain,
-            creep=chance.creep,
+            gain=placement.gain,
+            creep=placement.creep,
         )
-    twin_ohm = state.resistance_ohm(sensor.sheet, creep=chance.creep)
+    twin_ohm = state.resistance_ohm(sensor.sheet, creep=placement.creep)
     assert sensor.resistance_ohm().ravel() == pytest.approx(twin_ohm, rel=2e-3)
 
 
-def test_counts_go_through_the_divider() -> None:
+def test_counts_follow_divider() -> None:
     sensor = lying()
     scans = np.mean([pixel_resistance_ohm(sensor.counts(), layout=PALM) for _ in range(50)], axis=0)
     assert scans == pytest.approx(sensor.resistance_ohm(), rel=0.02)
 
 
-def test_a_program_that_steps_the_model_itself_reads_the_same() -> None:
+def test_stepping_model_and_calling_update_reads_same_counts() -> None:
     sensor = lying()
     model, data = sensor.model, mujoco.MjData(sensor.model)
     own = PadSensor(model, data, pads=[UP], layout=PALM, seed=1)
     while data.time < sensor.data.time - 1e-9:
         mujoco.mj_step(model, data)
-        own.feel()
+        own.update()
     assert own.counts().tolist() == sensor.counts().tolist()
 
 
-def test_the_same_seed_reads_the_same_counts() -> None:
+def test_same_seed_reads_same_counts() -> None:
     first, second = lying(), lying()
     assert first.counts().tolist() == second.counts().tolist()
 
 
-def test_floating_lines_leak_as_the_solver_expects() -> None:
+def test_floating_lines_leak_like_solver_model() -> None:
     matrix = replace(PALM, idle_lines="floating")
     sensor = lying(layout=matrix)
     ohm = [pixel_resistance_ohm(sensor.counts(), layout=matrix) for _ in range(50)]
@@ -81,19 +81,19 @@ def test_floating_lines_leak_as_the_solver_expects() -> None:
 
 
 @pytest.mark.parametrize("wiring", [{"idle_lines": "held"}, {"line_ohm": 70.0}])
-def test_a_wiring_that_is_not_simulated_is_refused(wiring: dict[str, Any]) -> None:
+def test_unsupported_wiring_is_refused(wiring: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="neither held lines nor line_ohm"):
         lying(layout=replace(PALM, **wiring))
 
 
-def test_a_reset_needs_a_new_sensor() -> None:
+def test_counts_after_model_reset_raise() -> None:
     sensor = lying()
     mujoco.mj_resetData(sensor.model, sensor.data)
     with pytest.raises(ValueError, match="decreased from 1 to 0 s; create a new sensor"):
         sensor.counts()
 
 
-def test_an_unloaded_pad_goes_back_to_rest() -> None:
+def test_unloaded_pad_returns_to_rest() -> None:
     sensor = lying()
     assert sensor.change_percent().min() < -20.0
     sensor.data.qpos[0] = 0.05
@@ -102,7 +102,7 @@ def test_an_unloaded_pad_goes_back_to_rest() -> None:
     assert np.abs(sensor.change_percent()).max() < 2.0
 
 
-GRIDDED = """
+GRID_MODEL = """
 <mujoco>
   <extension><plugin plugin="mujoco.sensor.touch_grid"/></extension>
   <worldbody>
@@ -128,20 +128,18 @@ GRIDDED = """
 
 
 def test_touch_grid_of_the_model_loads_its_pixels_with_newtons() -> None:
-    model = mujoco.MjModel.from_xml_string(GRIDDED)
+    model = mujoco.MjModel.from_xml_string(GRID_MODEL)
     data = mujoco.MjData(model)
     sensor = PadSensor(model, data, pads=[TouchGrid(sensor="grid")], layout=PALM, seed=1)
     sensor.step_to(1.0)
-    # The site looks up: its x is the model's, its y the other way.
+    # The site faces up: its x is the model's x, its y is reversed.
     assert sensor.load_n == pytest.approx(np.array([[0.0, 0.0, 9.81], [0.0, 0.0, 0.0]]), abs=0.05)
     assert sensor.change_percent()[0, 2] < -20.0
 
 
 @pytest.mark.parametrize(("name", "layout"), [("gird", PALM), ("place", PALM), ("grid", TALL)])
-def test_a_sensor_that_is_no_grid_of_these_pixels_is_refused(
-    name: str, layout: ArrayLayout
-) -> None:
-    model = mujoco.MjModel.from_xml_string(GRIDDED)
+def test_sensor_without_matching_touch_grid_is_refused(name: str, layout: ArrayLayout) -> None:
+    model = mujoco.MjModel.from_xml_string(GRID_MODEL)
     with pytest.raises(InputError, match=f"needs a touch_grid '{name}' with the"):
         PadSensor(
             model,

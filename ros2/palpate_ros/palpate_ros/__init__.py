@@ -1,1 +1,1 @@
-"""palpate in ROS 2; it uses palpate's Python API, and palpate knows nothing of it."""
+"""palpate in ROS 2: nodes that use palpate's Python API."""

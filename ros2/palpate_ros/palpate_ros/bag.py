@@ -1,7 +1,8 @@
-"""`bag_to_recording BAG OUT.mcap`: a rosbag2 as a recording of palpate. Needs no ROS, only rosbags.
+"""`bag_to_recording BAG OUT.mcap`: convert a rosbag2 to a recording, with rosbags instead of ROS.
 
-The recording's head is the latched topic `info`; counts and their times are exact. Images carry no
-number, so frames are numbered by their stamps: a gap of two periods is one frame lost.
+The description of the recording comes from the latched topic `info`; counts and their times are
+exact. Images have no number, so frames are numbered from their stamps: a gap of two periods is one
+lost frame.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from palpate.recording import RecordingWriter
 from palpate.recording.channels import decode_info
 from palpate.sensor.array import ArrayLayout, Frame
 
-#: Last part of a topic's name -> what is read from it.
+#: Last parts of the names of the converted topics.
 _TOPICS = ("info", "counts", "joint_states", "pressure")
 
 
 def convert(bag: Path, out: Path) -> int:
-    """Write a bag's frames and hand states as a recording; return how many frames.
+    """Write a bag to a recording; return the number of frames.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def convert(bag: Path, out: Path) -> int:
     numbers = _numbers(np.array(time_s))
     with RecordingWriter(out, info=info) as writer:
         for at_s, number, message in zip(time_s, numbers, found["counts"], strict=True):
-            # A hand's state is stamped like the frame that it was read with, and comes before it.
+            # The state of the gripper has the stamp of its frame and is written before it.
             while states and states[0].time_s <= at_s + 1e-6:
                 writer.add(states.pop(0))
             counts = _counts(message, layout=info.layout)
@@ -70,7 +71,7 @@ def _read(bag: Path) -> dict[str, list[Any]]:
                 message = reader.deserialize(data, connection.msgtype)
                 found[_name(connection.topic)].append(message)
     except (AnyReaderError, ReaderError, OSError) as error:
-        raise RecordingError(f"{bag}: not a rosbag2 that can be read: {error}") from error
+        raise RecordingError(f"{bag}: not a readable rosbag2: {error}") from error
     return found
 
 
@@ -84,7 +85,7 @@ def _since_s(message: Any, *, zero_ns: int) -> float:
 
 
 def _state(message: Any, *, zero_ns: int) -> GripperState:
-    """Return a gripper's state: a joint's opening, or a pressure with unknown movement."""
+    """Return a gripper state: the opening of a joint, or a pressure with unknown motion."""
     time_s = _since_s(message, zero_ns=zero_ns)
     if hasattr(message, "fluid_pressure"):
         return GripperState(time_s=time_s, pressure_kpa=message.fluid_pressure / 1e3)
@@ -96,7 +97,7 @@ def _state(message: Any, *, zero_ns: int) -> GripperState:
 
 
 def _numbers(time_s: np.ndarray) -> np.ndarray:
-    """Number frames by their times, in whole periods.
+    """Number frames from their times, in whole periods.
 
     Examples
     --------
@@ -115,7 +116,7 @@ def _counts(message: Any, *, layout: ArrayLayout) -> np.ndarray:
     if (message.height, message.width) != shape or message.encoding != "16UC1":
         raise RecordingError(
             f"an image of {message.height}x{message.width} {message.encoding} does not fit the "
-            f"layout's {shape[0]}x{shape[1]} 16UC1; is `counts` another node's?"
+            f"layout's {shape[0]}x{shape[1]} 16UC1; is `counts` from another node?"
         )
     return np.frombuffer(bytes(message.data), dtype="<u2").reshape(shape).astype(np.int32)
 
@@ -125,12 +126,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("bag", type=Path, help="folder of the rosbag2")
     parser.add_argument("out", type=Path, help="new recording (.mcap)")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     try:
-        frames = convert(asked.bag, asked.out)
+        frames = convert(options.bag, options.out)
     except PalpateError as error:
         sys.exit(f"bag_to_recording: {error}")
-    print(f"{asked.out}: {frames} frames")
+    print(f"{options.out}: {frames} frames")
 
 
 if __name__ == "__main__":

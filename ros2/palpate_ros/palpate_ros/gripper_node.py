@@ -40,7 +40,7 @@ class GripperNode(Node):
     Raises
     ------
     PalpateError
-        If the rig can't be opened; one line that says what to do.
+        If the rig can't be opened.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class GripperNode(Node):
         info = recording_info(rig, seed=self._value("seed"))
         info = replace(info, gripper=rig.gripper.limits)
         if rig.is_simulated:
-            # Simulated time begins at 0; other nodes live now.
+            # Simulated time starts at 0; other nodes use the current time.
             info = replace(info, clock_zero_unix_ns=time.time_ns() - round(first.time_s * 1e9))
         about = Provenance(
             info=info,
@@ -71,33 +71,33 @@ class GripperNode(Node):
             array=array,
             hold_s=self._value("hold_s"),
             options=options,
-            viewer=self.topics.see,
-            complain=self._complain,
+            viewer=self.topics.publish,
+            on_fault=self._report_fault,
         )
         self._timer = self.create_timer(_DIAGNOSE_S, self.topics.diagnose)
-        together = ReentrantCallbackGroup()
+        concurrent = ReentrantCallbackGroup()
         self._server = ActionServer(
             self,
             Grasp,
             "~/grasp",
             self._grasp,
-            goal_callback=self._accepts,
+            goal_callback=self._accept_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=together,
+            callback_group=concurrent,
         )
-        self.create_service(Trigger, "~/stop", self._stop, callback_group=together)
-        self.create_service(Trigger, "~/release", self._release, callback_group=together)
+        self.create_service(Trigger, "~/stop", self._stop, callback_group=concurrent)
+        self.create_service(Trigger, "~/release", self._release, callback_group=concurrent)
         try:
             standard = importlib.import_module("palpate_ros.standard")
         except ModuleNotFoundError:
             self.get_logger().info("control_msgs is not installed: no standard gripper actions")
         else:
             self._standard = standard.StandardGripper(
-                self, self.hand, joint=self._value("joint"), group=together
+                self, self.hand, joint=self._value("joint"), group=concurrent
             )
 
-    def let_go(self) -> None:
-        """Leave the hand safe and the rig closed."""
+    def shut_down(self) -> None:
+        """Make the hand safe and close the rig."""
         self.hand.close()
 
     def _value(self, name: str) -> Any:
@@ -108,17 +108,17 @@ class GripperNode(Node):
             self._value("rig"), object_name=self._value("object") or None, seed=self._value("seed")
         )
 
-    def _complain(self, text: str) -> None:
+    def _report_fault(self, text: str) -> None:
         self.topics.fail(text)
         self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     # -- the action -------------------------------------------------------------------------------
 
-    def _accepts(self, goal: Grasp.Goal) -> GoalResponse:
-        asked_n = goal.target_force_n
-        if not 0 <= asked_n <= FORCE_CEILING_N:
+    def _accept_goal(self, goal: Grasp.Goal) -> GoalResponse:
+        target_n = goal.target_force_n
+        if not 0 <= target_n <= FORCE_CEILING_N:
             self.get_logger().warning(
-                f"goal refused: target_force_n {asked_n:g} is not within 0 to "
+                f"goal refused: target_force_n {target_n:g} is not within 0 to "
                 f"{FORCE_CEILING_N:g} N, the force ceiling"
             )
             return GoalResponse.REJECT
@@ -130,8 +130,8 @@ class GripperNode(Node):
         )
         if order is None:
             goal.abort()
-            why = "the hand is at work or closed on something; call the service `release` first"
-            return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[why])
+            reason = "the hand is busy or holds an object; call the service `release` first"
+            return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[reason])
         while not order.known.wait(_FEEDBACK_S):
             if goal.is_cancel_requested:
                 order.requests.stop.set()
@@ -160,7 +160,7 @@ class GripperNode(Node):
         if found is None:
             return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[order.refusal])
         return Grasp.Result(
-            # While it holds the runner has not closed the book yet.
+            # During the hold the runner has not set the final outcome yet.
             outcome=str(found.outcome if order.over.is_set() else Outcome.HELD),
             decision_time_s=math.nan if found.decision_time_s is None else found.decision_time_s,
             measurements=_measurements(found),
@@ -179,7 +179,7 @@ class GripperNode(Node):
     def _release(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         order = self.hand.open()
         if order is None:
-            answer.success, answer.message = False, "the hand is moving already"
+            answer.success, answer.message = False, "the hand is already moving"
             return answer
         arrived = order.over.wait(_OPENING_S)
         answer.success = arrived and not order.refusal
@@ -198,7 +198,7 @@ def _measurements(found: GraspResult) -> list[Measurement]:
 
 
 def main() -> None:
-    """Run the node until Ctrl-C; afterwards the hand stands still or is open."""
+    """Run the node until Ctrl-C; the hand is then stopped or open."""
     run(GripperNode, name="palpate_gripper")
 
 

@@ -1,4 +1,4 @@
-"""The thread that owns a rig: it reads the sensor, grasps, and leaves safely."""
+"""A thread that owns a rig: it reads the sensor, grasps, and ends safely."""
 
 from __future__ import annotations
 
@@ -19,32 +19,33 @@ from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.rig import Rig
 from palpate.sensor.array import Frame, PressureArray
 
+#: Timeout of a frame, and pause after a fault, seconds.
 _FRAME_S, _RETRY_S = 0.5, 0.5
-#: Approach and squeeze may take so long beside the hold.
+#: Time limit of approach and squeeze, in addition to the hold, seconds.
 _CLOSING_S = 120.0
-#: These leave the hand where it is: what it holds is held until it is asked back.
-_LEFT_STANDING = (Outcome.STOPPED, Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
+#: Outcomes after which the hand keeps its position, and a held object, until a release.
+_STOPPED_OUTCOMES = (Outcome.STOPPED, Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
 
-#: Gets every frame with the hand's state; None where the hand does not answer.
+#: Called with every frame and the gripper's state; None if the gripper does not reply.
 Viewer = Callable[[Frame, GripperState | None], None]
 
 
 @dataclass(slots=True, eq=False)
 class Grasping:
-    """One grasp under way, as other threads see it.
+    """A running grasp, shared with other threads.
 
     Attributes
     ----------
     grasp_state : GraspState
-        The newest.
+        Newest state.
     known : Event
-        Set when there is an answer and the object is held, or the grasp is over.
+        Set when the object is held and the answer is known, or when the grasp has ended.
     result : GraspResult or None
-        What `known` made known; None after it where the equipment refused to begin.
+        Result when `known` was set; None if the grasp could not start.
     refusal : str
-        Why it did not begin.
+        Reason why the grasp could not start.
     over : Event
-        Set when nothing more will be commanded.
+        Set after the last command.
     """
 
     target_force_n: float | None
@@ -59,7 +60,7 @@ class Grasping:
 
 @dataclass(slots=True, eq=False)
 class Moving:
-    """An opening under way: to a width, or fully (None)."""
+    """A running opening to a width, or fully (None)."""
 
     width_mm: float | None
     stop: threading.Event = field(default_factory=threading.Event)
@@ -68,20 +69,20 @@ class Moving:
 
 
 class Hand:
-    """A rig at work on a thread of its own.
+    """A rig operated by its own thread.
 
     Parameters
     ----------
     rig : Rig
-        Open; closed at the end.
+        Open rig, which `close` closes.
     array : PressureArray
-        The rig's, or the same held to the wall's clock.
+        The rig's array, or the same array paced to real time.
     hold_s : float
-        How long an object is held before it is released unasked.
+        Duration of a hold without a request; the object is then released.
     options : dict
-        Further options of each plan: `damage`.
-    viewer, complain : callable
-        Get every frame, and every fault outside a grasp.
+        Additional options of each plan, such as `damage`.
+    viewer, on_fault : callable
+        Called with every frame, and with every fault.
     """
 
     def __init__(
@@ -92,14 +93,14 @@ class Hand:
         hold_s: float,
         options: dict[str, Any],
         viewer: Viewer,
-        complain: Callable[[str], None],
+        on_fault: Callable[[str], None],
     ) -> None:
         self._rig, self._array, self._hold_s = rig, array, hold_s
-        self._options, self._viewer, self._complain = options, viewer, complain
+        self._options, self._viewer, self._on_fault = options, viewer, on_fault
         self._orders: queue.Queue[Grasping | Moving] = queue.Queue()
         self._ending, self._lock = threading.Event(), threading.Lock()
         self._now: Grasping | Moving | None = None
-        #: The hand stands closed on something after a stop: release comes before anything else.
+        #: Whether the hand may hold an object after a stop; it must then be released first.
         self._gripped = False
         self.state: GripperState | None = None
         self._thread = threading.Thread(target=self._work, name="palpate-hand", daemon=True)
@@ -111,7 +112,7 @@ class Hand:
         return self._rig.gripper.limits
 
     def grasp(self, *, target_force_n: float | None, kind: str = "") -> Grasping | None:
-        """Begin a grasp; None while the hand is at work or closed on something."""
+        """Start a grasp; return None if the hand is busy or may hold an object."""
         with self._lock:
             if self._now is not None or self._gripped:
                 return None
@@ -122,7 +123,7 @@ class Hand:
     def open(self, width_mm: float | None = None) -> Moving | None:
         """Open fully or to a width; a held object is released fully.
 
-        None means that the gripper is busy.
+        Returns None if the hand is already moving.
         """
         with self._lock:
             busy = self._now
@@ -137,7 +138,7 @@ class Hand:
         return order
 
     def stop(self) -> None:
-        """Stop at once, whatever it does: it holds still, soft fingers vent."""
+        """Stop the hand immediately; rigid fingers keep their position, soft fingers vent."""
         with self._lock:
             busy = self._now
         if isinstance(busy, Grasping):
@@ -173,16 +174,16 @@ class Hand:
         try:
             frame = self._array.read(timeout_s=_FRAME_S)
         except DeviceTimeoutError as error:
-            self._complain(str(error))
+            self._on_fault(str(error))
             return
         except DeviceError as error:
-            self._complain(str(error))
+            self._on_fault(str(error))
             self._ending.wait(_RETRY_S)
             return
         try:
             self.state = self._rig.gripper.state()
         except DeviceError as error:
-            self._complain(str(error))
+            self._on_fault(str(error))
             self.state = None
         self._viewer(frame, self.state)
 
@@ -198,13 +199,13 @@ class Hand:
                 **self._options,
             )
 
-            def watch(grasp_state: GraspState) -> None:
+            def store_state(grasp_state: GraspState) -> None:
                 order.grasp_state = grasp_state
                 if grasp_state.phase is Phase.HOLD and not order.known.is_set():
                     order.result = grasp_state.result
                     order.known.set()
 
-            def see(observation: Observation) -> None:
+            def show_frame(observation: Observation) -> None:
                 self.state = observation.gripper
                 self._viewer(observation.frame, observation.gripper)
 
@@ -213,15 +214,15 @@ class Hand:
                 array=self._array,
                 gripper=self._rig.gripper,
                 clock=self._rig.clock,
-                subscribers=[see],
-                watchers=[watch],
+                subscribers=[show_frame],
+                watchers=[store_state],
                 requests=order.requests,
             )
-            self._gripped = result.outcome in _LEFT_STANDING
+            self._gripped = result.outcome in _STOPPED_OUTCOMES
             if not order.known.is_set():
                 order.result = result
             for fault in result.faults:
-                self._complain(fault)
+                self._on_fault(fault)
         except PalpateError as error:
             order.refusal = str(error)
         finally:
@@ -248,6 +249,6 @@ class Hand:
                     return
         except DeviceError as error:
             order.refusal = str(error)
-            self._complain(str(error))
+            self._on_fault(str(error))
         finally:
             order.over.set()

@@ -1,4 +1,4 @@
-"""palpate's types as standard messages."""
+"""Conversion of palpate's types to standard messages."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def stamp_of(time_s: float, *, zero_unix_ns: int) -> Time:
 
 
 def image(array: np.ndarray, *, encoding: str, stamp: Time, frame_id: str) -> Image:
-    """Return pixels as an image: one row of it for each row of the matrix."""
+    """Return pixels as an image with the rows and columns of the array."""
     message = Image(height=array.shape[0], width=array.shape[1], encoding=encoding)
     message.header.stamp, message.header.frame_id = stamp, frame_id
     message.step = array.shape[1] * array.itemsize
@@ -41,7 +41,7 @@ def counts_image(frame: Frame, *, stamp: Time, frame_id: str) -> Image:
 
 
 def ohm_image(ohm: np.ndarray, *, stamp: Time, frame_id: str) -> Image:
-    """Return resistances, inf where a pixel is open."""
+    """Return resistances as an image; inf for an open pixel."""
     return image(ohm.astype("<f4"), encoding="32FC1", stamp=stamp, frame_id=frame_id)
 
 
@@ -54,36 +54,36 @@ def wrench(force_n: float, *, stamp: Time, frame_id: str) -> WrenchStamped:
 
 
 def joint_state(state: GripperState, *, name: str, before: GripperState, stamp: Time) -> JointState:
-    """Return a width-driven gripper's joint: metres, and 0 m/s exactly at rest."""
+    """Return the joint of a width drive, m and m/s; 0 at rest."""
     passed_s = state.time_s - before.time_s
     speed = (state.width_mm - before.width_mm) / passed_s if passed_s > 0 else 0.0
     message = JointState(name=[name], position=[state.width_mm / 1e3])
     message.velocity = [speed / 1e3 if state.moving else 0.0]
-    # As ros2_control says "not sensed"; rosbags 0.11 refuses a message that ends in an empty list.
+    # NaN means "not sensed", as in ros2_control; rosbags 0.11 rejects a trailing empty list.
     message.effort = [math.nan]
     message.header.stamp = stamp
     return message
 
 
 def pressure(state: GripperState, *, stamp: Time, frame_id: str) -> FluidPressure:
-    """Return a hand driven by pressure, pascals above the air around it."""
+    """Return the gauge pressure of a pressure drive, Pa."""
     message = FluidPressure(fluid_pressure=state.pressure_kpa * 1e3)
     message.header.stamp, message.header.frame_id = stamp, frame_id
     return message
 
 
 def diagnosis(health: Health, *, name: str, hardware_id: str) -> DiagnosticStatus:
-    """Return what the health check found: its worst finding first, every finding as a value."""
+    """Return the health: the first finding as text, all findings as values."""
     worst = max((_LEVELS[found.severity] for found in health.findings), default=DiagnosticStatus.OK)
     first = next((found for found in health.findings), None)
-    said = "ok" if first is None else f"{first.where}: {first.text}; {first.check}"
+    text = "ok" if first is None else f"{first.where}: {first.text}; {first.check}"
     values = {
         "rate_hz": f"{health.link.rate_hz:.1f}",
         "frames": str(health.link.frames),
         "lost": str(health.link.lost),
         **{f"{found.code} {found.where}": found.text for found in health.findings},
     }
-    return status(worst, said, name=name, hardware_id=hardware_id, values=values)
+    return status(worst, text, name=name, hardware_id=hardware_id, values=values)
 
 
 def status(
@@ -97,7 +97,7 @@ def status(
 
 
 def build_measurement(kind: Any, name: str, found: Measurement | None) -> Any:
-    """Return a measurement as a message of type `kind`; NaN where nothing is known."""
+    """Return a measurement as a message of type `kind`; unknown numbers are NaN."""
     if found is None:
         nan = math.nan
         return kind(name=name, value=nan, low=nan, high=nan, level=nan, status="not_measured")

@@ -24,9 +24,9 @@ _FRAME_S, _RETRY_S, _DIAGNOSE_S = 0.5, 0.5, 1.0
 
 
 class SensorNode(LifecycleNode):
-    """Opens the sensor when configured, publishes while active.
+    """A lifecycle node that opens the sensor when configured and publishes while active.
 
-    With the parameter `autostart` (the default) it configures and activates itself.
+    By default (`autostart`) the node configures and activates itself.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class SensorNode(LifecycleNode):
         self._active, self._ending = threading.Event(), threading.Event()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the sensor; a fault gives one log line and an unconfigured node."""
+        """Open the sensor; a fault is logged in one line and leaves the node unconfigured."""
         name = str(self.get_parameter("rig").value)
         try:
             self._source = source = open_source(rig=name)
@@ -84,27 +84,27 @@ class SensorNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish from now on."""
+        """Start publishing."""
         self._active.set()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Continue reading, and publish nothing."""
+        """Stop publishing; reading continues."""
         self._active.clear()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the sensor."""
-        self.let_go()
+        self.shut_down()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the sensor for good."""
-        self.let_go()
+        """Close the sensor."""
+        self.shut_down()
         return TransitionCallbackReturn.SUCCESS
 
-    def let_go(self) -> None:
-        """Stop reading and close; again does nothing."""
+    def shut_down(self) -> None:
+        """Stop reading and close the sensor; further calls have no effect."""
         self._active.clear()
         self._ending.set()
         if self._reader is not None:
@@ -131,11 +131,11 @@ class SensorNode(LifecycleNode):
                 self._ending.wait(_RETRY_S)
                 continue
             if self._active.is_set():
-                topics.see(frame)
+                topics.publish(frame)
 
 
 def _calibration(source: SensorSource) -> Calibration | None:
-    """Return the calibration, checked against the sensor; None where none has been made."""
+    """Return the calibration, checked against the sensor; None without one."""
     source.rest_ohm()
     path = source.calibration_path
     if source.calibration is None and path is not None and path.exists():
@@ -147,7 +147,7 @@ def _start_node() -> SensorNode:
     node = SensorNode()
     if node.get_parameter("autostart").value:
         if node.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
-            raise DeviceError("the sensor was not opened: see above")
+            raise DeviceError("the sensor could not be opened; see the log line above")
         node.trigger_activate()
     return node
 

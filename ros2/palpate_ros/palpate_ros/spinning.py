@@ -1,4 +1,4 @@
-"""Running a node until Ctrl-C or SIGTERM: devices are made safe before ROS goes away."""
+"""Run a node until Ctrl-C or SIGTERM; devices are made safe before ROS shuts down."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from palpate.errors import PalpateError
 class Owner(Protocol):
     """A node that owns devices."""
 
-    def let_go(self) -> None:
-        """Make them safe and close them."""
+    def shut_down(self) -> None:
+        """Make the devices safe and close them."""
         ...
 
 
 def run(make: Callable[[], Owner], *, name: str) -> None:
-    """Make a node and spin it until a signal; then close devices and ROS."""
-    # ROS's own signal handlers would take it away before the devices are safe.
+    """Create a node and spin it until a signal; then close the devices and ROS."""
+    # ROS's own signal handlers would shut ROS down before the devices are safe.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
@@ -34,17 +34,17 @@ def run(make: Callable[[], Owner], *, name: str) -> None:
         raise SystemExit(error.exit_status) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    asked = threading.Event()
+    ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: asked.set())
+        signal.signal(number, lambda *_: ended.set())
     executor = MultiThreadedExecutor()
     executor.add_node(node)
     spinning = threading.Thread(target=executor.spin, daemon=True)
     spinning.start()
     try:
-        asked.wait()
+        ended.wait()
     finally:
-        node.let_go()
+        node.shut_down()
         executor.shutdown()
         spinning.join()
         node.destroy_node()

@@ -1,9 +1,9 @@
 """The standard gripper actions of control_msgs, as MoveIt's gripper controllers use them.
 
-Position is the opening in metres, effort the grip force in newtons (0 or none: a gentle squeeze).
-Wider than now opens to there, or fully if an object is held; `reached_goal` where the hand got so
-far. Narrower is a grasp, which ends `stalled` at the object, or is aborted and opens. The hand
-has its own pace; a velocity is ignored.
+Position is the opening in metres, effort the grip force in newtons (0 or none: a gentle squeeze). A
+wider position opens the hand to it, or fully if an object is held; `reached_goal` is set if the
+hand reaches it. A narrower position is a grasp, which ends `stalled` at the object, or is aborted
+and opens. A velocity is ignored.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from palpate_ros.hand import Grasping, Hand, Moving
 
 _Action: TypeAlias = type[GripperCommand] | type[ParallelGripperCommand]
 
-#: Seconds between feedbacks.
+#: Period of the feedback, seconds.
 _FEEDBACK_S = 0.1
-#: A hand this near its goal has reached it, mm: guess.
+#: Largest distance from a reached goal, mm (guess).
 _TOLERANCE_MM = 0.5
 
 
 class StandardGripper:
-    """Serves `gripper_cmd` and `parallel_gripper_cmd` for a hand that is driven by width."""
+    """Servers of `gripper_cmd` and `parallel_gripper_cmd` for a width drive."""
 
     def __init__(self, node: Node, hand: Hand, *, joint: str, group: CallbackGroup) -> None:
         self._node, self._hand, self._joint = node, hand, joint
@@ -42,35 +42,35 @@ class StandardGripper:
                 node,
                 action,
                 f"~/{name}",
-                partial(self._obey, action),
-                goal_callback=partial(self._accept, name),
+                partial(self._execute, action),
+                goal_callback=partial(self._accept_goal, name),
                 cancel_callback=lambda _: CancelResponse.ACCEPT,
                 callback_group=group,
             )
             for name, action in served.items()
         ]
 
-    def _accept(self, name: str, goal: Any) -> GoalResponse:
-        wish = _command(goal)
+    def _accept_goal(self, name: str, goal: Any) -> GoalResponse:
+        command = _command(goal)
         if (
             self._hand.limits.drive == "width"
-            and list(wish.name) in ([], [self._joint])
-            and len(wish.position) == 1
-            and 0 <= wish.position[0] < math.inf
-            and len(wish.effort) <= 1
-            and all(0 <= force_n <= FORCE_CEILING_N for force_n in wish.effort)
+            and list(command.name) in ([], [self._joint])
+            and len(command.position) == 1
+            and 0 <= command.position[0] < math.inf
+            and len(command.effort) <= 1
+            and all(0 <= force_n <= FORCE_CEILING_N for force_n in command.effort)
         ):
             return GoalResponse.ACCEPT
         self._node.get_logger().warning(
-            f"{name} refused: position {list(wish.position)} m, effort {list(wish.effort)} N, "
-            f"joint {list(wish.name)}; give one opening and at most {FORCE_CEILING_N:g} N for "
-            f"{self._joint} of a hand driven by width"
+            f"{name} refused: position {list(command.position)} m, "
+            f"effort {list(command.effort)} N, joint {list(command.name)}; give one opening and at "
+            f"most {FORCE_CEILING_N:g} N for {self._joint} of a width drive"
         )
         return GoalResponse.REJECT
 
-    def _obey(self, action: _Action, goal: ServerGoalHandle) -> Any:
-        wish, hand = _command(goal.request), self._hand
-        wanted_mm, state = min(1e3 * wish.position[0], hand.limits.highest), hand.state
+    def _execute(self, action: _Action, goal: ServerGoalHandle) -> Any:
+        command, hand = _command(goal.request), self._hand
+        wanted_mm, state = min(1e3 * command.position[0], hand.limits.highest), hand.state
         order: Grasping | Moving | None
         if state is None:
             order = None
@@ -80,7 +80,7 @@ class StandardGripper:
         elif wanted_mm > state.width_mm:
             order = hand.open(wanted_mm)
         else:
-            force_n = wish.effort[0] if wish.effort else 0.0
+            force_n = command.effort[0] if command.effort else 0.0
             order = hand.grasp(target_force_n=force_n or None)
         if order is None:
             goal.abort()
@@ -112,7 +112,7 @@ class StandardGripper:
         )
 
     def _state(self, action: _Action, order: Grasping | Moving | None = None) -> dict[str, Any]:
-        """Return the fields that result and feedback share: opening, m, and force, N."""
+        """Return the common fields of result and feedback: opening, m, and force, N."""
         state, force_n = self._hand.state, 0.0
         if isinstance(order, Grasping):
             found = None if order.result is None else order.result.force_n
@@ -127,8 +127,8 @@ class StandardGripper:
 
 
 def _command(goal: Any) -> JointState:
-    """Return the goal of either action as a command of its joint."""
+    """Return the goal of either action as a command of the joint."""
     if isinstance(goal, ParallelGripperCommand.Goal):
         return goal.command
-    wish = goal.command
-    return JointState(position=[wish.position], effort=[wish.max_effort])
+    command = goal.command
+    return JointState(position=[command.position], effort=[command.max_effort])

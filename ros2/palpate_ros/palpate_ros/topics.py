@@ -1,4 +1,4 @@
-"""What a sensor publishes: pixels, force with interval, the hand's opening, health, provenance."""
+"""Topics of a sensor: pixels, force with interval, opening, health, provenance."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate_ros import messages
 
-#: Pixels are judged by so many seconds without a touch; deeper than this is one.
-_JUDGED_S, _TOUCH_PERCENT = 4.0, -3.0
-#: A sensor that says nothing for so long is reported as silent.
+#: Duration of the frames without contact in a health check, and mean change of a contact.
+_CHECKED_S, _TOUCH_PERCENT = 4.0, -3.0
+#: Time without frames after which the sensor is reported as silent.
 _SILENT_S = 1.0
-#: Raw counts are offered reliably, a second of them kept: a recorder asks for all, a view for the
+#: Raw counts are offered reliably with a queue of 250: a recorder requests all frames, a viewer the
 #: newest (best effort).
-_EVERY = QoSProfile(depth=250)
+_RELIABLE = QoSProfile(depth=250)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What the messages are about.
+    """Description of the messages.
 
     Attributes
     ----------
     info : RecordingInfo
-        As at the head of a recording; published once, latched, so that a bag can become one.
+        As in a recording; published once, latched, so that a bag can be converted to a recording.
     calibration : Calibration or None
-        None where there is none yet: then there is no force.
+        Without a calibration, no force is published.
     oversampling : int
         Conversions summed per pixel.
     frame_id : str
-        The pad's frame.
+        Frame of the pad.
     joint : str
         Name of the hand's joint.
     """
@@ -66,37 +66,38 @@ class Provenance:
 
 
 class SensorTopics:
-    """Publishes every frame that it is given; `diagnose` is called by a timer.
+    """Publishers of frames and health; a timer calls `diagnose`.
 
-    What is derived goes best effort: a late force is of no use. `info` is latched.
+    Derived quantities are published with best effort, because a late force is useless. `info` is
+    latched.
     """
 
     def __init__(self, node: Node, about: Provenance) -> None:
         self._node, self._about, self._lock = node, about, threading.Lock()
         law = {} if about.calibration is None else about.calibration.force_law
         self._law: StaticLaw | None = law_from_dict(law) if law.get("law") == "power" else None
-        weighed = law.get("law") == ForceLaw.name
-        self._follower = ForceFollower(ForceLaw.from_dict(law)) if weighed else None
+        learned = law.get("law") == ForceLaw.name
+        self._follower = ForceFollower(ForceLaw.from_dict(law)) if learned else None
         self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
         self._quiet: deque[Frame] = deque()
-        self._heard_s, self._fault, self._last = time.monotonic(), "", None
-        node_of = node.create_publisher
+        self._received_s, self._fault, self._last = time.monotonic(), "", None
+        create = node.create_publisher
         sensor = qos_profile_sensor_data
-        self._counts = node_of(Image, "~/counts", _EVERY)
-        self._ohm = node_of(Image, "~/resistance", sensor)
+        self._counts = create(Image, "~/counts", _RELIABLE)
+        self._ohm = create(Image, "~/resistance", sensor)
         self._forces = tuple(
-            node_of(WrenchStamped, f"~/{name}", sensor)
+            create(WrenchStamped, f"~/{name}", sensor)
             for name in ("force", "force_low", "force_high")
         )
-        self._joints = node_of(JointState, "joint_states", 10)
-        self._pressure = node_of(FluidPressure, "~/pressure", sensor)
-        self._diagnostics = node_of(DiagnosticArray, "/diagnostics", 10)
-        self._info = node_of(String, "~/info", _LATCHED)
+        self._joints = create(JointState, "joint_states", 10)
+        self._pressure = create(FluidPressure, "~/pressure", sensor)
+        self._diagnostics = create(DiagnosticArray, "/diagnostics", 10)
+        self._info = create(String, "~/info", _LATCHED)
         head = {**encode_info(about.info), "oversampling": str(about.oversampling)}
         self._info.publish(String(data=json.dumps(head)))
 
-    def see(self, frame: Frame, state: GripperState | None = None) -> None:
-        """Publish a frame, and the hand's state where there is a hand."""
+    def publish(self, frame: Frame, state: GripperState | None = None) -> None:
+        """Publish a frame, and the state of the gripper if given."""
         about = self._about
         stamp = messages.stamp_of(frame.time_s, zero_unix_ns=about.info.clock_zero_unix_ns)
         at = {"stamp": stamp, "frame_id": about.frame_id}
@@ -121,8 +122,8 @@ class SensorTopics:
             ):
                 publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
-            self._see_hand(state, **at)
-        self._keep(frame, ohm)
+            self._publish_state(state, **at)
+        self._store_quiet_frame(frame, ohm)
 
     def fail(self, text: str) -> None:
         """Report a fault of the equipment until the next frame."""
@@ -130,21 +131,21 @@ class SensorTopics:
             self._fault = text
 
     def diagnose(self) -> None:
-        """Publish the sensor's health, as far as it can be judged now."""
+        """Publish the health of the sensor."""
         now = self._node.get_clock().now().to_msg()
         array = DiagnosticArray(status=[self._diagnose()])
         array.header.stamp = now
         self._diagnostics.publish(array)
 
     def close(self) -> None:
-        """Withdraw the topics."""
+        """Destroy the publishers."""
         for publisher in (
             *(self._counts, self._ohm, self._joints, self._pressure, self._diagnostics),
             *(*self._forces, self._info),
         ):
             self._node.destroy_publisher(publisher)
 
-    def _see_hand(self, state: GripperState, **at: object) -> None:
+    def _publish_state(self, state: GripperState, **at: object) -> None:
         if np.isfinite(state.width_mm):
             before = self._last or state
             self._joints.publish(
@@ -156,33 +157,33 @@ class SensorTopics:
             self._pressure.publish(messages.pressure(state, **at))
         self._last = state
 
-    def _keep(self, frame: Frame, ohm: np.ndarray) -> None:
-        """Keep what can be judged: the last seconds without a touch."""
+    def _store_quiet_frame(self, frame: Frame, ohm: np.ndarray) -> None:
+        """Store the latest frames without contact, for the health check."""
         touched = False
         if self._rest_ohm is not None:
             change = mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm))
             touched = bool(np.nan_to_num(change) < _TOUCH_PERCENT)
         with self._lock:
-            self._heard_s, self._fault = time.monotonic(), ""
+            self._received_s, self._fault = time.monotonic(), ""
             if touched or (self._quiet and frame.oversampling != self._quiet[0].oversampling):
                 self._quiet.clear()
             if not touched:
                 self._quiet.append(frame)
-            while self._quiet and frame.time_s - self._quiet[0].time_s > _JUDGED_S:
+            while self._quiet and frame.time_s - self._quiet[0].time_s > _CHECKED_S:
                 self._quiet.popleft()
 
     def _diagnose(self) -> DiagnosticStatus:
         name = f"{self._node.get_name()}: sensor"
-        said = {"name": name, "hardware_id": self._about.info.rig or "palpate"}
+        names = {"name": name, "hardware_id": self._about.info.rig or "palpate"}
         with self._lock:
-            silent_s = time.monotonic() - self._heard_s
+            silent_s = time.monotonic() - self._received_s
             fault, quiet = self._fault, list(self._quiet)
         if fault or silent_s > _SILENT_S:
-            text = fault or f"no frame for {silent_s:.1f} s: check cable, power and `palpate ports`"
-            return messages.status(DiagnosticStatus.ERROR, text, **said)
+            text = fault or f"no frame for {silent_s:.1f} s; check cable, power and `palpate ports`"
+            return messages.status(DiagnosticStatus.ERROR, text, **names)
         if len(quiet) < MIN_FRAMES:
             return messages.status(
-                DiagnosticStatus.OK, "touched, or just begun: the pixels are not judged", **said
+                DiagnosticStatus.OK, "contact, or just started; the pixels are not checked", **names
             )
         try:
             health = check_health(
@@ -191,5 +192,5 @@ class SensorTopics:
                 known_ohm=self._rest_ohm,
             )
         except PalpateError as error:
-            return messages.status(DiagnosticStatus.ERROR, str(error), **said)
-        return messages.diagnosis(health, **said)
+            return messages.status(DiagnosticStatus.ERROR, str(error), **names)
+        return messages.diagnosis(health, **names)

@@ -1,4 +1,4 @@
-"""Rigs of the tests as entry points: the twin, calibrated once for all."""
+"""Rigs of the tests as entry points: the twin with one shared calibration."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
-#: Of the calibration (`palpate.rig.simulated.calibrated`), whose file PALPATE_TEST_PAD names.
+#: Seed of the calibration in the file PALPATE_TEST_PAD.
 SEED = 5
 
 
 def open_bench(*, object_name: str | None, seed: int) -> Rig:
-    """Open the twin's hand with an object; `nothing` is none."""
+    """Open the twin's hand with an object, or empty for `nothing`."""
     subject = object_name or "strawberry"
     obj = None if subject == "nothing" else draw_object(np.random.default_rng(seed), subject)
     world = World(obj, seed=seed, sheet_seed=SEED)
@@ -28,7 +28,7 @@ def open_bench(*, object_name: str | None, seed: int) -> Rig:
 def open_servo(*, object_name: str | None, seed: int) -> Rig:
     """Open a servo on the port PALPATE_TEST_PORT, empty, with an unrelated simulated sheet.
 
-    A process of its own holds the servo, so that this one can be killed.
+    The servo is simulated in another process, so that this process can be killed.
     """
     world = World(None, seed=seed, sheet_seed=SEED)
     gripper = open_gripper(port=os.environ["PALPATE_TEST_PORT"], reply_s=1.0)

@@ -19,16 +19,16 @@ from rclpy.node import Node
 
 from palpate.rig.simulated import calibrate_twin
 
-#: A machine that is busy starts a node slowly and discovers it late.
+#: Timeout: a busy machine starts and discovers a node slowly.
 PATIENCE_S = 90.0
-#: A server may be found before it has found the client itself, and then its answer is lost.
+#: Pause after discovery: a server that has not discovered the client loses its answer.
 FOUND_S = 1.0
 _ENTRY_POINTS = "[palpate.rigs]\nbench = bench_rigs:open_bench\nservo = bench_rigs:open_servo\n"
 
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return the processes' environment: a domain of their own, and the test rigs."""
+    """Return the environment of the processes: their own domain, and the test rigs."""
     folder = tmp_path_factory.mktemp("rigs")
     calibrate_twin(seed=5, level="lab", apart_from="strawberry").save(folder / "pad.json")
     found = folder / "palpate_bench-0.dist-info"
@@ -47,13 +47,13 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 class Client:
-    """A node of the test's own."""
+    """A client node of the test."""
 
     def __init__(self) -> None:
         self.node = Node("test_client")
 
     def until(self, ready: Callable[[], Any], what: str) -> Any:
-        """Spin until something is true, and return it."""
+        """Spin until a value is true, and return it."""
         until_s = time.monotonic() + PATIENCE_S
         while not (found := ready()):
             assert time.monotonic() < until_s, f"{what}: not within {PATIENCE_S:g} s"
@@ -61,7 +61,7 @@ class Client:
         return found
 
     def find(self, is_ready: Callable[[], bool], name: str) -> None:
-        """Spin until a server is ready and has had time to find this client, too."""
+        """Spin until a server is ready and has had time to discover this client."""
         self.until(is_ready, name)
         found_s = time.monotonic()
         self.until(lambda: time.monotonic() > found_s + FOUND_S, name)
@@ -87,11 +87,11 @@ class Client:
         return handle
 
     def result(self, handle: Any) -> Any:
-        """Wait for a goal's end; return status and result."""
+        """Wait for the end of a goal; return status and result."""
         return self.wait(handle.get_result_async(), "result")
 
-    def heard(self, kind: Any, topic: str, qos: Any) -> list[Any]:
-        """Subscribe; return the list that messages are added to."""
+    def subscribe(self, kind: Any, topic: str, qos: Any) -> list[Any]:
+        """Subscribe to a topic; return the list of received messages."""
         messages: list[Any] = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
@@ -111,7 +111,7 @@ class Launched:
 
     def __init__(self, module: str, environment: dict[str, str], **parameters: object) -> None:
         given = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
-        self.said = ""
+        self.stderr = ""
         self.process = subprocess.Popen(
             [sys.executable, "-m", f"palpate_ros.{module}", "--ros-args", *given],
             env=environment,
@@ -120,22 +120,22 @@ class Launched:
         )
 
     def end(self, number: int = signal.SIGINT) -> str:
-        """Send a signal; return what the process said on standard error."""
+        """Send a signal; return the standard error of the process."""
         if self.process.poll() is None:
             self.process.send_signal(number)
-        self.said += self.process.communicate(timeout=PATIENCE_S)[1]
-        return self.said
+        self.stderr += self.process.communicate(timeout=PATIENCE_S)[1]
+        return self.stderr
 
 
 @pytest.fixture
 def launch(environment: dict[str, str]) -> Iterator[Callable[..., Launched]]:
-    begun: list[Launched] = []
+    launched: list[Launched] = []
 
-    def begin(module: str, **parameters: object) -> Launched:
-        begun.append(Launched(module, {**os.environ}, **parameters))
-        return begun[-1]
+    def start(module: str, **parameters: object) -> Launched:
+        launched.append(Launched(module, {**os.environ}, **parameters))
+        return launched[-1]
 
-    yield begin
-    for one in begun:
+    yield start
+    for one in launched:
         if one.process.stderr is not None and not one.process.stderr.closed:
             one.end(signal.SIGKILL)

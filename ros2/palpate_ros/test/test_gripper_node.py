@@ -1,4 +1,4 @@
-"""The hand's node over DDS: goal to result, cancel, stop, release, and either side killed."""
+"""The gripper node over DDS: goal, cancel, stop, release, and killed processes."""
 
 from __future__ import annotations
 
@@ -28,21 +28,23 @@ from palpate.twin.world import World
 GRASP, STANDARD = "/palpate_gripper/grasp", "/palpate_gripper/gripper_cmd"
 PARALLEL = "/palpate_gripper/parallel_gripper_cmd"
 EXAMPLE = Path(__file__).parents[2] / "examples/moveit_gripper.py"
-#: A grasp, on a busy machine.
+#: Timeout of a grasp on a busy machine.
 PATIENCE_S = 120.0
 STOP, RELEASE = "/palpate_gripper/stop", "/palpate_gripper/release"
 
 
-def width_mm(heard: list[JointState]) -> float:
-    return 1e3 * heard[-1].position[0] if heard else math.nan
+def width_mm(messages: list[JointState]) -> float:
+    return 1e3 * messages[-1].position[0] if messages else math.nan
 
 
 @pytest.fixture
 def joints(client: Any) -> list[JointState]:
-    return client.heard(JointState, "/joint_states", 10)
+    return client.subscribe(JointState, "/joint_states", 10)
 
 
-def test_goal_to_result_then_release(client: Any, launch: Any, joints: list[JointState]) -> None:
+def test_goal_returns_result_and_release_opens(
+    client: Any, launch: Any, joints: list[JointState]
+) -> None:
     node, feedback = launch("gripper_node", rig="bench", speed=4.0, object="strawberry"), []
     handle = client.goal(Grasp, GRASP, Grasp.Goal(target_force_n=2.0), feedback)
     found = client.result(handle)
@@ -55,7 +57,7 @@ def test_goal_to_result_then_release(client: Any, launch: Any, joints: list[Join
     assert measured["force"].value == pytest.approx(2.0, rel=0.3)
     assert measured["size"].unit == "mm"
     assert {"approach", "squeeze", "settle"} <= {one.phase for one in feedback}
-    # It continues holding, and takes no second goal meanwhile.
+    # The hold continues, and a second goal is refused.
     again = client.result(client.goal(Grasp, GRASP, Grasp.Goal(), []))
     assert (again.status, again.result.outcome) == (GoalStatus.STATUS_ABORTED, "refused")
     assert width_mm(joints) < 60.0
@@ -64,7 +66,7 @@ def test_goal_to_result_then_release(client: Any, launch: Any, joints: list[Join
     assert "Traceback" not in node.end()
 
 
-def test_cancel_holds_still_until_released(
+def test_cancel_stops_hand_until_released(
     client: Any, launch: Any, joints: list[JointState]
 ) -> None:
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
@@ -75,7 +77,7 @@ def test_cancel_holds_still_until_released(
     found = client.result(handle)
     assert (found.status, found.result.outcome) == (GoalStatus.STATUS_CANCELED, "stopped")
     seen = len(joints)
-    client.until(lambda: len(joints) > seen + 15, "a second of the hand standing still")
+    client.until(lambda: len(joints) > seen + 15, "a second without motion")
     widths = [1e3 * one.position[0] for one in joints[seen + 1 :]]
     assert max(widths) - min(widths) <= 0.1
     refused = client.result(client.goal(Grasp, GRASP, Grasp.Goal(), []))
@@ -83,7 +85,7 @@ def test_cancel_holds_still_until_released(
     assert client.call(Trigger, RELEASE).success
 
 
-def test_stop_service_ends_the_goal(client: Any, launch: Any) -> None:
+def test_stop_service_ends_goal(client: Any, launch: Any) -> None:
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
     feedback: list[Any] = []
     handle = client.goal(Grasp, GRASP, Grasp.Goal(), feedback)
@@ -93,9 +95,9 @@ def test_stop_service_ends_the_goal(client: Any, launch: Any) -> None:
     assert (found.status, found.result.outcome) == (GoalStatus.STATUS_ABORTED, "stopped")
 
 
-def parallel(position_m: float, *, joint: str = "palpate_gripper", **wish: float) -> Any:
+def parallel(position_m: float, *, joint: str = "palpate_gripper", **numbers: float) -> Any:
     command = JointState(name=[joint], position=[position_m])
-    for part, number in wish.items():
+    for part, number in numbers.items():
         setattr(command, part, [number])
     return ParallelGripperCommand.Goal(command=command)
 
@@ -131,7 +133,7 @@ def test_standard_actions_close_until_stalled_and_open_to_the_goal(
     assert force_n == pytest.approx(2.0, rel=0.3)
     assert position_m == pytest.approx(width_mm(joints) / 1e3, abs=1e-3)
     assert opening(feedback[0])[0] > position_m + 0.01
-    # The same opening again moves nothing, and does not drop the object.
+    # The same opening again causes no motion and keeps the object.
     found = client.result(client.goal(action, name, goal(position_m), []))
     assert (found.status, found.result.reached_goal) == (GoalStatus.STATUS_SUCCEEDED, True)
     assert width_mm(joints) == pytest.approx(1e3 * position_m, abs=1.0)
@@ -141,7 +143,7 @@ def test_standard_actions_close_until_stalled_and_open_to_the_goal(
     assert opening(found.result)[0] > 0.073
 
 
-def test_parallel_command_without_an_object_is_aborted(client: Any, launch: Any) -> None:
+def test_parallel_command_without_object_is_aborted(client: Any, launch: Any) -> None:
     launch("gripper_node", rig="bench", speed=4.0, object="nothing")
     handle = client.goal(ParallelGripperCommand, PARALLEL, parallel(0.0), [])
     found = client.result(handle)
@@ -149,7 +151,7 @@ def test_parallel_command_without_an_object_is_aborted(client: Any, launch: Any)
     assert (found.result.stalled, found.result.reached_goal) == (False, False)
 
 
-def test_parallel_command_cancelled_stands_still_until_it_opens(
+def test_cancelled_parallel_command_stops_until_opened(
     client: Any, launch: Any, joints: list[JointState]
 ) -> None:
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
@@ -160,7 +162,7 @@ def test_parallel_command_cancelled_stands_still_until_it_opens(
     found = client.result(handle)
     assert (found.status, found.result.stalled) == (GoalStatus.STATUS_CANCELED, False)
     seen = len(joints)
-    client.until(lambda: len(joints) > seen + 15, "a second of the hand standing still")
+    client.until(lambda: len(joints) > seen + 15, "a second without motion")
     widths = [1e3 * one.position[0] for one in joints[seen + 1 :]]
     assert max(widths) - min(widths) <= 0.1
     again = client.result(client.goal(ParallelGripperCommand, PARALLEL, parallel(0.0), []))
@@ -169,7 +171,7 @@ def test_parallel_command_cancelled_stands_still_until_it_opens(
     assert client.result(opened).result.reached_goal
 
 
-def test_bad_goals_are_rejected(client: Any, launch: Any) -> None:
+def test_invalid_goals_are_rejected(client: Any, launch: Any) -> None:
     launch("gripper_node", rig="bench", speed=4.0)
     for action, name, goal in (
         (Grasp, GRASP, Grasp.Goal(target_force_n=50.0)),
@@ -184,8 +186,8 @@ def test_bad_goals_are_rejected(client: Any, launch: Any) -> None:
             client.goal(action, name, goal, [])
 
 
-def test_moveits_goals_close_on_the_object_and_open(launch: Any) -> None:
-    """`ros2/examples/moveit_gripper.py` sends what MoveIt's controller manager would."""
+def test_moveit_goals_close_on_object_and_open(launch: Any) -> None:
+    """`ros2/examples/moveit_gripper.py` sends the goals of MoveIt's controller manager."""
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
     for position, expected in (("0.0", "stalled True"), ("0.074", "reached True")):
         done = subprocess.run(
@@ -207,7 +209,7 @@ def test_moveits_goals_close_on_the_object_and_open(launch: Any) -> None:
     ],
     ids=["grasp", "parallel"],
 )
-def test_killed_client_leaves_a_bounded_grasp(
+def test_killed_client_leaves_time_limited_grasp(
     client: Any, launch: Any, joints: list[JointState], action: str, name: str
 ) -> None:
     """Without a request the object is held for `hold_s`, then released."""
@@ -217,7 +219,7 @@ def test_killed_client_leaves_a_bounded_grasp(
         f"{action}; rclpy.init(); n = Node('doomed'); goal = Action.Goal();"
         "hasattr(goal, 'command') and goal.command.position.append(0.0);"
         f"c = ActionClient(n, Action, '{name}'); c.wait_for_server();"
-        # An answer can be lost while the server has not found the client yet: ask again.
+        # An answer is lost if the server has not discovered the client yet, so goals are repeated.
         "send = lambda: c.send_goal_async(goal);"
         "wait = lambda f: rclpy.spin_until_future_complete(n, f, timeout_sec=5.0) or f.done();"
         "any(wait(send()) for _ in range(6));"
@@ -235,7 +237,7 @@ def test_killed_client_leaves_a_bounded_grasp(
 
 @contextmanager
 def servo_at_work() -> Iterator[tuple[ServoBus, World]]:
-    """Yield a servo whose world moves with the wall's clock, on a thread."""
+    """Yield a servo whose world advances in real time on a thread."""
     world = World(None, seed=1, clock=ManualClock(time.monotonic()))
     bus = ServoBus(world)
     ending = threading.Event()
@@ -269,7 +271,7 @@ def test_killed_node_stops_the_servo(client: Any, launch: Any, monkeypatch: Any)
 
         client.until(lambda: width() < 72.0, "closing")
         node.end(signal.SIGKILL)
-        # 0.5 s watchdog, and the machine's own delay.
+        # Watchdog of 0.5 s, and the delay of the machine.
         time.sleep(1.5)
         stopped = width()
         time.sleep(1.0)

@@ -228,7 +228,7 @@ def _describe(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[st
             "version": version,
             "origins": origins,
             "simulated": origins != ["hardware"],
-            "action": "decided again from the recorded frames",
+            "action": "recomputed from the recorded frames",
         },
     }
 
@@ -245,10 +245,10 @@ def _write_card_text(episodes: Sequence[Episode]) -> str:
     config = "configs:\n- config_name: default\n  data_files: data/*/*.parquet\n"
     return (
         f"---\ntags:\n- LeRobot\n{config}---\n\n"
-        f"{len(episodes)} grasps by palpate{_describe_origin(episodes)}. `observation.state` is "
-        "the measurement, `action` the commanded opening and speed; the column names have "
-        "their units and are in `meta/info.json`. Force is an estimate with its 90 % interval. "
-        "The `palpate/...` columns of an episode state its origin.\n"
+        f"{len(episodes)} grasps with palpate{_describe_origin(episodes)}. `observation.state` is "
+        "the measurement, `action` the commanded opening and speed; the names and units of the "
+        "columns are in `meta/info.json`. Force is an estimate with its 90 % interval. The origin "
+        "of each episode is in its `palpate/...` columns.\n"
     )
 
 

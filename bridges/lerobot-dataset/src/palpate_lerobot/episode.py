@@ -35,7 +35,7 @@ _POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa"
 #: other control of the hand.
 _BROKEN = (Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
 #: Smallest ratio of the frame rate to the rate of the time grid.
-_LEAST_RATE_FRACTION = 0.95
+_MIN_RATE_FRACTION = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ class GraspTrack:
         RecordingError
             If there are too few frames; frames are not interpolated.
         """
-        if self.rate_hz < _LEAST_RATE_FRACTION * fps:
+        if self.rate_hz < _MIN_RATE_FRACTION * fps:
             raise RecordingError(
                 f"{self.path}: {self.rate_hz:.3g} frames/s can't fill {fps} ticks/s; lower --fps"
             )
@@ -161,12 +161,14 @@ def _build_track(
 ) -> GraspTrack:
     if result.outcome is Outcome.STOPPED:
         if recorder.steps and recorder.steps[-1][0].frame.time_s >= recorder.end_s:
-            raise RecordingError("its user stopped it; leave it out")
+            raise RecordingError("the user stopped the grasp; leave it out")
         # The stop interrupts this program, not the recorded grasp.
         raise KeyboardInterrupt
     if result.outcome in _BROKEN:
         why = " ".join(result.faults)
-        raise RecordingError(f"decided again, it ends with {result.outcome} ({why}); leave it out")
+        raise RecordingError(
+            f"the recomputed grasp ends with {result.outcome} ({why}); leave it out"
+        )
     steps = recorder.steps
     if recorder.rest_ohm is None or len(steps) < 2:
         raise RecordingError("the grasp ended before the sensor's rest was measured; leave it out")

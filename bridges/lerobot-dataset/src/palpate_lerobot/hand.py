@@ -27,6 +27,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, relative_change_percent, rest_baseline
 from palpate_lerobot.episode import action_names, state_names
 
+#: Timeout of a frame, seconds.
 _FRAME_S = 2.0
 #: Duration of the spike after a movement, which may hide a contact, seconds.
 _HIDDEN_S = 0.15
@@ -80,8 +81,8 @@ class PolicyHand:
     >>> from palpate.rig import open_rig
     >>> rig = open_rig("sim-rigid", object_name="strawberry", seed=1)
     >>> hand = PolicyHand(rig.array, rig.gripper, calibration=rig.calibration, limit_n=2.0)
-    >>> felt = hand.observe()
-    >>> felt["width_mm"], felt["force_low_n"] <= felt["force_n"] <= felt["force_high_n"]
+    >>> seen = hand.observe()
+    >>> seen["width_mm"], seen["force_low_n"] <= seen["force_n"] <= seen["force_high_n"]
     (74.0, True)
     >>> sent = hand.send({"width_mm": 5.0, "rate_mm_per_s": 20.0})
     >>> 73.0 < sent["width_mm"] < 74.0

@@ -25,9 +25,9 @@ Info: TypeAlias = dict[str, Any]
 #: Frames of the rest measurement at the start of an episode.
 _REST_FRAMES = 15
 #: Limit of the reported relative change, percent.
-_MOST_PERCENT = 100.0
+_LIMIT_PERCENT = 100.0
 #: Height and width of a rendered image.
-_PICTURE = 240, 320
+_IMAGE_SIZE = 240, 320
 #: Cost of damage, in units of the cost of a step without force.
 _DAMAGE_COST = 20.0
 
@@ -65,10 +65,10 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Examples
     --------
     >>> env = gymnasium.make("palpate/Grasp-v0", object_name="springs-4")
-    >>> felt, info = env.reset(seed=1)
-    >>> felt["change_percent"].shape, felt["width_mm"].round().tolist()
+    >>> seen, info = env.reset(seed=1)
+    >>> seen["change_percent"].shape, seen["width_mm"].round().tolist()
     ((4, 2), [74.0])
-    >>> felt, reward, terminated, truncated, info = env.step(np.array([0.5], dtype=np.float32))
+    >>> seen, reward, terminated, truncated, info = env.step(np.array([0.5], dtype=np.float32))
     >>> round(reward, 2), info["truth"]["force_n"]
     (-1.0, 0.0)
     """
@@ -99,7 +99,7 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.observation_space = gymnasium.spaces.Dict(
             {
                 "change_percent": gymnasium.spaces.Box(
-                    -_MOST_PERCENT, _MOST_PERCENT, (layout.rows, layout.cols)
+                    -_LIMIT_PERCENT, _LIMIT_PERCENT, (layout.rows, layout.cols)
                 ),
                 "width_mm": gymnasium.spaces.Box(0.0, limits.highest + limits.lowest, (1,)),
             }
@@ -121,11 +121,11 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         opening = 0.5 + 0.5 * float(np.clip(action, -1.0, 1.0)[0])
         target_mm = self._lowest_mm + opening * self._span_mm
         self._gripper.command(GripperCommand(target=target_mm, rate=self._rate_mm_per_s))
-        felt, info = self._measure(self._ohm()), self._info()
+        observation, info = self._measure(self._ohm()), self._info()
         truth = info["truth"]
         reward = -abs(truth["force_n"] / self._target_force_n - 1.0)
         reward -= _DAMAGE_COST * truth["damaged"]
-        return felt, reward, truth["damaged"], False, info
+        return observation, reward, truth["damaged"], False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image from the front, shape (240, 320, 3); None without a `render_mode`.
@@ -136,15 +136,15 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             return None
         if self._renderer is None:
             try:
-                self._renderer = mujoco.Renderer(self._world.model, *_PICTURE)
+                self._renderer = mujoco.Renderer(self._world.model, *_IMAGE_SIZE)
             except (mujoco.FatalError, RuntimeError, AttributeError, ImportError) as error:
                 raise InputError(
                     "MuJoCo can't render: set MUJOCO_GL=egl or osmesa before Python starts "
                     f"({error})"
                 ) from error
         self._renderer.update_scene(self._world.data, camera="front")
-        picture: NDArray[np.uint8] = self._renderer.render()
-        return picture
+        image: NDArray[np.uint8] = self._renderer.render()
+        return image
 
     def close(self) -> None:
         """Close the renderer."""
@@ -167,8 +167,8 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _measure(self, ohm: FloatArray) -> Observation:
         change_percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         # An open pixel has no finite change and gets the limit.
-        change_percent = np.nan_to_num(change_percent, nan=_MOST_PERCENT)
-        change_percent = np.clip(change_percent, -_MOST_PERCENT, _MOST_PERCENT)
+        change_percent = np.nan_to_num(change_percent, nan=_LIMIT_PERCENT)
+        change_percent = np.clip(change_percent, -_LIMIT_PERCENT, _LIMIT_PERCENT)
         width_mm = np.array([self._gripper.state().width_mm])
         return {
             "change_percent": change_percent.astype(np.float32),

@@ -30,7 +30,7 @@ class PadSensor:
     """The pixels on the pads of a model, with their sheet and readout.
 
     `palpate.twin.devices.TwinArray(sensor)` is the array; reading a frame steps the model. Programs
-    that step the model themselves call `feel` after each step, and `counts` for a frame. Contacts
+    that step the model themselves call `update` after each step, and `counts` for a frame. Contacts
     are evaluated periodically, and loads are linear in between.
 
     Parameters
@@ -155,8 +155,8 @@ class PadSensor:
         self._load_n = np.zeros(self.layout.pixels)
         self._updated_s = data.time
 
-    def renew(self) -> None:
-        """Start with a new object, at another place on the pads."""
+    def change_placement(self) -> None:
+        """Draw another position on the pads, for a new object."""
         self._placed += 1
 
     def copy(self, data: mujoco.MjData) -> PadSensor:
@@ -170,14 +170,14 @@ class PadSensor:
         while (left_s := time_s - self.data.time) > 0.5 * self.model.opt.timestep:
             steps = max(round(min(left_s, self._every_s) / self.model.opt.timestep), 1)
             mujoco.mj_step(self.model, self.data, steps)
-            self.take_in()
+            self.update_now()
 
-    def feel(self) -> None:
+    def update(self) -> None:
         """Update the sheet if its period has elapsed."""
         if self.data.time - self._updated_s >= self._every_s - 0.5 * self.model.opt.timestep:
-            self.take_in()
+            self.update_now()
 
-    def take_in(self, *, travel_mm: float = 0.0) -> None:
+    def update_now(self, *, travel_mm: float = 0.0) -> None:
         """Update the sheet with the contacts at the model's time.
 
         `travel_mm` is the travel of the fingers since the last call, which causes spikes.
@@ -228,7 +228,7 @@ class PadSensor:
 
     def counts(self) -> NDArray[np.int32]:
         """Update the sheet and return one scan at the model's time, shape (rows, cols)."""
-        self.take_in()
+        self.update_now()
         return self._readout.sample_counts(self.resistance_ohm(), time_s=self.data.time)
 
     def scan(self, time_s: float) -> NDArray[np.int32]:

@@ -145,7 +145,7 @@ class MujocoWorld:
                 "open them first"
             )
         self._hold, self._peak_n = None, 0.0
-        self.sensor.renew()
+        self.sensor.change_placement()
         self._build(obj, width_mm=width_mm)
 
     # -- state ------------------------------------------------------------------------------------
@@ -163,8 +163,8 @@ class MujocoWorld:
     @property
     def is_damaged(self) -> bool:
         """Whether the force has exceeded the object's yield force."""
-        thing = self._object
-        return thing is not None and (thing.ruptured or self._peak_n >= thing.obj.yield_n)
+        dynamics = self._object
+        return dynamics is not None and (dynamics.ruptured or self._peak_n >= dynamics.obj.yield_n)
 
     def pixel_voltage_v(self, time_s: float) -> FloatArray:
         """Return the voltage at the converter's input for each pixel, shape (rows, cols)."""
@@ -183,12 +183,12 @@ class MujocoWorld:
         """
         end = self._copy() if self._hold is None else self._hold._copy()
         end._advance(end._motion.start_s + horizon_s)
-        thing, force_n = end._object, end._grip_n
+        dynamics, force_n = end._object, end._grip_n
         stiffness = None
-        if thing is not None and force_n > 0:
-            stiffness = force_n / thing.flattening_mm
+        if dynamics is not None and force_n > 0:
+            stiffness = force_n / dynamics.flattening_mm
         return Truth(
-            size_mm=None if thing is None else thing.obj.size_mm,
+            size_mm=None if dynamics is None else dynamics.obj.size_mm,
             settled_percent=float(end.sensor.change_percent().mean()),
             force_n=force_n,
             stiffness_n_per_mm=stiffness,
@@ -206,10 +206,10 @@ class MujocoWorld:
         """Compile the hand with an object, at rest at a width."""
         spec = self._hand.spec()
         if obj is not None:
-            lies = self.sensor.placement
-            along_mm, across_mm = lies.off_centre_mm
+            placement = self.sensor.placement
+            along_mm, across_mm = placement.off_centre_mm
             x_mm = self._hand.place_mm(
-                obj.size_mm, lead_mm=lies.lead_mm, first_finger=lies.first_finger
+                obj.size_mm, lead_mm=placement.lead_mm, first_finger=placement.first_finger
             )
             left, right = (pad.geom for pad in self._hand.pads)
             add_object(spec, obj, place_mm=(x_mm, across_mm, along_mm), pads=(left, right))
@@ -234,7 +234,7 @@ class MujocoWorld:
             if self._is_still:
                 # Nothing moves, and the relaxation of the sheet is exact for any time step.
                 self.data.time = time_s
-                self.sensor.take_in()
+                self.sensor.update_now()
                 return
             self._step(max(round(min(left_s, EVERY_S) / step_s), 1))
 
@@ -255,7 +255,7 @@ class MujocoWorld:
                 self._object.obj, self._object.flattening_mm, pitch_mm=self.layout.pitch_mm
             )
         mujoco.mj_step(self.model, self.data, steps)
-        self.sensor.take_in(travel_mm=abs(self._servo.width_mm - before_mm))
+        self.sensor.update_now(travel_mm=abs(self._servo.width_mm - before_mm))
         self._peak_n = max(self._peak_n, self._grip_n)
 
     def _copy(self) -> MujocoWorld:
