@@ -220,9 +220,8 @@ class ColumnContacts:
     def holds(self) -> list[Contact]:
         """Contacts followed by a hold; empty unless they outnumber the unsettled contacts."""
         held = [contact for contact in self.contacts if not contact.refused]
-        not_unsettled = {_TOO_SHORT, _TOO_FEW, ""}
-        unsettled = sum(contact.refused not in not_unsettled for contact in self.contacts)
-        return held if len(held) > unsettled else []
+        unsettled = [one for one in self.contacts if one.refused not in ("", _TOO_SHORT, _TOO_FEW)]
+        return held if len(held) > len(unsettled) else []
 
     def reason(self) -> str:
         """Return the reason why no hold was found."""

@@ -7,9 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from itertools import islice
-from typing import Any
 
-from palpate.estimate.measurement import Measurement
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import (
@@ -76,15 +74,26 @@ def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> list[str
         statement = insert(GRASPS, dialect=connection.dialect.name).on_conflict_do_nothing(
             index_elements=[GRASPS.c.grasp_id]
         )
+        rows = [
+            {name: getattr(grasp, name) for name in _GRASP_COLUMNS}
+            | {"outcome": str(grasp.outcome)}
+            for grasp in chunk.values()
+        ]
         # The statement returns only inserted rows.
-        found = connection.execute(
-            statement.returning(GRASPS.c.grasp_id, GRASPS.c.number), list(map(_row, chunk.values()))
-        )
+        found = connection.execute(statement.returning(GRASPS.c.grasp_id, GRASPS.c.number), rows)
         numbers = {row.grasp_id: row.number for row in found}
         measured = [
-            _measurement_row(measurement, name=name, grasp_number=number)
+            {
+                "grasp_number": number,
+                "name": name,
+                "value": float(one.middle),
+                "low": float(one.low),
+                "high": float(one.high),
+                "level": float(one.level),
+                "status": str(one.status),
+            }
             for grasp_id, number in numbers.items()
-            for name, measurement in chunk[grasp_id].measurements.items()
+            for name, one in chunk[grasp_id].measurements.items()
         ]
         if measured:
             connection.execute(MEASUREMENTS.insert(), measured)
@@ -107,22 +116,3 @@ def write_verdict(connection: sa.Connection, verdict: Verdict) -> bool:
         )
     )
     return found.first() is not None
-
-
-def _row(grasp: Grasp) -> dict[str, Any]:
-    row = {name: getattr(grasp, name) for name in _GRASP_COLUMNS}
-    return row | {"outcome": str(grasp.outcome)}
-
-
-def _measurement_row(
-    measurement: Measurement, *, name: str, grasp_number: int
-) -> dict[str, object]:
-    return {
-        "grasp_number": grasp_number,
-        "name": name,
-        "value": float(measurement.middle),
-        "low": float(measurement.low),
-        "high": float(measurement.high),
-        "level": float(measurement.level),
-        "status": str(measurement.status),
-    }
