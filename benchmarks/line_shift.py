@@ -26,9 +26,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from asyncua import Client
 from pymodbus.client import AsyncModbusTcpClient
-from tests.loop.test_dashboard import SIMULATED, served
+from tests.loop.test_dashboard import SIMULATED, serve_dashboard
 from tests.loop.test_dashboard_api import Machine
-from tests.loop.test_line import OpcUa, free_port, reach, registers
+from tests.loop.test_line import OpcUa, free_port, reach, read_registers
 
 from palpate.line import modbus
 from palpate.line.machine import LineState
@@ -77,18 +77,20 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
         await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
         for number in range(items):
             await reach(client, LineState.IDLE)
-            before = await registers(client, modbus.RESULTS, 2)
+            before = await read_registers(client, modbus.RESULTS, 2)
             await client.write_register(modbus.TARGET, 200)
             item = f"modbus-{number}"
             await client.write_registers(modbus.NEW_ITEM, modbus.encode_text(item))
             await client.write_register(modbus.COMMAND, modbus.GRASP)
             await reach(client, LineState.HOLDING)
             await client.write_register(modbus.COMMAND, modbus.RELEASE)
-            while await registers(client, modbus.RESULTS, 2) == before:
+            while await read_registers(client, modbus.RESULTS, 2) == before:
                 await asyncio.sleep(POLL_S)
             seen = time.time()
-            words = await registers(client, modbus.VALUES, 30)
-            named = modbus.decode_text(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
+            words = await read_registers(client, modbus.VALUES, 30)
+            named = modbus.decode_text(
+                await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+            )
             document = machine.ask("GET", "/result")[1]
             late_ms.append(age_ms(document) - 1e3 * (time.time() - seen))
             wanted = np.array(list_measurements(document), dtype=np.float32)
@@ -104,7 +106,7 @@ def main() -> None:
     options = parser.parse_args()
     opcua, modbus_port = free_port(), free_port()
     serve = (*SIMULATED, "--opcua", str(opcua), "--modbus", str(modbus_port))
-    with tempfile.TemporaryDirectory() as folder, served(Path(folder), *serve) as address:
+    with tempfile.TemporaryDirectory() as folder, serve_dashboard(Path(folder), *serve) as address:
         machine = Machine(address)
         at = f"opc.tcp://127.0.0.1:{opcua}/palpate"
         asyncio.run(shift_over_opcua(at, machine, items=options.items))

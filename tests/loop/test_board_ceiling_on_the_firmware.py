@@ -131,9 +131,11 @@ def test_tripped_ceiling_opens_the_hand_and_ends_the_next_grasp_immediately(rigi
     gripper, clock = rigid.rig.gripper, rigid.world.clock
     plan = plan_grasp(rigid.rig.calibration, gripper=gripper, target_force_n=3.0)
 
-    def lower_ceiling(seen: Observation) -> None:
+    def lower_ceiling(observation: Observation) -> None:
         if rigid.world.force_n(clock.now_s()) > 1.0 and rigid.board.safe_line:
-            rigid.array.arm_ceiling(int(seen.frame.counts.max()) // seen.frame.oversampling - 1)
+            rigid.array.arm_ceiling(
+                int(observation.frame.counts.max()) // observation.frame.oversampling - 1
+            )
 
     result = run_grasp(
         plan, array=rigid.array, gripper=gripper, clock=clock, subscribers=[lower_ceiling]
@@ -167,7 +169,7 @@ def test_tripped_ceiling_persists_after_a_reset(rigid: Desk) -> None:
     rigid.wait(3.0)
     assert rigid.array.read(timeout_s=1.0).ceiling_tripped
     newest = rigid.array.read_newest()
-    assert newest.status & BoardStatus.CEILING_TRIPPED, "the board itself keeps it"
+    assert newest.status & BoardStatus.CEILING_TRIPPED, "the board must store the trip"
     assert not rigid.board.safe_line
     rigid.array.arm_ceiling(900)
     rigid.wait(0.1)

@@ -35,7 +35,7 @@ CONNECTED_S = 2.5
 
 
 @contextmanager
-def boards(
+def start_board(
     seed: int = 1, *, name: str = "mega2560"
 ) -> Iterator[tuple[World, FirmwareBoard, FirmwareStream]]:
     """Yield a board just reset by opening its port, wired to simulated pixels."""
@@ -51,7 +51,7 @@ def boards(
         stream.close()
 
 
-def connected(world: World, stream: FirmwareStream, **options: Contents) -> SerialArray:
+def connect(world: World, stream: FirmwareStream, **options: Contents) -> SerialArray:
     return SerialArray(
         stream, clock=world.clock, layout=RIGID_LAYOUT, rate_hz=50.0, reopen=None, **options
     )
@@ -60,24 +60,24 @@ def connected(world: World, stream: FirmwareStream, **options: Contents) -> Seri
 @pytest.mark.parametrize("name", STOCK)
 def test_board_that_starts_in_its_boot_loader_connects(name: str) -> None:
     for seed in range(3):
-        with boards(seed, name=name) as (world, _, stream):
+        with start_board(seed, name=name) as (world, _, stream):
             begin_s = world.clock.now_s()
-            array = connected(world, stream)
+            array = connect(world, stream)
             assert array.read(timeout_s=0.2).sequence == 0
             assert 0.5 < world.clock.now_s() - begin_s < CONNECTED_S
 
 
 @pytest.mark.parametrize("name", STOCK)
 def test_boot_loader_does_not_switch_the_safe_line(name: str) -> None:
-    with boards(name=name) as (world, board, stream):
-        array = connected(world, stream)
+    with start_board(name=name) as (world, board, stream):
+        array = connect(world, stream)
         array.read(timeout_s=0.2)
         assert (board.safe_line, board.safe_line_edges) == (True, 1), "raised by the set-up"
 
 
 def test_board_queried_during_its_boot_loader_gives_no_answer() -> None:
     """Bytes sent during the start keep the board in its boot loader."""
-    with boards() as (world, _, stream):
+    with start_board() as (world, _, stream):
         decoder, found = Decoder(), list[BoardMessage]()
         for tag in range(1, 13):
             stream.write(encode_command(Identify(), tag=tag))
@@ -90,7 +90,7 @@ def test_board_queried_during_its_boot_loader_gives_no_answer() -> None:
     ("name", "shown"), [("mega2560", "Arduino Mega 2560"), ("nano", "Arduino Nano")]
 )
 def test_query_identity_waits_for_the_boot_loader(name: str, shown: str) -> None:
-    with boards(name=name) as (world, _, stream):
+    with start_board(name=name) as (world, _, stream):
         begin_s = world.clock.now_s()
         assert query_identity(stream, clock=world.clock).board == shown
         assert world.clock.now_s() - begin_s < CONNECTED_S
@@ -105,8 +105,8 @@ RESTARTED_S = {"reset": (0.5, 7.0), "hang": (0.25, 0.5)}
 def test_mega_continues_after_a_restart(how: str) -> None:
     """Pressurized fingers require pings; a reset delays a pending ping."""
     shortest_s, longest_s = RESTARTED_S[how]
-    with boards() as (world, board, stream):
-        array = connected(world, stream, contents=Contents.PRESSURE)
+    with start_board() as (world, board, stream):
+        array = connect(world, stream, contents=Contents.PRESSURE)
         gripper = PneumaticGripper(array, clock=world.clock)
         before_s = [array.read(timeout_s=0.2).time_s for _ in range(10)][-1]
         getattr(board, how)()
@@ -128,8 +128,8 @@ def test_mega_continues_after_a_restart(how: str) -> None:
 def test_nano_continues_after_a_restart(how: str) -> None:
     """The boot loader leaves the watchdog on, so a watchdog reset would never end."""
     shortest_s, longest_s = RESTARTED_S[how]
-    with boards(name="nano") as (world, board, stream):
-        array = connected(world, stream)
+    with start_board(name="nano") as (world, board, stream):
+        array = connect(world, stream)
         before_s = [array.read(timeout_s=0.2).time_s for _ in range(10)][-1]
         getattr(board, how)()
         after_s = math.nan

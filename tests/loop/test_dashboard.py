@@ -34,14 +34,14 @@ TIMEOUT_MS = 60_000
 
 
 @contextmanager
-def served(folder: Path, *options: str, **environment: str) -> Iterator[str]:
+def serve_dashboard(folder: Path, *options: str, **environment: str) -> Iterator[str]:
     """Serve a dashboard; yield its URL."""
-    with serving(folder, *options, **environment) as (address, _):
+    with run_server(folder, *options, **environment) as (address, _):
         yield address
 
 
 @contextmanager
-def serving(
+def run_server(
     folder: Path, *options: str, **environment: str
 ) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Serve a dashboard; yield its URL and process."""
@@ -52,7 +52,7 @@ def serving(
     ) as process:
         try:
             found = re.search(r"http://\S+", process.stdout.readline())
-            assert found is not None, "it did not start"
+            assert found is not None, "the server did not start"
             yield found[0], process
         finally:
             process.terminate()
@@ -77,7 +77,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
     """A dashboard shared by all tests that leave its hand open."""
-    with served(folder, *SIMULATED) as address:
+    with serve_dashboard(folder, *SIMULATED) as address:
         yield address
 
 
@@ -85,10 +85,10 @@ def address(folder: Path) -> Iterator[str]:
 def hand_left_open(address: str) -> Iterator[None]:
     """Open the hand and give up control after each test."""
     yield
-    free(address)
+    reset_session(address)
 
 
-def free(address: str) -> None:
+def reset_session(address: str) -> None:
     """Stop the running job, open the hand, and give up control."""
     ask(address, "PUT", "driver")
     state = ask(address, "GET", "state")
@@ -112,32 +112,32 @@ def wait_until(address: str, is_reached: Callable[[dict[str, Any]], bool]) -> di
     """Return the first state that fulfils a condition."""
     deadline = monotonic() + TIMEOUT_MS / 1000
     while not is_reached(state := ask(address, "GET", "state")):
-        assert monotonic() < deadline, f"it stayed {state}"
+        assert monotonic() < deadline, f"the state stayed {state}"
     return cast("dict[str, Any]", state)
 
 
 @pytest.fixture
-def come(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
+def open_page(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
     """Open the dashboard in a new browser context, as another viewer."""
     contexts = []
 
-    def come(url: str = address, **options: object) -> Page:
+    def open_page(url: str = address, **options: object) -> Page:
         contexts.append(browser.new_context(**{"viewport": WIDE, **options}))
         page = contexts[-1].new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(url)
         return page
 
-    yield come
+    yield open_page
     for context in contexts:
         context.close()
 
 
 @pytest.fixture
-def driver(come: Callable[..., Page]) -> Page:
+def driver(open_page: Callable[..., Page]) -> Page:
     """The page of a driver, with an open rig and no running job."""
-    page = come()
-    fresh(page)
+    page = open_page()
+    expect_fresh_link(page)
     drive(page)
     expect(page.locator("#who")).to_contain_text("you drive")
     expect(page.locator("#verdict-text")).to_be_visible()
@@ -153,49 +153,51 @@ def drive(page: Page) -> None:
     expect(page.locator("#take-over")).to_be_hidden()
 
 
-def fresh(page: Page) -> None:
+def expect_fresh_link(page: Page) -> None:
     expect(page.locator("#link")).to_have_attribute("data-state", "fresh")
 
 
-def verdict(page: Page, words: str | re.Pattern[str]) -> None:
+def expect_verdict(page: Page, words: str | re.Pattern[str]) -> None:
     expect(page.locator("#verdict-text")).to_have_text(words)
 
 
-def can_press(page: Page, button: str) -> None:
+def expect_enabled(page: Page, button: str) -> None:
     expect(page.locator(button)).to_be_enabled()
 
 
-def tab(page: Page, name: str) -> None:
+def open_tab(page: Page, name: str) -> None:
     page.get_by_role("tab", name=name).click()
 
 
 def grasp(page: Page) -> None:
-    can_press(page, "#grasp")
+    expect_enabled(page, "#grasp")
     page.locator("#grasp").click()
-    verdict(page, "holding")
+    expect_verdict(page, "holding")
 
 
 def release(page: Page) -> None:
     page.locator("#release").click()
-    can_press(page, "#grasp")
+    expect_enabled(page, "#grasp")
 
 
 def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> None:
-    can_press(driver, "#grasp")
+    expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
-    halves = []
+    half_widths = []
     for count in (1, 8):
         driver.wait_for_function(
             "count => +document.querySelector('#curve')?.dataset.bands >= count", arg=count
         )
-        halves.append(float(driver.locator("#curve").get_attribute("data-half-width") or "nan"))
-    assert 0 < halves[1] < 0.8 * halves[0]
-    verdict(driver, "holding")
+        half_widths.append(
+            float(driver.locator("#curve").get_attribute("data-half-width") or "nan")
+        )
+    assert 0 < half_widths[1] < 0.8 * half_widths[0]
+    expect_verdict(driver, "holding")
     expect(driver.locator("#curve-settles")).to_contain_text("settles at −")
     expect(driver.locator("#chart")).not_to_have_attribute("data-moves", "0")
     expect(driver.locator("#simulated")).to_be_visible()
     release(driver)
-    verdict(driver, "held and released")
+    expect_verdict(driver, "held and released")
     # The forecast band ends when the hand opens.
     driver.wait_for_function(
         "+document.querySelector('#curve').dataset.bandEnd"
@@ -219,11 +221,11 @@ def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> 
 
 
 #: Limits of the chart's time range, seconds from the contact.
-STRETCH = "() => ['start', 'end'].map((end) => +document.querySelector('#chart').dataset[end])"
+TIME_RANGE = "() => ['start', 'end'].map((end) => +document.querySelector('#chart').dataset[end])"
 
 
 def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
-    come: Callable[..., Page], driver: Page
+    open_page: Callable[..., Page], driver: Page
 ) -> None:
     grasp(driver)
     # Force over closing is drawn from the readings received by this page.
@@ -235,16 +237,16 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
     # The force up to the release is stored for the envelope of the next grasps.
     driver.wait_for_function("Object.keys(localStorage).some((key) => key.includes('ghosts'))")
-    (kept,) = driver.evaluate(
+    (stored,) = driver.evaluate(
         "JSON.parse(Object.entries(localStorage).find(([key]) => key.includes('ghosts'))[1])"
     )
-    assert len(kept) == pytest.approx(10 * min(released_s(driver), 30.0), abs=1.5)
+    assert len(stored) == pytest.approx(10 * min(released_s(driver), 30.0), abs=1.5)
     released = driver.locator("#moments [data-name=held]").get_attribute("data-at")
     frozen = [-2.0, pytest.approx(float(released or "nan") + 3.0, abs=0.02)]
-    driver.wait_for_function(f"() => ({STRETCH})()[1] > {released} + 2.97")
-    begun = driver.evaluate("+document.body.dataset.drawn")
-    driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 20", arg=begun)
-    assert driver.evaluate(STRETCH) == frozen
+    driver.wait_for_function(f"() => ({TIME_RANGE})()[1] > {released} + 2.97")
+    drawn = driver.evaluate("+document.body.dataset.drawn")
+    driver.wait_for_function("(before) => +document.body.dataset.drawn > before + 20", arg=drawn)
+    assert driver.evaluate(TIME_RANGE) == frozen
     box = force.bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     # The cursor is shown on both plots, and the hand is drawn for the time of the cursor.
@@ -255,17 +257,17 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     expect(driver.locator("#fingers-title")).to_have_text(re.compile(r"^Fingers at \d+\.\d s$"))
     expect(driver.locator("#fingers")).not_to_contain_text("74.0 mm apart")
     driver.mouse.wheel(0, -300)
-    wheeled = driver.evaluate(STRETCH)
+    wheeled = driver.evaluate(TIME_RANGE)
     assert wheeled[0] > -2.0
     assert wheeled[1] < released_s(driver) + 2.9
     driver.mouse.down()
     driver.mouse.move(middle[0] + box["width"] / 4, middle[1], steps=4)
     driver.mouse.up()
-    dragged = driver.evaluate(STRETCH)
+    dragged = driver.evaluate(TIME_RANGE)
     assert dragged[1] - dragged[0] < 0.5 * (wheeled[1] - wheeled[0])
     expect(driver.locator("#unzoom")).to_be_visible()
     driver.mouse.dblclick(*middle)
-    assert driver.evaluate(STRETCH) == frozen
+    assert driver.evaluate(TIME_RANGE) == frozen
     for view in ("30 s", "All"):
         driver.get_by_role("button", name=view, exact=True).click()
         expect(chart).to_have_attribute("data-frozen", "false")
@@ -277,22 +279,22 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
         slider.press("ArrowLeft")
     expect(slider).to_have_attribute("aria-valuetext", reading)
     slider.press("PageUp")
-    assert driver.evaluate(STRETCH) != frozen
+    assert driver.evaluate(TIME_RANGE) != frozen
     slider.press("Home")
-    assert driver.evaluate(STRETCH) == frozen
+    assert driver.evaluate(TIME_RANGE) == frozen
     # A click on the small plot of a pixel selects the pixel.
     driver.locator("#pixels").click(position={"x": 10, "y": 10})
     expect(driver.locator("#pixel-name")).to_have_text("R0 C0")
     driver.locator("#pixel-close").click()
     # Pinch with two fingers.
-    touched = come(has_touch=True)
-    expect(touched.locator("#chart")).to_have_attribute("data-frozen", "true")
-    before = touched.evaluate(STRETCH)
+    touch_page = open_page(has_touch=True)
+    expect(touch_page.locator("#chart")).to_have_attribute("data-frozen", "true")
+    before = touch_page.evaluate(TIME_RANGE)
     assert before == frozen
     # This page was opened after the grasp, but receives pixels and hand of the whole grasp.
-    assert int(touched.locator("#pixels").get_attribute("data-moments") or 0) > 20
-    touched.evaluate(PINCH)
-    after = touched.evaluate(STRETCH)
+    assert int(touch_page.locator("#pixels").get_attribute("data-moments") or 0) > 20
+    touch_page.evaluate(PINCH)
+    after = touch_page.evaluate(TIME_RANGE)
     assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.1)
 
 
@@ -304,11 +306,11 @@ def released_s(page: Page) -> float:
 #: Moves two fingers on the plot to twice their distance.
 PINCH = """() => {
     const plot = document.querySelector('#curve .u-over'), box = plot.getBoundingClientRect();
-    const touch = (identifier, share) => new Touch({ identifier, target: plot,
-        clientX: box.left + share * box.width, clientY: box.top + 5 });
+    const touch = (identifier, fraction) => new Touch({ identifier, target: plot,
+        clientX: box.left + fraction * box.width, clientY: box.top + 5 });
     for (const [type, shares] of [['touchstart', [0.4, 0.6]], ['touchmove', [0.3, 0.7]]]) {
         plot.dispatchEvent(new TouchEvent(type, { cancelable: true,
-            touches: shares.map((share, i) => touch(i, share)) }));
+            touches: shares.map((fraction, i) => touch(i, fraction)) }));
     }
 }"""
 
@@ -345,7 +347,7 @@ CLOSES = (
 
 @pytest.mark.parametrize("how", ["button", "key"])
 def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path, how: str) -> None:
-    can_press(driver, "#grasp")
+    expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
     expect(driver.locator(".pixel").first).to_be_visible()
     driver.wait_for_function(CLOSES)
@@ -353,7 +355,7 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
         driver.locator("#stop").click()
     else:
         driver.keyboard.press("Escape")
-    verdict(driver, "stopped on request")
+    expect_verdict(driver, "stopped on request")
     # The verdict is shown with the last state, the duration of the stop after the end of the order.
     state = driver.wait_for_function(
         """async () => {
@@ -368,24 +370,23 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     recorded = load_recording(newest)
     assert 5.0 < recorded.gripper.width_mm[-1] < 73.0
-    # It stands where the recording ends, and can be opened from there. Half a tenth is rounded up
-    # by the browser and to even by Python.
+    # The hand stays at its last recorded width. The browser rounds half a tenth up, Python to even.
     ends_mm = recorded.gripper.width_mm[-1]
     shown = {f"{ends_mm + half_mm:.1f} mm apart" for half_mm in (-1e-6, 1e-6)}
     expect(driver.locator("#fingers")).to_contain_text(re.compile("|".join(map(re.escape, shown))))
     expect(driver.locator("#grasp")).to_be_disabled()
     release(driver)
     expect(driver.locator("#fingers")).to_contain_text("74.0 mm apart")
-    verdict(driver, "stopped, hand open")
+    expect_verdict(driver, "stopped, hand open")
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "idle")
     expect(driver.locator("#measure-force_n .value")).to_contain_text("hand open")
 
 
 def test_second_viewer_can_watch_stop_and_take_over(
-    driver: Page, come: Callable[..., Page]
+    driver: Page, open_page: Callable[..., Page]
 ) -> None:
-    second = come(viewport=TABLET)
-    fresh(second)
+    second = open_page(viewport=TABLET)
+    expect_fresh_link(second)
     expect(second.locator("#who")).to_have_text("you watch")
     expect(second.locator("#grasp")).to_be_disabled()
     expect(second.locator("#release")).to_be_disabled()
@@ -399,12 +400,12 @@ def test_second_viewer_can_watch_stop_and_take_over(
     second.keyboard.press("F8")
     expect(driver.get_by_label("Item (empty: not stored)")).to_have_value("")
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
-    can_press(driver, "#grasp")
+    expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
     second.wait_for_function(CLOSES)
     second.locator("#stop").click()
     for page in (driver, second):
-        verdict(page, "stopped on request")
+        expect_verdict(page, "stopped on request")
     second.locator("#take-over").click()
     expect(second.locator("#who")).to_contain_text("you drive")
     expect(driver.locator("#who")).to_have_text("you watch")
@@ -414,7 +415,7 @@ def test_second_viewer_can_watch_stop_and_take_over(
 
 
 #: Delays every response by 0.6 s.
-SLOW_NETWORK = """() => {
+_DELAY_FETCH = """() => {
     const fetched = window.fetch;
     window.fetch = async (...asked) => {
         const reply = await fetched(...asked);
@@ -426,16 +427,16 @@ SLOW_NETWORK = """() => {
 
 def test_age_of_the_last_frame_includes_the_network_delay(driver: Page) -> None:
     age = re.compile(r"last frame ([6-9]\d\d ms|\d+\.\d s) ago")
-    driver.evaluate(SLOW_NETWORK)
+    driver.evaluate(_DELAY_FETCH)
     expect(driver.locator("#link-age")).to_have_text(age)
-    begun = driver.evaluate("+document.body.dataset.drawn")
-    driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 2", arg=begun)
+    drawn = driver.evaluate("+document.body.dataset.drawn")
+    driver.wait_for_function("(before) => +document.body.dataset.drawn > before + 2", arg=drawn)
     assert age.fullmatch(driver.locator("#link-age").inner_text().strip("· "))
 
 
 def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: Path) -> None:
-    tab(driver, "Calibrate")
-    can_press(driver, "#calibrate-rest")
+    open_tab(driver, "Calibrate")
+    expect_enabled(driver, "#calibrate-rest")
     driver.locator("#calibrate-rest").click()
     expect(driver.locator("#guide")).to_contain_text("Do not touch the sensor")
     driver.evaluate("scrollTo(0, 0)")
@@ -450,18 +451,20 @@ def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: P
 
 
 @pytest.mark.parametrize("preferred", ["light", "dark"])
-def test_page_switches_between_light_and_dark(come: Callable[..., Page], preferred: str) -> None:
-    page = come(color_scheme=preferred)
-    fresh(page)
-    turned = {"light": "dark", "dark": "light"}[preferred]
-    for expected in (turned, preferred):
+def test_page_switches_between_light_and_dark(
+    open_page: Callable[..., Page], preferred: str
+) -> None:
+    page = open_page(color_scheme=preferred)
+    expect_fresh_link(page)
+    opposite = {"light": "dark", "dark": "light"}[preferred]
+    for expected in (opposite, preferred):
         page.locator("#shade").click()
         expect(page.locator("body")).to_have_class(re.compile(f"body--{expected}"))
 
 
 def test_doctor_tab_shows_the_health_of_the_sensor(driver: Page) -> None:
-    tab(driver, "Doctor")
-    can_press(driver, "#examine")
+    open_tab(driver, "Doctor")
+    expect_enabled(driver, "#examine")
     driver.locator("#examine").click()
     expect(driver.locator("#health")).to_contain_text("frames in 10")
     maps = driver.locator("#health .heat")
@@ -473,17 +476,17 @@ def test_recording_can_be_replayed_and_closed(driver: Page, folder: Path) -> Non
     grasp(driver)
     release(driver)
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
-    tab(driver, "Recordings")
+    open_tab(driver, "Recordings")
     driver.get_by_label("Replay speed").get_by_role("button", name="10×").click()
     name = driver.get_by_text(newest.stem, exact=True)
     row = driver.locator("#recordings .file").filter(has=name)
     row.get_by_role("button", name="Replay").click()
     expect(driver.locator("#rig-name")).to_contain_text(f"replay of {newest.name}")
     expect(driver.locator("#link-text")).to_have_text("replay")
-    verdict(driver, "held and released")
+    expect_verdict(driver, "held and released")
     driver.get_by_role("button", name="Back to the rig").click()
     expect(driver.locator("#rig-name")).to_have_text("sim-rigid")
-    fresh(driver)
+    expect_fresh_link(driver)
 
 
 def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
@@ -491,8 +494,8 @@ def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
 ) -> None:
     old, new = (folder / "data" / name for name in ("old.mcap", "new.mcap"))
     old.parent.mkdir(exist_ok=True)
-    old.write_bytes(b"begun")
-    tab(driver, "Recordings")
+    old.write_bytes(b"started")
+    open_tab(driver, "Recordings")
     rows = driver.locator("#recordings .file")
     button = rows.filter(has_text="old").get_by_role("button", name="Replay").element_handle()
     old.write_bytes(b"and ended" * 1000)
@@ -513,7 +516,7 @@ def test_grasp_of_a_named_item_appears_in_its_history(driver: Page) -> None:
             driver.locator("#same-item").click()
         grasp(driver)
         release(driver)
-    tab(driver, "Items")
+    open_tab(driver, "Items")
     # The input receives no pointer events; users press the surrounding field.
     driver.locator("label").filter(has=driver.get_by_label("Item", exact=True)).click()
     driver.get_by_role("option", name="berry-7").click()
@@ -525,7 +528,7 @@ def test_grasp_of_a_named_item_appears_in_its_history(driver: Page) -> None:
 
 def test_browser_back_shows_the_previous_tab_and_reload_keeps_the_driver(driver: Page) -> None:
     for name in ("Calibrate", "Doctor"):
-        tab(driver, name)
+        open_tab(driver, name)
         expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
     driver.wait_for_url("**/doctor")
     driver.evaluate("window.same = true")
@@ -533,15 +536,15 @@ def test_browser_back_shows_the_previous_tab_and_reload_keeps_the_driver(driver:
         driver.go_back()
         expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
         assert driver.evaluate("location.pathname") == path
-    assert driver.evaluate("window.same"), "the page was not left"
+    assert driver.evaluate("window.same"), "the page must not be reloaded"
     expect(driver.locator("#who")).to_have_text("you drive")
     driver.reload()
-    fresh(driver)
+    expect_fresh_link(driver)
     expect(driver.locator("#who")).to_have_text("you drive")
 
 
 #: Overlap of the object's text with the pads, pixels.
-COVERED = """() => {
+OVERLAP_WITH_PADS = """() => {
     const boxes = (what) => [...document.querySelectorAll(`#fingers ${what}`)]
         .map((one) => one.getBoundingClientRect());
     return boxes('.thing').flatMap((words) => boxes('.sheet').map((pad) =>
@@ -551,50 +554,50 @@ COVERED = """() => {
 
 @pytest.mark.parametrize("width", [320, 390, 1024])
 def test_soft_gripper_page_shows_the_held_object_and_fits_the_screen(
-    come: Callable[..., Page], tmp_path: Path, width: int
+    open_page: Callable[..., Page], tmp_path: Path, width: int
 ) -> None:
     rig = ("--rig", "sim-soft", "--object", "strawberry", "--seed", "3", "--speed", "10")
-    with served(tmp_path, *rig) as address:
-        page = come(address, viewport={"width": width, "height": 768})
-        fresh(page)
+    with serve_dashboard(tmp_path, *rig) as address:
+        page = open_page(address, viewport={"width": width, "height": 768})
+        expect_fresh_link(page)
         # No previous grasp is shown, and without a load cell the force can't be calibrated.
-        tab(page, "Calibrate")
+        open_tab(page, "Calibrate")
         expect(page.locator("#calibrate-rest")).to_be_visible()
         expect(page.locator("#calibrate-force")).to_be_hidden()
         grasp(page)
         expect(page.locator("#fingers .thing")).not_to_have_count(0)
         expect(page.locator("#fingers .thing").first).to_have_text(re.compile("held|mm"))
         expect(page.locator("#fingers .centre:not(.hidden)")).to_have_count(2)
-        assert max(page.evaluate(COVERED)) <= 0
+        assert max(page.evaluate(OVERLAP_WITH_PADS)) <= 0
         for name in ("Set up", "Calibrate", "Recordings", "Items", "Run"):
-            tab(page, name)
+            open_tab(page, name)
             assert page.evaluate("document.documentElement.scrollWidth") <= width
         release(page)
         # After reopening the rig, the idle page shows the last grasp.
-        tab(page, "Set up")
-        can_press(page, "#use-rig")
+        open_tab(page, "Set up")
+        expect_enabled(page, "#use-rig")
         page.locator("#use-rig").click()
-        fresh(page)
+        expect_fresh_link(page)
         words = re.compile(r"last grasp .*: held.*·\stoday 1 held")
         expect(page.locator("#verdict-why")).to_have_text(words)
 
 
 def test_page_loads_no_external_files_and_is_usable_by_keyboard(
-    come: Callable[..., Page], address: str
+    open_page: Callable[..., Page], address: str
 ) -> None:
-    page = come("about:blank", color_scheme="dark")
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    page = open_page("about:blank", color_scheme="dark")
+    requested: list[str] = []
+    page.on("request", lambda request: requested.append(request.url))
     page.goto(address)
-    fresh(page)
-    assert {url for url in asked if not url.startswith((address, "data:"))} == set()
+    expect_fresh_link(page)
+    assert {url for url in requested if not url.startswith((address, "data:"))} == set()
     # Static files are compressed, but polled documents are not.
     for path, encoding in (("static/chart.js", "gzip"), ("live", None)):
-        asks = urllib.request.Request(f"{address}{path}", headers={"Accept-Encoding": "gzip"})
-        with urllib.request.urlopen(asks, timeout=30) as reply:
+        request = urllib.request.Request(f"{address}{path}", headers={"Accept-Encoding": "gzip"})
+        with urllib.request.urlopen(request, timeout=30) as reply:
             assert reply.headers.get("content-encoding") == encoding
     drive(page)
-    can_press(page, "#grasp")
+    expect_enabled(page, "#grasp")
     reached: set[str] = set()
     for _ in range(40):
         page.keyboard.press("Tab")
@@ -604,7 +607,7 @@ def test_page_loads_no_external_files_and_is_usable_by_keyboard(
 
 
 #: Delays every response by 1.5 s with the page's own timers.
-_SLOW = """() => {
+_DELAY_RESPONSES = """() => {
     const asked = window.fetch;
     window.fetch = (...what) => new Promise((answer, refuse) => {
         what[1]?.signal?.addEventListener('abort', () => refuse(what[1].signal.reason));
@@ -614,11 +617,11 @@ _SLOW = """() => {
 
 
 def test_slow_connection_is_reported_and_the_page_is_still_updated(
-    come: Callable[..., Page],
+    open_page: Callable[..., Page],
 ) -> None:
-    page = come()
-    fresh(page)
-    page.evaluate(_SLOW)
+    page = open_page()
+    expect_fresh_link(page)
+    page.evaluate(_DELAY_RESPONSES)
     expect(page.locator("#lost-title")).to_have_text("No connection")
     drawn = page.evaluate("Number(document.body.dataset.drawn)")
     page.wait_for_function("(drawn) => document.body.dataset.drawn > drawn + 1", arg=drawn)
@@ -627,7 +630,7 @@ def test_slow_connection_is_reported_and_the_page_is_still_updated(
 
 #: Suppresses the next response, as after an undetected network failure. Resolves to whether a later
 #: response updated the page in the meantime.
-_ONE_NEVER_COMES = """() => new Promise((told) => {
+_LOSE_ONE_RESPONSE = """() => new Promise((resolve) => {
     const asked = window.fetch;
     window.fetch = (...what) => {
         if (!String(what[0]).startsWith('/live')) return asked(...what);
@@ -635,7 +638,7 @@ _ONE_NEVER_COMES = """() => new Promise((told) => {
         return new Promise((_, refuse) => {
             const drawn = Number(document.body.dataset.drawn);
             what[1].signal.addEventListener('abort', () => {
-                told(Number(document.body.dataset.drawn) > drawn);
+                resolve(Number(document.body.dataset.drawn) > drawn);
                 refuse(what[1].signal.reason);
             });
         });
@@ -643,19 +646,19 @@ _ONE_NEVER_COMES = """() => new Promise((told) => {
 })"""
 
 
-def test_missing_response_does_not_delay_later_requests(come: Callable[..., Page]) -> None:
-    page = come()
-    fresh(page)
-    assert page.evaluate(_ONE_NEVER_COMES)
+def test_missing_response_does_not_delay_later_requests(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    expect_fresh_link(page)
+    assert page.evaluate(_LOSE_ONE_RESPONSE)
 
 
 def test_page_with_a_damage_file_has_a_choice_of_the_kind(
-    come: Callable[..., Page], tmp_path: Path
+    open_page: Callable[..., Page], tmp_path: Path
 ) -> None:
     damage = write_damage_file(tmp_path)
-    with served(tmp_path, *SIMULATED, "--damage", str(damage)) as address:
-        page = come(address)
-        fresh(page)
+    with serve_dashboard(tmp_path, *SIMULATED, "--damage", str(damage)) as address:
+        page = open_page(address)
+        expect_fresh_link(page)
         page.get_by_label("Kind (for its damage limit)").click()
         page.get_by_role("option", name="kiwi").click()
         page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("8")
@@ -668,12 +671,12 @@ def test_page_with_a_damage_file_has_a_choice_of_the_kind(
 
 
 def test_page_beyond_the_loopback_requires_a_token_and_reports_a_lost_server(
-    come: Callable[..., Page], tmp_path: Path
+    open_page: Callable[..., Page], tmp_path: Path
 ) -> None:
-    with served(tmp_path, "--host", "0.0.0.0", PALPATE_TOKEN="correct-horse") as address:
+    with serve_dashboard(tmp_path, "--host", "0.0.0.0", PALPATE_TOKEN="correct-horse") as address:
         # The external URL, because "0.0.0.0" is not reachable.
         assert "0.0.0.0" not in address
-        page = come("about:blank")
+        page = open_page("about:blank")
         answer = page.goto(address)
         assert answer.status == 401
         page.get_by_label("Token").fill("wrong-horse")
@@ -687,26 +690,28 @@ def test_page_beyond_the_loopback_requires_a_token_and_reports_a_lost_server(
     expect(page.locator("#lost-why")).to_contain_text("palpate serve does not answer")
 
 
-def test_unplugged_board_sets_the_link_to_stale(come: Callable[..., Page], tmp_path: Path) -> None:
+def test_unplugged_board_sets_the_link_to_stale(
+    open_page: Callable[..., Page], tmp_path: Path
+) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     plugged = threading.Thread(target=lambda: run_until_unplugged(master), daemon=True)
     plugged.start()
-    # Served under a name of its own: the kernel gives the number of a closed terminal to whoever
-    # asks next, and the page goes on trying to open its port.
+    # Served through a link, because the kernel reuses the number of a closed terminal, and the
+    # server tries to reopen its port.
     port = tmp_path / "board"
     port.symlink_to(os.ttyname(slave))
     rig = write_rig(tmp_path, port=str(port), rate_hz=100.0)
-    with served(tmp_path, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
-        page = come(address)
-        fresh(page)
+    with serve_dashboard(tmp_path, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
+        page = open_page(address)
+        expect_fresh_link(page)
         expect(page.locator("#simulated")).to_be_hidden()
         port.unlink()
         os.close(slave)
         os.close(master)
         expect(page.locator("#link")).to_have_attribute("data-state", "stale")
         expect(page.locator("#link-text")).to_contain_text("NO FRAMES")
-        verdict(page, "the sensor is silent")
+        expect_verdict(page, "the sensor is silent")
         expect(page.locator("#verdict .why")).to_contain_text("check its cable and power")
         expect(page.locator("#grasp")).to_be_disabled()
     plugged.join(10)
@@ -722,7 +727,7 @@ def run_until_unplugged(master: int) -> None:
 def test_stop_is_confirmed_after_startup_and_a_killed_server_leaves_no_process(
     tmp_path: Path,
 ) -> None:
-    with serving(tmp_path, *SIMULATED) as (address, process):
+    with run_server(tmp_path, *SIMULATED) as (address, process):
         with urllib.request.urlopen(f"{address}stop", data=b"", timeout=30) as reply:
             assert json.load(reply) == {"stopped": True}
         children = children_of(process.pid)
@@ -730,12 +735,12 @@ def test_stop_is_confirmed_after_startup_and_a_killed_server_leaves_no_process(
         process.kill()
         process.wait()
         deadline = monotonic() + 30.0
-        while alive(children) and monotonic() < deadline:
+        while filter_running(children) and monotonic() < deadline:
             os.sched_yield()
-        assert not alive(children)
+        assert not filter_running(children)
 
 
-def alive(pids: list[int]) -> list[int]:
+def filter_running(pids: list[int]) -> list[int]:
     """Return the running processes, without zombies."""
     states = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
     return [pid for pid, stat in states.items() if stat.exists() and " Z " not in stat.read_text()]

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import SIMULATED, TIMEOUT_MS, browser, served, serving
+from tests.loop.test_dashboard import SIMULATED, TIMEOUT_MS, browser, run_server, serve_dashboard
 from tests.unit.test_json_schemas import faults
 
 __all__ = ["browser"]
@@ -58,7 +58,7 @@ class Machine:
             if reached(state):
                 return state
             Event().wait(POLL_PERIOD_S)
-        raise AssertionError(f"it stayed {state}")
+        raise AssertionError(f"the state stayed {state}")
 
     def ready(self) -> None:
         self.until(lambda at: at["activity"] == "watching" and at["fresh"] and at["hand_open"])
@@ -66,7 +66,7 @@ class Machine:
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with served(tmp_path_factory.mktemp("served"), *SIMULATED) as address:
+    with serve_dashboard(tmp_path_factory.mktemp("served"), *SIMULATED) as address:
         yield address
 
 
@@ -82,8 +82,8 @@ def machine(address: str) -> Machine:
 def test_api_grasp_is_held_released_and_stored_with_its_item(machine: Machine) -> None:
     assert machine.ask("GET", "/result")[0] == 404
     assert machine.ask("GET", "/items") == (200, {"items": []})
-    begun, grasp = machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
-    assert begun == 202
+    status, grasp = machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
+    assert status == 202
     status, refused = machine.ask("POST", "/grasp", {})
     assert (status, refused["detail"]) == (409, "grasping: wait, or press stop")
     state = machine.until(lambda at: at["phase"] == "hold" and at["answered"])
@@ -96,7 +96,7 @@ def test_api_grasp_is_held_released_and_stored_with_its_item(machine: Machine) -
     assert result["recording"] == grasp["recording"]
     assert faults("grasp", result) == []
     assert result["item"] == {"id": "berry-1", "kind": None, "stage": None, "bruised": None}
-    assert "bin" not in result, "no rules are in play"
+    assert "bin" not in result, "no rules were given"
     status, items = machine.ask("GET", "/items?limit=5")
     assert (status, faults("items", items)) == (200, [])
     status, item = machine.ask("GET", "/items/berry-1")
@@ -206,7 +206,7 @@ def test_item_page_without_a_name_returns_404(address: str) -> None:
 
 
 def test_half_open_connections_do_not_block_stop(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIMULATED) as (address, process), ExitStack() as held:
+    with run_server(tmp_path, *SIMULATED) as (address, process), ExitStack() as held:
         resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (256, 256))
         host = urlsplit(address)
         for _ in range(300):
@@ -230,7 +230,7 @@ def test_api_openapi_document_contains_the_published_schemas(machine: Machine) -
 
 
 def test_api_with_a_token_requires_it_in_every_request(tmp_path: Path) -> None:
-    with served(tmp_path, *SIMULATED, PALPATE_TOKEN=TOKEN) as address:
+    with serve_dashboard(tmp_path, *SIMULATED, PALPATE_TOKEN=TOKEN) as address:
         status, refused = Machine(address).ask("POST", "/stop")
         assert status == 401
         assert "Bearer" in refused["detail"]

@@ -13,12 +13,12 @@ from tests.loop.test_dashboard import (
     TIMEOUT_MS,
     WIDE,
     browser,
-    fresh,
+    expect_fresh_link,
+    expect_verdict,
     grasp,
+    open_tab,
     release,
-    served,
-    tab,
-    verdict,
+    serve_dashboard,
 )
 
 __all__ = ["browser"]
@@ -32,18 +32,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def page(browser: Browser, folder: Path) -> Iterator[Page]:
     """A page shared by all tests, with the recording of one grasp."""
-    with served(folder, *SIMULATED) as address:
+    with serve_dashboard(folder, *SIMULATED) as address:
         context = browser.new_context(viewport=WIDE)
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)
-        fresh(page)
+        expect_fresh_link(page)
         page.get_by_label("Item (empty: not stored)").fill("berry-7")
         grasp(page)
         # The hold is long enough to be selected on the timeline.
         page.wait_for_function("+document.querySelector('#curve')?.dataset.bands > 15")
         release(page)
-        tab(page, "Recordings")
+        open_tab(page, "Recordings")
         yield page
         context.close()
 
@@ -52,11 +52,11 @@ def row(page: Page) -> Locator:
     return page.locator("#recordings .file").first
 
 
-def seek(page: Page, share: float) -> None:
+def seek(page: Page, fraction: float) -> None:
     page.locator("#seek").evaluate(
-        "(slider, share) => { slider.value = +slider.min + share * (slider.max - slider.min);"
+        "(slider, fraction) => { slider.value = +slider.min + fraction * (slider.max - slider.min);"
         " slider.dispatchEvent(new Event('input', { bubbles: true })); }",
-        share,
+        fraction,
     )
 
 
@@ -80,7 +80,7 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     for plot in ("force", "curve"):
         expect(page.locator(f"#{plot}-settles")).to_contain_text("settles at")
     seek(page, 0.8)
-    verdict(page, "holding")
+    expect_verdict(page, "holding")
     expect(page.locator("#fingers .pad.touching")).to_have_count(2)
     at = page.locator("#played").inner_text()
     page.wait_for_function("+document.body.dataset.drawn > 0")
@@ -91,17 +91,17 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect(page.locator("#played")).not_to_have_text(at)
     page.locator("#pace").select_option("10")
     page.locator("#play").click()
-    verdict(page, "held and released")
+    expect_verdict(page, "held and released")
     expect(page.locator("#play")).to_have_text("Again")
     # The sheet still has a reading, but an open hand has no force.
     expect(page.locator("#force-at")).to_have_text("hand open")
     page.get_by_role("button", name="Back to the rig").click()
     expect(page.locator("#timeline")).to_be_hidden()
-    fresh(page)
+    expect_fresh_link(page)
 
 
 #: Records the positions of a control from its first appearance.
-WATCH_PLACE = """(control) => {
+RECORD_POSITIONS = """(control) => {
   window.places = [];
   window.watching = setInterval(() => {
     const top = document.querySelector(control).getBoundingClientRect().top;
@@ -111,16 +111,16 @@ WATCH_PLACE = """(control) => {
 
 
 def test_replay_pause_button_does_not_move_after_it_appears(page: Page) -> None:
-    # A button that moves between press and release would not be clicked.
-    page.evaluate(WATCH_PLACE, "#play")
+    # If a button moves between press and release, the browser sends no click.
+    page.evaluate(RECORD_POSITIONS, "#play")
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     # Two periods of the slower part of the page.
     page.wait_for_timeout(500)
-    places = page.evaluate("() => { clearInterval(window.watching); return window.places; }")
-    assert len(places) == 1, places
+    positions = page.evaluate("() => { clearInterval(window.watching); return window.places; }")
+    assert len(positions) == 1, positions
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
 
 
 def test_replay_page_fits_a_laptop_screen(page: Page) -> None:
@@ -132,7 +132,7 @@ def test_replay_page_fits_a_laptop_screen(page: Page) -> None:
     assert page.evaluate("document.documentElement.scrollHeight - innerHeight") == 0
     page.locator("#pixel-close").click()
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
     page.set_viewport_size(WIDE)
 
 
@@ -150,7 +150,7 @@ def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, fold
     (first,) = (folder / "data").glob("*.mcap")
     expect(page.locator("#chart .kept-key")).to_contain_text(first.stem)
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
     # Before the contact, no comparison is drawn.
     expect(page.locator("#chart")).to_have_attribute("data-kept", "0")
     expect(page.locator("#chart .kept-key")).to_be_hidden()
@@ -168,7 +168,7 @@ def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, fold
     expect(page.locator("#chart")).to_have_attribute("data-kept", "0")
     expect(keep).to_be_visible()
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     newest.unlink()
     expect(page.locator("#recordings .file")).to_have_count(1)
@@ -176,7 +176,7 @@ def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, fold
 
 def test_recording_has_a_url(page: Page, folder: Path) -> None:
     (file,) = (folder / "data").glob("*.mcap")
-    tab(page, "Run")
+    open_tab(page, "Run")
     page.locator("#run a[data-recording]").last.click()
     expect(page).to_have_url(re.compile(f"/recordings/{re.escape(file.name)}$"))
     expect(page.get_by_label("Name")).to_have_value(file.stem)
@@ -190,10 +190,10 @@ def test_recording_has_a_url(page: Page, folder: Path) -> None:
     page.locator(".care").get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
     page.goto(page.url + "/elsewhere.mcap")
-    said = page.locator(".q-notification").first
-    expect(said).to_contain_text("no such recording in the folder")
+    notice = page.locator(".q-notification").first
+    expect(notice).to_contain_text("no such recording in the folder")
     expect(page.locator(".care")).to_have_count(0)
     expect(page).to_have_url(re.compile("/recordings$"))
     expect(page.locator(".q-notification")).to_have_count(0)
@@ -208,7 +208,7 @@ def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browse
     before = page.locator("#played").inner_text()
     seek(page, 0.8)
     expect(page.locator("#played")).not_to_have_text(before)
-    verdict(page, "holding")
+    expect_verdict(page, "holding")
     at = page.locator("#played").inner_text()
     context = browser.new_context(viewport=WIDE)
     other = context.new_page()
@@ -219,7 +219,7 @@ def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browse
     expect(page.locator("#played")).to_have_text(at)
     context.close()
     page.get_by_role("button", name="Back to the rig").click()
-    fresh(page)
+    expect_fresh_link(page)
 
 
 def test_recording_can_be_downloaded_renamed_and_deleted(page: Page, folder: Path) -> None:
@@ -241,7 +241,7 @@ def test_recording_can_be_downloaded_renamed_and_deleted(page: Page, folder: Pat
     row(page).get_by_role("button", name="More").click()
     page.get_by_role("button", name="Delete").click()
     expect(page.locator(".care")).to_contain_text("This can't be undone")
-    assert (folder / "data" / "monday 3.mcap").exists(), "not before it is confirmed"
+    assert (folder / "data" / "monday 3.mcap").exists(), "the deletion must be confirmed first"
     page.get_by_role("button", name="Delete permanently").click()
     expect(page.locator("#recordings .file")).to_have_count(0)
     assert list((folder / "data").glob("*.mcap")) == []

@@ -14,11 +14,11 @@ from tests.loop.test_dashboard import (
     TIMEOUT_MS,
     WIDE,
     browser,
-    can_press,
     drive,
-    fresh,
-    served,
-    tab,
+    expect_enabled,
+    expect_fresh_link,
+    open_tab,
+    serve_dashboard,
 )
 from tests.loop.test_dashboard_api import Machine
 from tests.unit.test_json_schemas import faults
@@ -49,48 +49,48 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
     rules = tmp_path / "rules.toml"
     rules.write_text(RULES)
     options = {"viewport": WIDE}
-    with served(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
+    with serve_dashboard(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
         page, operator = (browser.new_context(**options).new_page() for _ in range(2))
         for one, url in ((page, address), (operator, f"{address}operate")):
             one.set_default_timeout(TIMEOUT_MS)
             one.goto(url)
-            fresh(one)
+            expect_fresh_link(one)
         drive(page)
         machine, documents = Machine(address), []
-        for number, (thing, name, found, kind) in enumerate(SORTED):
+        for number, (thing, name, bin_name, kind) in enumerate(SORTED):
             if number:
                 page.get_by_label("Object between the fingers").click()
                 page.get_by_role("option", name=thing, exact=True).click()
                 page.locator("#use-rig").click()
                 expect(page.locator("#fingers")).to_contain_text(thing.replace("-", " "))
             page.get_by_label("Item (empty: not stored)").fill(name)
-            can_press(page, "#grasp")
+            expect_enabled(page, "#grasp")
             page.locator("#grasp").click()
             # The bin is shown during the hold.
             expect(operator.locator("#next-text")).to_have_text("Take the item, then press Release")
             for one in (page, operator):
-                expect(one.locator("#verdict-text")).to_have_text(found, ignore_case=True)
+                expect(one.locator("#verdict-text")).to_have_text(bin_name, ignore_case=True)
                 expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
             page.locator("#release").click()
             # At the end of the activity, result and item are available.
             state = machine.until(lambda at: at["activity"] == "watching")
             result = machine.ask("GET", "/result")[1]
             documents.append(result)
-            assert (result["bin"]["name"], result["object"]) == (found, thing)
+            assert (result["bin"]["name"], result["object"]) == (bin_name, thing)
             assert faults("grasp", result) == []
-            assert state["bin"] == found
+            assert state["bin"] == bin_name
             assert result.get("item_id", "") == name
             if name:
                 assert result["item"] == {"id": name, "kind": None, "stage": None, "bruised": None}
                 item = machine.ask("GET", f"/items/{name}")[1]
                 assert item["grasps"][0]["recording"].endswith(result["recording"])
-                assert [one["text"] for one in item["verdicts"]] == [found]
+                assert [one["text"] for one in item["verdicts"]] == [bin_name]
             for one in (page, operator):
-                expect(one.locator("#verdict-text")).to_have_text(found, ignore_case=True)
+                expect(one.locator("#verdict-text")).to_have_text(bin_name, ignore_case=True)
                 expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
                 size = f"{result['size_mm']['value']:.0f} mm"
                 expect(one.locator("#verdict-firm")).to_contain_text(size)
-        tab(page, "Run")
+        open_tab(page, "Run")
         expect(page).to_have_url(f"{address}run")
         rows = page.locator("#run .ran")
         expect(rows).to_have_count(3)
@@ -100,8 +100,8 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
         expect(named.locator(".where b")).to_have_text("small")
         expect(named.locator("polyline")).to_be_attached()
         expect(page.locator("#run-counts")).to_contain_text(re.compile("3 grasps since .*: 3 held"))
-        for _, _, found, _ in SORTED:
-            expect(page.locator("#run-bins")).to_contain_text(found)
+        for _, _, bin_name, _ in SORTED:
+            expect(page.locator("#run-bins")).to_contain_text(bin_name)
         with urllib.request.urlopen(f"{address}grasps.csv", timeout=30) as reply:
             table = list(csv.DictReader(io.StringIO(reply.read().decode())))
         for row, result in zip(table, documents, strict=True):

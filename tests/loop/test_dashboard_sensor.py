@@ -15,11 +15,11 @@ from tests.loop.test_dashboard import (
     TIMEOUT_MS,
     WIDE,
     browser,
-    fresh,
+    expect_fresh_link,
+    expect_verdict,
+    open_tab,
     run_until_unplugged,
-    served,
-    tab,
-    verdict,
+    serve_dashboard,
 )
 
 from palpate.cli import build_app, run
@@ -38,15 +38,24 @@ def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     port = folder / "board"
     port.symlink_to(os.ttyname(slave))
     rig = folder / "rig.toml"
-    made = ["init", str(rig), "--port", str(port), "--layout", "rigid-2x2", "--gripper", "none"]
-    made += ["--reference-ohm", "4700", "--taxel-leg", "upper", "--idle-lines", "isolated"]
-    assert run(build_app(), [*made, "--rate-hz", "100"], name="palpate") == 0
-    with served(folder, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
+    arguments = [
+        "init",
+        str(rig),
+        "--port",
+        str(port),
+        "--layout",
+        "rigid-2x2",
+        "--gripper",
+        "none",
+    ]
+    arguments += ["--reference-ohm", "4700", "--taxel-leg", "upper", "--idle-lines", "isolated"]
+    assert run(build_app(), [*arguments, "--rate-hz", "100"], name="palpate") == 0
+    with serve_dashboard(folder, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
         context = browser.new_context(viewport=WIDE)
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)
-        fresh(page)
+        expect_fresh_link(page)
         yield page
         context.close()
     os.close(slave)
@@ -55,7 +64,7 @@ def page(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def test_sensor_page_shows_readings_and_offers_no_grasp(page: Page) -> None:
-    verdict(page, "watching")
+    expect_verdict(page, "watching")
     expect(page.locator("#simulated")).to_be_hidden()
     expect(page.locator("#grasp")).to_be_hidden()
     expect(page.locator("#release")).to_be_hidden()
@@ -70,7 +79,7 @@ def test_sensor_page_draws_square_pixels_in_their_rows(page: Page) -> None:
     boxes = [pixels.nth(i).bounding_box() for i in range(8)]
     assert all(box is not None for box in boxes)
     sides = {round(box[side]) for box in boxes if box for side in ("width", "height")}
-    assert len(sides) == 1, "the pitch is the same both ways"
+    assert len(sides) == 1, "the pitch is equal along x and y"
     places = [(box["x"], box["y"]) for box in boxes if box]
     # R0 C0, R0 C1, R1 C0, R1 C1 of finger 0, then of finger 1 to its right.
     assert places[0][0] < places[1][0] < places[4][0]
@@ -95,11 +104,11 @@ def test_sensor_page_shows_pixel_details_after_tap_and_arrow_keys(page: Page) ->
 
 
 def test_sensor_page_rest_calibration_requires_still_readings(page: Page) -> None:
-    tab(page, "Calibrate")
+    open_tab(page, "Calibrate")
     page.locator("#calibrate-rest").click()
     # The simulated board's readings drift, so they are not at rest.
     expect(page.locator("#trouble-text")).to_contain_text("% at rest (at most")
-    verdict(page, "calibration failed")
+    expect_verdict(page, "calibration failed")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
     expect(page.locator("#calibrated .finding")).to_contain_text("% at rest (at most")
     expect(page.locator("#calibrated")).to_contain_text("Last step: Do not touch the sensor")

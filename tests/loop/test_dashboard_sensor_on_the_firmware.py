@@ -1,7 +1,7 @@
 """A sensor without a gripper, from `palpate init` to the page, through the real firmware.
 
-The firmware runs on the AVR simulator at the pace of the wall's clock, behind a pseudo-terminal
-that `palpate serve` opens as a board's port. The pads are pressed in the twin.
+The firmware runs on the AVR simulator in real time, behind a pseudo-terminal that `palpate serve`
+opens as a board's port. The pads are pressed in the twin.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ from time import monotonic
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.loop.test_dashboard import TIMEOUT_MS, WIDE, browser, fresh, served, tab, verdict
+from tests.loop.test_dashboard import (
+    TIMEOUT_MS,
+    WIDE,
+    browser,
+    expect_fresh_link,
+    expect_verdict,
+    open_tab,
+    serve_dashboard,
+)
 
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
@@ -77,7 +85,9 @@ class PressedBoard:
             with suppress(BlockingIOError):
                 self._board.write_bytes(os.read(self._master, 4096))
             self._board.run_until(now_s)
-            with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
+            with suppress(
+                BlockingIOError
+            ):  # without a reader the bytes are lost, as on a real port
                 os.write(self._master, self._board.read_bytes())
 
 
@@ -92,15 +102,15 @@ def board(firmware_built: None) -> Iterator[PressedBoard]:
 def address(board: PressedBoard, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("sensor")
     rig = folder / "rig.toml"
-    made = ["init", str(rig), "--port", board.port, "--layout", RIGID_LAYOUT.name]
-    made += ["--gripper", "none", "--rate-hz", "100", *wiring()]
-    assert run(build_app(), made, name="palpate") == 0
+    arguments = ["init", str(rig), "--port", board.port, "--layout", RIGID_LAYOUT.name]
+    arguments += ["--gripper", "none", "--rate-hz", "100", *divider_options()]
+    assert run(build_app(), arguments, name="palpate") == 0
     calibrate_twin(seed=SHEET, level="lab", apart_from=BALL).save(folder / "rig-calibration.json")
-    with served(folder, "--rig", str(rig)) as address:
+    with serve_dashboard(folder, "--rig", str(rig)) as address:
         yield address
 
 
-def wiring() -> tuple[str, ...]:
+def divider_options() -> tuple[str, ...]:
     """Return the options that describe the twin's divider."""
     divider = RIGID_LAYOUT.divider
     leg, ohm = divider.taxel_leg, f"{divider.reference_ohm:g}"
@@ -113,24 +123,24 @@ def page(browser: Browser, address: str) -> Iterator[Page]:
     page = context.new_page()
     page.set_default_timeout(TIMEOUT_MS)
     page.goto(address)
-    fresh(page)
+    expect_fresh_link(page)
     yield page
     context.close()
 
 
-#: Whether the force over its curve is near this one, newtons, and its interval holds it.
-READS = """(force) => {
+#: Whether the shown force is within 30 % of a force, newtons, and its interval contains the force.
+SHOWS_FORCE = """(force) => {
     const [value, low, high] = document.getElementById('force-at').textContent.match(/[\\d.]+/g);
     return low < force && force < high && Math.abs(value / force - 1) < 0.3;
 }"""
 
 
 def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: Page) -> None:
-    verdict(page, "watching")
+    expect_verdict(page, "watching")
     expect(page.locator(".pixel")).to_have_count(8)
     expect(page.locator("#force-card")).to_be_visible()
-    for grasping in ("#grasp", "#release", "#measure-size_mm"):
-        expect(page.locator(grasping)).to_be_hidden()
+    for element in ("#grasp", "#release", "#measure-size_mm"):
+        expect(page.locator(element)).to_be_hidden()
     # The page shows no grip, no forecast and no finger movements.
     expect(page.locator("#force-title")).to_have_text("Force, N")
     expect(page.locator("#measure-force_n .name")).to_have_text("Force now")
@@ -153,7 +163,7 @@ def test_sensor_page_on_the_firmware_shows_the_force_of_a_press(
     expect(page.locator("#pad-0")).to_have_class(re.compile("touching"))
     page.wait_for_function("parseFloat(document.getElementById('force-at').textContent) > 1")
     assert board.force_n > 1.0
-    page.wait_for_function(READS, arg=board.force_n)
+    page.wait_for_function(SHOWS_FORCE, arg=board.force_n)
 
 
 def test_operator_page_without_a_gripper_shows_the_force_and_no_grasp_buttons(
@@ -164,8 +174,8 @@ def test_operator_page_without_a_gripper_shows_the_force_and_no_grasp_buttons(
     page.goto(f"{address}operate")
     expect(page.locator("#verdict-text")).to_have_text("Contact")
     expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
-    for grasping in ("#grasp", "#release", ".item"):
-        expect(page.locator(grasping)).to_be_hidden()
+    for element in ("#grasp", "#release", ".item"):
+        expect(page.locator(element)).to_be_hidden()
     page.set_viewport_size({"width": 390, "height": 844})
     boxes = [page.locator(one).bounding_box() for one in ("#stop", "#verdict")]
     assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
@@ -175,19 +185,19 @@ def test_operator_page_without_a_gripper_shows_the_force_and_no_grasp_buttons(
 def test_doctor_tab_examines_the_firmware_at_its_configured_rate(
     page: Page, board: PressedBoard
 ) -> None:
-    tab(page, "Doctor")
+    open_tab(page, "Doctor")
     page.locator("#examine").click()
     expect(page.locator("#health")).to_contain_text("frames in 10")
     expect(page.locator("#health")).to_contain_text("0 corrupt")
 
 
 def test_stopped_force_calibration_keeps_the_previous_calibration(page: Page) -> None:
-    tab(page, "Calibrate")
+    open_tab(page, "Calibrate")
     page.get_by_label("Loads in newtons").fill("1 2 4 8")
     page.locator("#calibrate-force").click()
     expect(page.locator("#guide")).to_contain_text("Place 1 N on the pad")
     page.locator("#stop").click()
-    verdict(page, "calibration stopped")
+    expect_verdict(page, "calibration stopped")
     expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
     expect(page.locator("#verdict-why")).to_contain_text("the previous calibration stays in use")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration stopped")

@@ -42,11 +42,11 @@ def test_doctor_examines_the_firmware_board(
     )
     arguments = ["doctor", "--rig", str(rig), "--duration", "2", "--json"]
     assert run(build_app(), arguments, name="palpate") == int(broken)
-    said = json.loads(capsys.readouterr().out)
-    found = [(finding["code"], finding["where"]) for finding in said["findings"]]
+    document = json.loads(capsys.readouterr().out)
+    found = [(finding["code"], finding["where"]) for finding in document["findings"]]
     assert found == ([("open", "row R2")] if broken else [])
-    assert said["rate_hz"] == pytest.approx(250.0, rel=1e-3)
-    assert said["frames"] == pytest.approx(500, abs=2)
-    assert (said["frames_lost"], said["corrupt"], said["late"]) == (0, 0, 0)
-    assert said["jitter_percent"] < 1.0
-    assert abs(said["clock_drift_ppm"]) < 50
+    assert document["rate_hz"] == pytest.approx(250.0, rel=1e-3)
+    assert document["frames"] == pytest.approx(500, abs=2)
+    assert (document["frames_lost"], document["corrupt"], document["late"]) == (0, 0, 0)
+    assert document["jitter_percent"] < 1.0
+    assert abs(document["clock_drift_ppm"]) < 50

@@ -48,7 +48,7 @@ def _address(stream: IO[str] | None) -> str:
     return found[0]
 
 
-def until_contact(client: FoxgloveClient) -> list[Received]:
+def receive_until_contact(client: FoxgloveClient) -> list[Received]:
     """Return all messages until one second after the first contact."""
     received: list[Received] = []
     frames_left = None
@@ -64,26 +64,26 @@ def until_contact(client: FoxgloveClient) -> list[Received]:
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[FoxgloveClient, list[Received]]:
+def session() -> tuple[FoxgloveClient, list[Received]]:
     with live("sim-rigid", "--force") as address:
         # A client that disconnects immediately does not affect others.
         with foxglove_client(address) as first:
             first.subscribe()
         with foxglove_client(address) as client:
             client.subscribe()
-            received = until_contact(client)
+            received = receive_until_contact(client)
     return client, received
 
 
-Seen = tuple[FoxgloveClient, list[Received]]
+Session = tuple[FoxgloveClient, list[Received]]
 
 
-def of(seen: Seen, topic: str) -> list[Received]:
-    return [message for message in seen[1] if message.topic == topic]
+def messages_of(session: Session, topic: str) -> list[Received]:
+    return [message for message in session[1] if message.topic == topic]
 
 
-def test_foxglove_recording_channels_have_the_schemas_of_a_recording(seen: Seen) -> None:
-    channels = seen[0].channels
+def test_foxglove_recording_channels_have_the_schemas_of_a_recording(session: Session) -> None:
+    channels = session[0].channels
     for topic, schema in SCHEMAS.items():
         assert channels[topic]["schemaName"] == schema["title"]
         assert channels[topic]["encoding"] == "json"
@@ -91,45 +91,49 @@ def test_foxglove_recording_channels_have_the_schemas_of_a_recording(seen: Seen)
     assert channels["/heat_map"]["schemaName"] == "foxglove.RawImage"
 
 
-def test_foxglove_messages_conform_to_the_schema_of_their_channel(seen: Seen) -> None:
+def test_foxglove_messages_conform_to_the_schema_of_their_channel(session: Session) -> None:
     validators = {
         topic: Draft202012Validator(json.loads(channel["schema"]))
-        for topic, channel in seen[0].channels.items()
+        for topic, channel in session[0].channels.items()
         if channel["schemaEncoding"] == "jsonschema"
     }
-    checked = {message.topic for message in seen[1] if message.topic in validators}
-    for message in seen[1]:
+    checked = {message.topic for message in session[1] if message.topic in validators}
+    for message in session[1]:
         if message.topic in validators:
             validators[message.topic].validate(message.content)
     assert checked == {"/frames", "/gripper", "/events", "/change", "/force", "/link"}
 
 
-def test_foxglove_stream_contains_every_frame_with_all_its_messages(seen: Seen) -> None:
+def test_foxglove_stream_contains_every_frame_with_all_its_messages(session: Session) -> None:
     frames = [
         decode("/frames", json.dumps(message.content).encode(), layout=RIGID_LAYOUT)
-        for message in of(seen, "/frames")
+        for message in messages_of(session, "/frames")
     ]
     assert len(frames) > 30
     numbers = [frame.sequence for frame in frames if isinstance(frame, Frame)]
     assert all(after == before + 1 for before, after in pairwise(numbers))
-    times = [message.log_time_ns for message in of(seen, "/frames")][1:]
+    times = [message.log_time_ns for message in messages_of(session, "/frames")][1:]
     for topic in ("/gripper", "/change", "/heat_map", "/force"):
         # The client may have connected during the first frame.
-        assert [message.log_time_ns for message in of(seen, topic)][-len(times) :] == times, topic
+        assert [message.log_time_ns for message in messages_of(session, topic)][
+            -len(times) :
+        ] == times, topic
 
 
-def test_foxglove_log_time_is_the_unix_time_of_the_frame(seen: Seen) -> None:
-    frames = of(seen, "/frames")
+def test_foxglove_log_time_is_the_unix_time_of_the_frame(session: Session) -> None:
+    frames = messages_of(session, "/frames")
     zero_ns = {
         round((message.log_time_ns - 1e9 * message.content["time_s"]) / 1e6) for message in frames
     }
     assert max(zero_ns) - min(zero_ns) <= 1
-    (start,) = {int(seen[0].server["sessionId"])}  # the server's start, Unix time in ms
+    (start,) = {int(session[0].server["sessionId"])}  # the server's start, Unix time in ms
     assert 0 < frames[0].log_time_ns / 1e6 - start < 60e3
 
 
-def test_foxglove_heat_map_contains_the_values_of_the_change_channel(seen: Seen) -> None:
-    for image, change in zip(of(seen, "/heat_map"), of(seen, "/change"), strict=False):
+def test_foxglove_heat_map_contains_the_values_of_the_change_channel(session: Session) -> None:
+    for image, change in zip(
+        messages_of(session, "/heat_map"), messages_of(session, "/change"), strict=False
+    ):
         assert (image.content.height, image.content.width) == (4, 2)
         assert (image.content.encoding, image.content.step) == ("32FC1", 8)
         stamp = image.content.timestamp
@@ -140,27 +144,27 @@ def test_foxglove_heat_map_contains_the_values_of_the_change_channel(seen: Seen)
         assert change.content["mean_percent"] == pytest.approx(np.mean(numbers))
 
 
-def test_foxglove_force_has_an_interval_and_increases_at_contact(seen: Seen) -> None:
-    forces = [message.content for message in of(seen, "/force")]
+def test_foxglove_force_has_an_interval_and_increases_at_contact(session: Session) -> None:
+    forces = [message.content for message in messages_of(session, "/force")]
     assert all(0 <= one["low_n"] <= one["force_n"] <= one["high_n"] for one in forces)
     assert forces[-1]["force_n"] > 2 * forces[0]["force_n"]
 
 
-def test_foxglove_contact_event_has_the_time_of_its_frame(seen: Seen) -> None:
-    changes = {message.log_time_ns: message.content for message in of(seen, "/change")}
-    contacts = [m for m in of(seen, "/events") if m.content["name"] == "contact"]
+def test_foxglove_contact_event_has_the_time_of_its_frame(session: Session) -> None:
+    changes = {message.log_time_ns: message.content for message in messages_of(session, "/change")}
+    contacts = [m for m in messages_of(session, "/events") if m.content["name"] == "contact"]
     for contact in contacts:
         rows = {"finger 0": (0, 1), "finger 1": (2, 3)}[contact.content["text"]]
         change = changes[contact.log_time_ns]
         lowest = min(change[f"r{row}c{col}_percent"] for row in rows for col in (0, 1))
         assert lowest <= CONTACT_PERCENT
-    earlier = [m.content["mean_percent"] for m in of(seen, "/change")[:30]]
+    earlier = [m.content["mean_percent"] for m in messages_of(session, "/change")[:30]]
     assert min(earlier) > CONTACT_PERCENT
 
 
-def test_foxglove_labels_simulated_data_in_server_name_and_link(seen: Seen) -> None:
-    assert seen[0].server["name"] == "palpate sim-rigid (SIMULATED)"
-    links = [message.content for message in of(seen, "/link")]
+def test_foxglove_labels_simulated_data_in_server_name_and_link(session: Session) -> None:
+    assert session[0].server["name"] == "palpate sim-rigid (SIMULATED)"
+    links = [message.content for message in messages_of(session, "/link")]
     assert len(links) > 2
     assert all(one["simulated"] and one["source"] == "sim-rigid" for one in links)
     assert links[-1]["rate_hz"] == pytest.approx(15.0, abs=0.5)
@@ -186,7 +190,7 @@ def test_foxglove_silent_and_returning_board_create_events(tmp_path: Path) -> No
             back = next(message for message in messages if message.topic == "/events")
             link = next(message for message in messages if message.topic == "/link")
     assert (silent.content["name"], back.content["name"]) == ("silent", "back")
-    # The time of "back" is that of its frame, which this board makes up for its silence with.
+    # The event "back" has the time of its frame, which this board sends late.
     assert first.log_time_ns < min(silent.log_time_ns, back.log_time_ns)
     assert link.content["simulated"] is False
     assert "SIMULATED" not in client.server["name"]

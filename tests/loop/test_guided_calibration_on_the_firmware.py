@@ -152,12 +152,12 @@ def test_guided_force_calibration_writes_the_file(
     assert made.origin == "hardware"
     reading, early, settled = fit_laws(placements_of(made.force))
     settled_then = np.isclose(made.force.since_move_s, HORIZON_S)
-    seen = reading.reading(np.array(made.force.pixel_excess)[:, None, :])
-    said_n = np.where(settled_then, settled.force_n(seen).value, early.force_n(seen).value)
+    excess = reading.reading(np.array(made.force.pixel_excess)[:, None, :])
+    estimated_n = np.where(settled_then, settled.force_n(excess).value, early.force_n(excess).value)
     true_n = np.array(made.force.force_n)
     firm = true_n > 1.0
     assert np.count_nonzero(firm) >= 8
-    assert np.median(np.abs(np.log(said_n[firm] / true_n[firm]))) < 0.2
+    assert np.median(np.abs(np.log(estimated_n[firm] / true_n[firm]))) < 0.2
     # The board is closed, so its watcher must be removed.
     bench.world.watchers.remove(bench._weigh)
     assert bench.gripper().state().width_mm > 70.0
@@ -172,10 +172,10 @@ def test_guided_force_calibration_refuses_a_pressure_gripper_before_any_movement
     soft = World(None, seed=4, gripper="soft")
     monkeypatch.setattr(sys.modules["bench_of_the_test"], "gripper", lambda: TwinGripper(soft))
     assert calibrate(tmp_path) == 2
-    said = capsys.readouterr().err
-    assert "driven by pressure" in said
-    assert "--loads" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "driven by pressure" in error
+    assert "--loads" in error
+    assert error.count("\n") == 1
     assert bench.asked == []
 
 

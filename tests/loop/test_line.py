@@ -17,7 +17,7 @@ from asyncua import Client, ua
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from tests.epcis import read_epcis
-from tests.loop.test_dashboard import SIMULATED, served, serving
+from tests.loop.test_dashboard import SIMULATED, run_server, serve_dashboard
 from tests.loop.test_dashboard_api import Machine
 
 from palpate.line import modbus
@@ -50,7 +50,7 @@ def free_port() -> int:
 def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     opcua_port, modbus_port = free_port(), free_port()
     options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
-    with served(tmp_path_factory.mktemp("line"), *options) as address:
+    with serve_dashboard(tmp_path_factory.mktemp("line"), *options) as address:
         yield Served(
             http=address,
             opcua=f"opc.tcp://127.0.0.1:{opcua_port}/palpate",
@@ -58,7 +58,7 @@ def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         )
 
 
-async def until(
+async def wait_until(
     ask: Callable[[], Awaitable[_Answer]], wanted: Callable[[_Answer], bool]
 ) -> _Answer:
     for _ in range(MAX_POLLS):
@@ -66,7 +66,7 @@ async def until(
         if wanted(found):
             return found
         await asyncio.sleep(POLL_PERIOD_S)
-    raise AssertionError(f"it stayed {found}")
+    raise AssertionError(f"the value stayed {found}")
 
 
 class OpcUa:
@@ -98,17 +98,17 @@ class OpcUa:
         )
 
     async def reach(self, state: str) -> None:
-        await until(lambda: self.value("State"), lambda now: now == state)
+        await wait_until(lambda: self.value("State"), lambda now: now == state)
 
 
-async def registers(client: AsyncModbusTcpClient, at: int, count: int) -> list[int]:
+async def read_registers(client: AsyncModbusTcpClient, at: int, count: int) -> list[int]:
     answer = await client.read_holding_registers(at, count=count)
     assert not answer.isError()
     return list(answer.registers)
 
 
 async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
-    await until(lambda: registers(client, modbus.STATE, 1), lambda now: now[0] == state)
+    await wait_until(lambda: read_registers(client, modbus.STATE, 1), lambda now: now[0] == state)
 
 
 def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
@@ -121,7 +121,7 @@ def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
             recording = await hand.grasp(2.0, "]C1010401234500001621B7")
             await hand.reach("holding")
             await hand.call("Release")
-            await until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
+            await wait_until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
             document = json.loads(await hand.value("Result", "Document"))
             assert document["recording"] == recording
             assert await hand.value("Result", "Outcome") == "held"
@@ -149,18 +149,19 @@ def test_modbus_grasp_result_equals_the_http_result(station: Served) -> None:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
             await reach(client, LineState.IDLE)
-            before = await registers(client, modbus.RESULTS, 2)
+            before = await read_registers(client, modbus.RESULTS, 2)
             await client.write_register(modbus.TARGET, 200)
             await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("berry-8"))
             answer = await client.write_register(modbus.COMMAND, modbus.GRASP)
             assert not answer.isError()
             await reach(client, LineState.HOLDING)
             await client.write_register(modbus.COMMAND, modbus.RELEASE)
-            await until(
-                lambda: registers(client, modbus.RESULTS, 2), lambda now: now[1] == before[1] + 1
+            await wait_until(
+                lambda: read_registers(client, modbus.RESULTS, 2),
+                lambda now: now[1] == before[1] + 1,
             )
-            values = await registers(client, modbus.VALUES, 6)
-            return values, await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+            values = await read_registers(client, modbus.VALUES, 6)
+            return values, await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
 
     values, item = asyncio.run(work())
     document = Machine(station.http).ask("GET", "/result")[1]
@@ -175,9 +176,9 @@ def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
     async def work() -> tuple[int, int, str]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             wrong = await client.write_register(modbus.COMMAND, 9)
-            why = await registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
-            beside = await client.write_register(modbus.STATE, 1)
-            return wrong.exception_code, beside.exception_code, modbus.decode_text(why)
+            why = await read_registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
+            read_only = await client.write_register(modbus.STATE, 1)
+            return wrong.exception_code, read_only.exception_code, modbus.decode_text(why)
 
     assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
 
@@ -214,13 +215,13 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served
             await hand.reach("idle")
             refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
             assert refused.exception_code == 6
-            why = await registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
+            why = await read_registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
             assert modbus.decode_text(why) == "another user is the driver; take over first"
             await hand.grasp()
             await hand.reach("execute")
             stopped = await other.write_register(modbus.COMMAND, modbus.STOP)
             assert not stopped.isError()
-            await until(lambda: hand.value("Activity"), lambda now: now == "watching")
+            await wait_until(lambda: hand.value("Activity"), lambda now: now == "watching")
             stops = await hand.value("Stops")
             with pytest.raises(ua.UaStatusCodeError):
                 await hand.grasp(stops=stops - 1)
@@ -237,13 +238,13 @@ def test_opcua_state_is_updated_before_a_command_returns(station: Served) -> Non
             await hand.call("TakeOver")
             await hand.reach("idle")
             await hand.grasp()
-            begun = await hand.value("State")
+            started = await hand.value("State")
             await hand.call("Stop")
-            await until(lambda: hand.value("Activity"), lambda now: now == "watching")
+            await wait_until(lambda: hand.value("Activity"), lambda now: now == "watching")
             await hand.call("Release")
             opening = await hand.value("State")
             await hand.reach("idle")
-            return [begun, opening]
+            return [started, opening]
 
     assert asyncio.run(work()) == ["execute", "stopped"]
 
@@ -305,11 +306,11 @@ def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(tmp_path: P
         ):
             await OpcUa(first).reach("idle")
             await reach(second, LineState.IDLE)
-            return await registers(second, modbus.RESULTS, 2)
+            return await read_registers(second, modbus.RESULTS, 2)
 
-    with serving(tmp_path, *options) as (_, process):
+    with run_server(tmp_path, *options) as (_, process):
         asyncio.run(begin(process))
-    with served(tmp_path, *options):
+    with serve_dashboard(tmp_path, *options):
         assert asyncio.run(find()) == [0, 0]
 
 
@@ -331,7 +332,7 @@ def test_opcua_beyond_the_loopback_requires_token_and_encryption(tmp_path: Path)
             found: str = await OpcUa(client).value("State")
             return found
 
-    with served(tmp_path, *options):
+    with serve_dashboard(tmp_path, *options):
         assert asyncio.run(visit("correct-horse-battery", encrypted=True)) in (
             "idle",
             "stopped",

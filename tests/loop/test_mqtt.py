@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from tests.conftest import skip
-from tests.loop.test_dashboard import SIMULATED, served, serving
+from tests.loop.test_dashboard import SIMULATED, run_server, serve_dashboard
 from tests.loop.test_dashboard_api import Machine
 from tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
 from tests.unit.test_json_schemas import faults
@@ -69,12 +69,12 @@ def numbers(documents: list[dict[str, int]]) -> list[int]:
 def test_mqtt_result_has_the_format_of_grasp_json(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    with serving(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
+    with run_server(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
         address,
         process,
     ):
         machine = Machine(address)
-        subscriber.until("online", lambda told: told["online"])
+        subscriber.until("online", lambda content: content["online"])
         machine.ready()
         assert machine.ask("POST", "/grasp", {})[0] == 202
         state = subscriber.until("state", lambda at: at["phase"] == "hold")
@@ -105,7 +105,7 @@ def test_grasp_result_is_equal_in_mqtt_api_store_and_history(
     rules = tmp_path / "rules.toml"
     rules.write_text('default = "by hand"\n[[rule]]\nbin = "small"\nsize_mm = [0, 60]\n')
     options = ("--mqtt", broker_file(tmp_path, broker.port), "--rules", str(rules))
-    with served(tmp_path, *SIMULATED, *options) as address:
+    with serve_dashboard(tmp_path, *SIMULATED, *options) as address:
         machine = Machine(address)
         machine.ready()
         assert machine.ask("POST", "/grasp", {"item_id": "berry-7", "target_force_n": 2})[0] == 202
@@ -150,7 +150,9 @@ def test_grasp_result_is_equal_in_mqtt_api_store_and_history(
 def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    with served(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as address:
+    with serve_dashboard(
+        tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)
+    ) as address:
         machine = Machine(address)
         recordings = []
         for number, trouble in enumerate((broker.hang, broker.kill, broker.start)):
@@ -171,22 +173,24 @@ def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
         assert found == recordings
 
 
-@pytest.mark.parametrize("first", [300, 1], ids=["stopped while it takes", "killed before"])
+@pytest.mark.parametrize(
+    "first", [300, 1], ids=["stopped while receiving", "killed before receiving"]
+)
 def test_mqtt_results_arrive_in_order_after_a_broker_outage(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path, first: int
 ) -> None:
     publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     for number in range(first):
         publisher.publish_result({"number": number})
-    heard = [subscriber.until("result") for _ in range(min(first, 5))]
+    results = [subscriber.until("result") for _ in range(min(first, 5))]
     broker.stop() if first > 1 else broker.kill()
-    assert heard[-1]["number"] < 299, "most are still to come"
+    assert results[-1]["number"] < 299, "the outage must precede most results"
     for number in range(first, 300):
         publisher.publish_result({"number": number})
     broker.start()
-    while heard[-1]["number"] < 299:
-        heard.append(subscriber.until("result"))
-    assert numbers(heard) == list(range(300))
+    while results[-1]["number"] < 299:
+        results.append(subscriber.until("result"))
+    assert numbers(results) == list(range(300))
     publisher.close()
 
 
@@ -203,17 +207,17 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     broker.start()
     second = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     second.publish_result({"number": 3})
-    heard = [subscriber.until("result") for _ in range(4)]
-    assert numbers(heard) == [0, 1, 2, 3]
+    results = [subscriber.until("result") for _ in range(4)]
+    assert numbers(results) == [0, 1, 2, 3]
     second.close()
-    assert subscriber.until("online", lambda told: not told["online"]) == {"online": False}
+    assert subscriber.until("online", lambda content: not content["online"]) == {"online": False}
 
 
 def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     broker: BrokerProcess, tmp_path: Path
 ) -> None:
     complaints: Queue[str] = Queue()
-    (tmp_path / "items.sqlite").write_bytes(b"no database" * 100)
+    (tmp_path / "items.sqlite").write_bytes(b"not a database" * 100)
     listening = Subscriber(broker.port, TOPIC)
     publisher = publisher_to(broker, tmp_path / "items.sqlite", complaints)
     publisher.publish_result({"number": 1})

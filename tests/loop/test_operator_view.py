@@ -15,13 +15,13 @@ from tests.loop.test_dashboard import (
     TIMEOUT_MS,
     WIDE,
     browser,
-    can_press,
     drive,
-    fresh,
+    expect_enabled,
+    expect_fresh_link,
+    expect_verdict,
     hand_left_open,
     release,
-    served,
-    verdict,
+    serve_dashboard,
 )
 
 from palpate.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
@@ -46,7 +46,8 @@ LOW = {
 }
 #: Minimum font sizes for reading from two metres, px: next step and force.
 NEXT_PX, FORCE_PX = 20, 40
-FITS = """() => [...document.querySelectorAll('#verdict-why, #verdict-text, %s')].filter((part) => {
+OUTSIDE = """() => [...document.querySelectorAll('#verdict-why, #verdict-text, %s')]
+.filter((part) => {
     const box = part.getBoundingClientRect();
     return box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight;
 }).map((part) => part.id)"""
@@ -57,10 +58,10 @@ OVERLAP = """() => {
 }"""
 PARTS = "#verdict, #next-step, .force, .item, #grasp, #release, #stop"
 #: Counts writes to live regions, and records writes without a change of the text.
-WATCH = """() => {
+WATCH_LIVE_REGIONS = """() => {
     window.written = 0;
     window.rewritten = [];
-    window.begun = +document.body.dataset.drawn;
+    window.drawnBefore = +document.body.dataset.drawn;
     for (const region of document.querySelectorAll('[role=status], [role=alert], [aria-live]')) {
         let words = region.textContent;
         new MutationObserver(() => {
@@ -74,7 +75,7 @@ WATCH = """() => {
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with served(tmp_path_factory.mktemp("operate"), *SIMULATED) as address:
+    with serve_dashboard(tmp_path_factory.mktemp("operate"), *SIMULATED) as address:
         yield address
 
 
@@ -85,21 +86,21 @@ def at(browser: Browser, url: str, size: tuple[int, int], **options: str) -> Ite
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(url)
-        fresh(page)
+        expect_fresh_link(page)
         drive(page)
         yield page
 
 
-def fits(page: Page) -> None:
+def expect_fit(page: Page) -> None:
     """Check that everything is visible without overlap and scrolling."""
-    assert page.evaluate(FITS % PARTS) == []
+    assert page.evaluate(OUTSIDE % PARTS) == []
     assert not page.evaluate(OVERLAP % PARTS)
     root = "document.documentElement"
     beyond = f"[{root}.scrollHeight - innerHeight, {root}.scrollWidth - innerWidth]"
     assert page.evaluate(beyond) == [0, 0]
 
 
-def letters_px(page: Page, part: str) -> float:
+def get_font_px(page: Page, part: str) -> float:
     return page.evaluate(f"parseFloat(getComputedStyle(document.querySelector('{part}')).fontSize)")
 
 
@@ -141,7 +142,7 @@ def test_greyed_elements_have_sufficient_contrast(
         assert page.evaluate(CONTRAST, "#measure-size_mm .value") >= 4.5
 
 
-def firmness_words() -> Iterator[str]:
+def list_firmness_texts() -> Iterator[str]:
     """Yield every firmness text, from every pair of bounds."""
     stiffnesses = (0.5, 2.0, 5.0, 12.0, 50.0)
     yield UNKNOWN_FIRMNESS
@@ -155,7 +156,7 @@ def firmness_words() -> Iterator[str]:
 
 
 #: Lays out each text in the page's font; returns the texts that do not fit.
-LAID_OUT = """async ([words, nexts, whys, firm]) => {
+FIT_TEXTS = """async ([words, nexts, whys, firm]) => {
     await document.fonts.ready;
     const [word, why, next, size] = ['verdict-text', 'verdict-why', 'next-text', 'verdict-firm']
         .map((id) => document.getElementById(id));
@@ -179,7 +180,7 @@ LAID_OUT = """async ([words, nexts, whys, firm]) => {
         size.textContent = firm;
         const letters = Math.max(...word.textContent.split(' ').map((one) => one.length));
         document.getElementById('verdict').style.setProperty('--letters', letters);
-        // The page fits them as soon as they are written.
+        // The page scales the texts in a microtask after each change.
         await null;
         const [card, step] = [parts[0], parts[4]];
         if (parts.some(out) || over(word, card) || (firm && over(size, card))
@@ -196,7 +197,7 @@ LAID_OUT = """async ([words, nexts, whys, firm]) => {
 def test_operator_page_fits_every_possible_text(browser: Browser, address: str, size: str) -> None:
     words = [word for _, word in PHASES.values()]
     words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
-    words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
+    words += [*list_firmness_texts(), "Damaged", "Hand closed", "Off target"]
     nexts = [next_step for _, next_step in OUTCOMES.values()]
     nexts += ["check its cable and power; reading resumes when the sensor answers"]
     whys = [outcome_text(outcome) for outcome in Outcome]
@@ -209,17 +210,17 @@ def test_operator_page_fits_every_possible_text(browser: Browser, address: str, 
     )
     with at(browser, f"{address}operate", pixels) as page:
         capital = [word[:1].upper() + word[1:] for word in words]
-        fits(page)
-        assert page.evaluate(LAID_OUT, [capital, nexts, whys, ""]) == []
+        expect_fit(page)
+        assert page.evaluate(FIT_TEXTS, [capital, nexts, whys, ""]) == []
         held = ["within the target of 12.5 N · answer 12.7 s after contact"]
         measured = "firmness 100 of 100, 137 mm"
-        assert page.evaluate(LAID_OUT, [list(firmness_words()), nexts, held, measured]) == []
+        assert page.evaluate(FIT_TEXTS, [list(list_firmness_texts()), nexts, held, measured]) == []
         firm = f"soft to medium, {measured}"
-        assert page.evaluate(LAID_OUT, [bins, [*AGAIN_STEPS, *nexts], [reason], firm]) == []
+        assert page.evaluate(FIT_TEXTS, [bins, [*AGAIN_STEPS, *nexts], [reason], firm]) == []
 
 
 #: Shows the headline of a lost connection; returns the texts that exceed the card.
-LOSS_LAID_OUT = """async (words) => {
+FIT_LOSS_TEXTS = """async (words) => {
     const [card, title] = ['lost', 'lost-title'].map((id) => document.getElementById(id));
     document.body.classList.add('lost');
     card.classList.remove('hidden');
@@ -242,7 +243,7 @@ def test_operator_page_fits_the_texts_of_a_lost_connection(
 ) -> None:
     with at(browser, f"{address}operate", {**SIZES, **LOW}[size]) as page:
         words = ["No connection", "The devices do not respond"]
-        assert page.evaluate(LOSS_LAID_OUT, words) == []
+        assert page.evaluate(FIT_LOSS_TEXTS, words) == []
 
 
 @pytest.mark.parametrize("size", [*SIZES, *LARGE])
@@ -251,19 +252,19 @@ def test_operator_page_shows_each_step_of_a_grasp(
 ) -> None:
     with at(browser, f"{address}operate", {**SIZES, **LARGE}[size]) as page:
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
-        fits(page)
-        can_press(page, "#grasp")
+        expect_fit(page)
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
         expect(page.locator("#next-text")).to_have_text("Keep your hands away")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
-        verdict(page, re.compile("^(Holding|.*(soft|medium|firm).*)$", re.IGNORECASE))
+        expect_verdict(page, re.compile("^(Holding|.*(soft|medium|firm).*)$", re.IGNORECASE))
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-good")
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-4]\.\d$"))
-        fits(page)
-        assert letters_px(page, "#verdict-text") >= 72
-        assert letters_px(page, "#next-text") >= NEXT_PX
-        assert letters_px(page, "#force-now") >= FORCE_PX
+        expect_fit(page)
+        assert get_font_px(page, "#verdict-text") >= 72
+        assert get_font_px(page, "#next-text") >= NEXT_PX
+        assert get_font_px(page, "#force-now") >= FORCE_PX
         release(page)
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         expect(page.locator("#force-now")).to_have_text("hand open")
@@ -271,11 +272,11 @@ def test_operator_page_shows_each_step_of_a_grasp(
 
 def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, address: str) -> None:
     with at(browser, f"{address}operate", SIZES["phone"]) as page:
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\.\d$"))
         page.locator("#stop").click()
-        verdict(page, "Stopped")
+        expect_verdict(page, "Stopped")
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-bad")
         expect(page.locator("#next-text")).to_have_text("Press Release: the hand opens")
         # The hand still grips, and the headline is not repeated below.
@@ -283,12 +284,12 @@ def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, addres
         # The answer may precede the press, because the page runs in real time.
         why = re.compile(r"^(answer .* after contact)?\s*$")
         expect(page.locator("#verdict-why")).to_have_text(why)
-        fits(page)
+        expect_fit(page)
         release(page)
         expect(page.locator("#force-now")).to_have_text("hand open")
-        verdict(page, "Stopped, hand open")
+        expect_verdict(page, "Stopped, hand open")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "idle")
-        fits(page)
+        expect_fit(page)
 
 
 #: Overlapping labels of force levels.
@@ -304,16 +305,16 @@ def test_operator_page_reports_a_damaged_item_once(browser: Browser, address: st
     with at(browser, address, SIZES["wide"]) as page:
         target = page.get_by_label("Target force").first
         target.fill("14")
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
-        verdict(page, "holding")
+        expect_verdict(page, "holding")
         # The damage is not shown for the next grasp, nor after a failure.
         target.fill("")
         # Target and ceiling are close together.
         expect(page.locator("#force .level")).to_have_count(2)
         assert not page.evaluate(OVERLAPPING)
         release(page)
-        verdict(page, "the object was damaged")
+        expect_verdict(page, "the object was damaged")
         # The mark is at the time of the damage during the closing, not at the answer.
         at_s = {
             name: float(
@@ -323,18 +324,18 @@ def test_operator_page_reports_a_damaged_item_once(browser: Browser, address: st
         }
         assert at_s["contact"] < at_s["damaged"] < at_s["answer"]
         page.goto(f"{address}operate")
-        verdict(page, "Damaged")
+        expect_verdict(page, "Damaged")
         expect(page.locator("#next-text")).to_have_text("Set this item aside")
         expect(page.locator("#verdict-why")).to_contain_text("held and released")
         expect(page.locator("#verdict-why")).not_to_contain_text("damaged")
-        fits(page)
+        expect_fit(page)
 
 
 def test_reload_and_network_failure_preserve_the_hold_and_the_form(
     browser: Browser, address: str
 ) -> None:
     with at(browser, f"{address}operate", SIZES["phone"]) as page:
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
         page.reload()
@@ -344,7 +345,7 @@ def test_reload_and_network_failure_preserve_the_hold_and_the_form(
         page.context.set_offline(True)
         expect(page.locator("#lost")).to_be_visible()
         page.context.set_offline(False)
-        fresh(page)
+        expect_fresh_link(page)
         expect(page.get_by_label("Next item")).to_have_value("berry-11")
         release(page)
         page.get_by_label("Next item").fill("")
@@ -387,8 +388,8 @@ def test_every_tab_and_item_has_a_url(browser: Browser, address: str, path: str,
         page.get_by_role("tab", name="Recordings").click()
         expect(page).to_have_url(f"{address}recordings")
         # The URL is not replaced when the store is read again, every three seconds.
-        begun = page.evaluate("+document.body.dataset.drawn")
-        page.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 60", arg=begun)
+        drawn = page.evaluate("+document.body.dataset.drawn")
+        page.wait_for_function("(before) => +document.body.dataset.drawn > before + 60", arg=drawn)
         expect(page).to_have_url(f"{address}recordings")
 
 
@@ -398,8 +399,8 @@ def test_live_regions_are_written_only_when_their_text_changes(
 ) -> None:
     with at(browser, f"{address}{path}", SIZES["wide"]) as page:
         page.wait_for_function("+document.body.dataset.drawn > 5")
-        page.evaluate(WATCH)
-        page.wait_for_function("+document.body.dataset.drawn > window.begun + 30")
+        page.evaluate(WATCH_LIVE_REGIONS)
+        page.wait_for_function("+document.body.dataset.drawn > window.drawnBefore + 30")
         assert page.evaluate("window.rewritten") == []
         # On a busy machine the link may be stale for a moment; other texts do not change.
         assert page.evaluate("window.written") < 10
@@ -433,7 +434,7 @@ def test_page_has_no_accessibility_violations(
     with at(browser, f"{address}{path}", size, **SHADES[shade], **CALM) as page:
         assert page.locator("html").get_attribute("lang") == "en-US"
         assert (page.locator("h1").count(), page.locator("main").count()) == (1, 1)
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         check_accessibility(page)
 
 
@@ -443,9 +444,9 @@ def test_page_has_no_accessibility_violations_during_hold_replay_and_dialog(
 ) -> None:
     size = (WIDE["width"], WIDE["height"])
     with at(browser, f"{address}recordings", size, **SHADES[shade], **CALM) as page:
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
-        verdict(page, "holding")
+        expect_verdict(page, "holding")
         page.locator(".cell").first.click()
         expect(page.locator("#pixel")).to_be_visible()
         check_accessibility(page)
@@ -454,7 +455,7 @@ def test_page_has_no_accessibility_violations_during_hold_replay_and_dialog(
         expect(page.locator("#timeline")).to_be_visible()
         check_accessibility(page)
         page.get_by_role("button", name="Back to the rig").click()
-        fresh(page)
+        expect_fresh_link(page)
         page.get_by_role("button", name="More about").first.click()
         expect(page.locator(".care")).to_be_visible()
         check_accessibility(page)
@@ -466,7 +467,7 @@ def test_operator_page_has_no_accessibility_violations_during_hold_loss_and_stop
     browser: Browser, address: str, shade: str
 ) -> None:
     with at(browser, f"{address}operate", SIZES["phone"], **SHADES[shade], **CALM) as page:
-        can_press(page, "#grasp")
+        expect_enabled(page, "#grasp")
         page.locator("#grasp").click()
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
         check_accessibility(page)
@@ -474,7 +475,7 @@ def test_operator_page_has_no_accessibility_violations_during_hold_loss_and_stop
         expect(page.locator("#lost")).to_be_visible()
         check_accessibility(page)
         page.context.set_offline(False)
-        fresh(page)
+        expect_fresh_link(page)
         page.locator("#stop").click()
         expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "bad")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.loop.test_dashboard import SIMULATED, served
+from tests.loop.test_dashboard import SIMULATED, serve_dashboard
 from tests.loop.test_dashboard_api import POLL_PERIOD_S, Machine
 
 from palpate.clock import ManualClock
@@ -80,15 +80,15 @@ def test_replay_of_a_served_grasp_reproduces_the_stored_result(
 ) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text('default = "by hand"\n[[rule]]\nbin = "large"\nsize_mm = [30, 200]\n')
-    with served(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
+    with serve_dashboard(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
         machine = Machine(address)
         machine.ask("PUT", "/driver")
         machine.ready()
         machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
         machine.until(lambda at: at["phase"] == "hold" and at["answered"])
         # At ten times the speed, the hold is longer than with `palpate grasp`.
-        looks = itertools.count()
-        machine.until(lambda _: POLL_PERIOD_S * next(looks) > HOLD_S)
+        polls = itertools.count()
+        machine.until(lambda _: POLL_PERIOD_S * next(polls) > HOLD_S)
         machine.ask("POST", "/release")
         machine.until(lambda at: machine.ask("GET", "/result")[0] == 200)
         served_grasp = machine.ask("GET", "/result")[1]
@@ -127,7 +127,7 @@ def test_replay_of_a_grasp_ended_by_the_user_ends_at_the_same_frame(
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=2.0, hold_s=60.0)
     seen_in: list[float] = []
 
-    def ask(state: GraspState) -> None:
+    def send_request(state: GraspState) -> None:
         if state.phase is request_in:
             seen_in.append(state.estimate.now_s)
         if seen_in and state.estimate.now_s > seen_in[0] + 2.0 * (request_in is Phase.HOLD):
@@ -140,7 +140,7 @@ def test_replay_of_a_grasp_ended_by_the_user_ends_at_the_same_frame(
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder],
-            watchers=[ask],
+            watchers=[send_request],
             requests=requests,
         )
         recorder.end(result, requests)

@@ -5,7 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import TIMEOUT_MS, browser, can_press, drive, fresh, served
+from tests.loop.test_dashboard import (
+    TIMEOUT_MS,
+    browser,
+    drive,
+    expect_enabled,
+    expect_fresh_link,
+    serve_dashboard,
+)
 from tests.loop.test_dashboard_api import Machine
 
 __all__ = ["browser"]
@@ -17,12 +24,12 @@ SCANS = 20
 def test_twenty_scanned_items_are_each_stored_with_their_own_name(
     browser: Browser, tmp_path: Path
 ) -> None:
-    with served(tmp_path, *FAST) as address:
+    with serve_dashboard(tmp_path, *FAST) as address:
         machine = Machine(address)
         page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(f"{address}operate")
-        fresh(page)
+        expect_fresh_link(page)
         drive(page)
         field = page.get_by_label("Next item")
         for number in range(SCANS):
@@ -32,7 +39,7 @@ def test_twenty_scanned_items_are_each_stored_with_their_own_name(
                 page.keyboard.press("Enter")
                 expect(field).to_have_value(name)
                 expect(page.locator(".taken")).to_be_visible()
-            can_press(page, "#grasp")
+            expect_enabled(page, "#grasp")
             page.keyboard.press("F8")
             machine.until(lambda at: at["phase"] is not None)
             # The grasp clears the name.
@@ -41,7 +48,7 @@ def test_twenty_scanned_items_are_each_stored_with_their_own_name(
             page.keyboard.press("Escape")
             machine.until(lambda at: at["activity"] == "watching")
             assert machine.ask("GET", "/result")[1]["item_id"] == f"A-{number}"
-            can_press(page, "#release")
+            expect_enabled(page, "#release")
             page.keyboard.press("F9")
             machine.ready()
         names = [item["item_id"] for item in machine.ask("GET", "/items")[1]["items"]]

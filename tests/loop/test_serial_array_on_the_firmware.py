@@ -59,7 +59,7 @@ def closing() -> Iterator[ExitStack]:
         yield stack
 
 
-def opened(closing: ExitStack, **options: object) -> Rig:
+def open_board_rig(closing: ExitStack, **options: object) -> Rig:
     rig = Rig(**options)  # type: ignore[arg-type]
     closing.callback(rig.array.close)
     return rig
@@ -71,7 +71,7 @@ def opened(closing: ExitStack, **options: object) -> Rig:
 def test_serial_array_configures_the_board_as_requested(
     layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
 ) -> None:
-    rig = opened(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
+    rig = open_board_rig(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
     identity = rig.array.identity
     assert (identity.board, identity.rate_hz) == ("Arduino Mega 2560", rate_hz)
     assert (identity.rows, identity.cols) == (layout.rows, layout.cols)
@@ -104,7 +104,9 @@ def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     assert highest_hz < rate_hz
     with pytest.raises(WireError, match="at most"):
         Rig(layout=layout, rate_hz=1.01 * highest_hz, oversampling=oversampling)
-    rig = opened(closing, layout=layout, rate_hz=0.999 * highest_hz, oversampling=oversampling)
+    rig = open_board_rig(
+        closing, layout=layout, rate_hz=0.999 * highest_hz, oversampling=oversampling
+    )
     assert len(rig.frames(0.4)) == pytest.approx(0.4 * highest_hz, rel=0.02, abs=1)
     assert rig.array.counters.lost == 0
 
@@ -112,7 +114,7 @@ def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
 def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
     closing: ExitStack,
 ) -> None:
-    rig = opened(closing)
+    rig = open_board_rig(closing)
     before = rig.frames(0.3)
     rig.board.reset()
     after = rig.frames(0.6)
@@ -123,7 +125,7 @@ def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
 
 
 def test_serial_array_recovers_after_a_watchdog_reset(closing: ExitStack) -> None:
-    rig = opened(closing, contents=Contents.PRESSURE)
+    rig = open_board_rig(closing, contents=Contents.PRESSURE)
     before = rig.frames(0.2)
     rig.array.send(SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
     before += rig.frames(0.1)
@@ -133,7 +135,7 @@ def test_serial_array_recovers_after_a_watchdog_reset(closing: ExitStack) -> Non
     identity = rig.array.identity
     assert identity.reset_cause & 8, "watchdog"
     assert rig.array.counters.restarts == 1
-    assert rig.board.output_kpa == 0, "nobody has asked for pressure since"
+    assert rig.board.output_kpa == 0, "no pressure was requested after the reset"
     _assert_one_gap(before + after, longest_s=0.45)
 
 

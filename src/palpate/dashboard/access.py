@@ -33,7 +33,6 @@ _MAX_WAIT_S = 4.0
 _MAX_VISITORS = 1000
 #: Maximum size of the token form, bytes; longer bodies are refused.
 _MAX_FORM_BYTES = 4096
-_LOOPBACK_NAMES = ("localhost",)
 #: Headers of every response. Framing is denied because another site could redirect clicks to the
 #: buttons. Referrers are restricted because the URL may contain the token.
 _HEADERS = (
@@ -54,7 +53,7 @@ def is_loopback(host: str) -> bool:
     >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("0.0.0.0")
     (True, True, False)
     """
-    if host in _LOOPBACK_NAMES:
+    if host == "localhost":
         return True
     try:
         return ip_address(host).is_loopback
@@ -125,7 +124,7 @@ class AccessControl:
             answer = _token_page(403, "Requests from other sites are refused.")
         elif self._token is not None and not self._has_cookie(headers):
             if scope["path"].startswith(_API_PREFIX):
-                answer = await self._check_machine(scope, headers, self._token)
+                answer = await self._check_api_client(scope, headers, self._token)
             else:
                 answer = await self._ask_for_token(scope, receive, self._token)
         if answer is None:
@@ -150,7 +149,9 @@ class AccessControl:
             cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie
         )
 
-    async def _check_machine(self, scope: Scope, headers: Headers, token: str) -> Response | None:
+    async def _check_api_client(
+        self, scope: Scope, headers: Headers, token: str
+    ) -> Response | None:
         """Return a one-line refusal of an API request; None with a valid token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
@@ -224,10 +225,10 @@ class WrongTokens:
         if not self.is_throttled(client):
             return 0.0
         now_s, name = self._now_s(), self._count_key(client)
-        turn_s = max(self._next_checks_s.get(name, now_s), now_s)
-        if turn_s - now_s <= _MAX_WAIT_S:
-            self._next_checks_s[name] = turn_s + CHECK_INTERVAL_S
-        return turn_s - now_s
+        slot_s = max(self._next_checks_s.get(name, now_s), now_s)
+        if slot_s - now_s <= _MAX_WAIT_S:
+            self._next_checks_s[name] = slot_s + CHECK_INTERVAL_S
+        return slot_s - now_s
 
     def release_slot(self, client: str) -> None:
         """Release the slot of a correct token."""

@@ -219,7 +219,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
         servers=[{"url": "/api"}],
     )
     components = found["components"]
-    components["schemas"] |= {name: _publish(name) for name in _SCHEMA_NAMES}
+    components["schemas"] |= {name: _load_schema(name) for name in _SCHEMA_NAMES}
     for operation in (one for path in found["paths"].values() for one in path.values()):
         if 422 in map(int, operation["responses"]):
             refused = operation["responses"]["422"]["content"]["application/json"]
@@ -232,7 +232,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
     return found
 
 
-def _publish(name: str) -> dict[str, Any]:
+def _load_schema(name: str) -> dict[str, Any]:
     """Return a published schema with its references adapted to the OpenAPI components."""
     text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
     for schema_name in _SCHEMA_NAMES:

@@ -40,6 +40,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import state_document
+from palpate.dashboard.panel_html import count_of
 from palpate.dashboard.session import Session
 from palpate.dashboard.transport import run_on
 from palpate.errors import InputError
@@ -512,6 +513,6 @@ class AppState:
 
 
 def age_text(made_at: str) -> str:
-    """Return the age of an ISO 8601 time in days, such as ``3 days ago``."""
+    """Return the age of an ISO 8601 time: ``today``, or in days, such as ``3 days ago``."""
     days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
-    return "today" if days < 1 else f"{days} day{'' if days == 1 else 's'} ago"
+    return "today" if days < 1 else f"{count_of(days, 'day')} ago"

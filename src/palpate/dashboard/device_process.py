@@ -271,7 +271,7 @@ class DeviceProcess:
         return _JOBS[type(order)](order, context=self._context)
 
     def _stop_delay_s(self) -> float | None:
-        """Return the time since the stop request, on the rig's clock; None without one."""
+        """Return the time until the hand received the stop, rig clock; None without a stop."""
         with self._lock:
             context, requested_s = self._context, self._stop_requested_s
             if context is None or requested_s is None:

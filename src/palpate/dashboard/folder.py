@@ -35,7 +35,7 @@ from palpate.recording import RecordingReader
 LISTED_GRASPS = 50
 #: Number of points of a stored force curve.
 _CURVE_POINTS = 48
-_FILE = "grasps.jsonl"
+_FILE, _SUFFIX = "grasps.jsonl", ".mcap"
 #: Number of table rows written per chunk.
 _CSV_CHUNK_ROWS = 200
 _MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
@@ -309,18 +309,19 @@ def check_name(stem: str) -> str:
     --------
     >>> check_name("monday 3")
     'monday 3.mcap'
-    >>> check_name("../monday")
+    >>> check_name("a/b")
     Traceback (most recent call last):
-    palpate.errors.InputError: '../monday': a name may contain only letters, digits, spaces, - and _
+    palpate.errors.InputError: 'a/b': a name may contain only letters, digits, spaces, dots, - and _
     """
     stem = stem.strip()
     usable = all(letter.isalnum() or letter in " -_." for letter in stem)
     if not stem or len(stem) > 80 or stem.startswith(".") or not usable:
-        raise InputError(f"{stem!r}: a name may contain only letters, digits, spaces, - and _")
-    return f"{stem}.mcap"
+        raise InputError(
+            f"{stem!r}: a name may contain only letters, digits, spaces, dots, - and _"
+        )
+    return f"{stem}{_SUFFIX}"
 
 
-_SUFFIX = ".mcap"
 #: Number of recordings that the page lists.
 LISTED_RECORDINGS = 100
 #: Coarsest resolution of modification times (FAT: 2 s), nanoseconds.
@@ -381,8 +382,8 @@ class RecordingList:
                 new.append(name)
         has_deletions = found < len(self._mtime_s)
         if has_deletions:
-            there = set(names)
-            self._mtime_s = {n: s for n, s in self._mtime_s.items() if n in there}
+            present = set(names)
+            self._mtime_s = {n: s for n, s in self._mtime_s.items() if n in present}
         for name in new:
             with suppress(OSError):  # a dangling link, or deleted in the meantime
                 self._mtime_s[name] = (self._folder / name).stat().st_mtime
@@ -456,7 +457,7 @@ def delete_recording(folder: Path, name: str) -> None:
 
 
 def is_simulated(file: Path, status: os.stat_result) -> bool:
-    """Return whether a recording is simulated; false if it is unreadable."""
+    """Return whether a recording is simulated; False if it is unreadable."""
     return _origin(file, status.st_mtime_ns) not in ("hardware", "")
 
 

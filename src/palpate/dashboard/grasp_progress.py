@@ -134,7 +134,7 @@ def grasp_progress_of(
     before : GraspProgress or None
         The previous progress, whose forecast is retained until the next forecast.
     forecasts : bool
-        Whether to compute a new forecast now, which requires milliseconds.
+        Whether to compute a new forecast now, at a cost of milliseconds.
     """
     decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_PHASES
     settled = settled_n = settled_gain = settles_s = data_s = None

@@ -72,7 +72,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         if activity is DeviceActivity.WATCHING and not devices.is_sensor_only:
             text = "ready"
         return _headline(text, "busy" if activity is DeviceActivity.GRASPING else "idle")
-    # The last phase has no text: the grasp has ended, but its result is still to come.
+    # The last phase has no text: the grasp has ended, but its result has not arrived yet.
     text = phase_text(progress.phase) or outcome_text(progress.answer.outcome)
     if not progress.decided:
         return _headline(text, "busy")
@@ -193,7 +193,7 @@ def _describe_measurements(result: GraspResult) -> list[str]:
 
 
 def _has_passed_limit(result: GraspResult, damage_low_n: float | None) -> bool:
-    """Whether the peak force exceeded the object's learned damage limit."""
+    """Return whether the peak force exceeded the object's learned damage limit."""
     peak_n = result.peak_force_n
     return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
 
@@ -203,7 +203,7 @@ def _is_damaged(grasped: Grasped) -> bool:
 
 
 def _is_stop_headline(headline: Mapping[str, object]) -> bool:
-    """Whether the headline reports a stopped grasp."""
+    """Return whether the headline reports a stopped grasp."""
     return headline["text"] == outcome_text(Outcome.STOPPED)
 
 

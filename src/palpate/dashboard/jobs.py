@@ -283,12 +283,15 @@ class _MissingLoadCell:
 
 
 def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationRenewed:
-    """Open the hand and measure the rest values.
+    """Open the hand, if any, and measure the rest values.
 
     Raises
     ------
     DeviceError
-        If the readings do not settle (contact or movement), or a pixel has no signal.
+        If the sensor is silent; with a gripper, also if the readings do not settle (contact or
+        movement) or a pixel has no signal.
+    CalibrationError
+        Without a gripper, if the sensor is loaded or moved, or a pixel is open or short.
     """
     rig = context.rig
     rest = (

@@ -102,7 +102,6 @@ class Live:
         fingers = 0 if source is None else source.layout.fingers
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
-        self._laws = None if source is None else source.laws
         #: Whether a release was requested since the start of the last grasp.
         self.released = False
         self.clear_curve()
@@ -122,11 +121,8 @@ class Live:
         #: Start of each phase of the grasp.
         self.phases: list[tuple[float, str]] = []
         self.released = False
-        self._force = (
-            None
-            if self._laws is None
-            else ForceNow(self._laws, early_s=DWELL_S, settled_s=HORIZON_S)
-        )
+        laws = None if self.source is None else self.source.laws
+        self._force = None if laws is None else ForceNow(laws, early_s=DWELL_S, settled_s=HORIZON_S)
         self._last_slot = -math.inf
         self._previous_time_s = 0.0
 
@@ -206,11 +202,13 @@ class Live:
         readings of the fingers.
         """
         source, rest_ohm = self.source, self._rest_ohm
-        if source is None or force is None or ohm is None or rest_ohm is None or not self._laws:
+        if source is None or source.laws is None:
+            return []
+        if force is None or ohm is None or rest_ohm is None:
             return []
         excess = _excess(source, ohm, rest_ohm)
         fingers = np.array(source.layout.finger_of_row)[:, None]
-        reading = self._laws.reading.reading
+        reading = source.laws.reading.reading
         read = [float(reading(np.where(fingers == one, excess, 0))) for one in np.unique(fingers)]
         mean = sum(read) / len(read)
         return [force.middle * one / mean for one in read] if mean > 0 else []
@@ -224,11 +222,6 @@ class Live:
     def is_hand_open(self) -> bool | None:
         """Whether the hand is open and not moving; None if its opening is unknown."""
         return self.is_open(self.reported, moving=self.moving)
-
-    @property
-    def is_force_calibrated(self) -> bool:
-        """Whether the source has a force calibration."""
-        return self._laws is not None
 
     def is_open(self, reported: float, *, moving: bool) -> bool | None:
         """Return whether the hand with this report is open and not moving; None if unknown."""
@@ -255,7 +248,7 @@ class Live:
     def settled_measurement(self) -> tuple[float, Measurement | None] | None:
         """Mean change (percent) and force, measured at the horizon of the forecast.
 
-        None before the horizon, and if the hand moved before the horizon.
+        None before the horizon, after a movement during the hold, and without a force.
         """
         progress = self.progress
         if progress is None or progress.settles_s is None or not self.curve:
@@ -320,7 +313,7 @@ class Live:
 
 
 def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
-    """Return the excess conductance as in a grasp, limited at the converter's last step."""
+    """Return the excess conductance as in a grasp; a short counts as `least_ohm`."""
     read = np.maximum(ohm, source.layout.divider.least_ohm)
     return excess_conductance(read, rest_ohm=rest_ohm)
 

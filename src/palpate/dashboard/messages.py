@@ -32,7 +32,7 @@ _MAX_TIME_S = sys.float_info.max
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenRig:
-    """Close the open rig and open this one; `speed` is simulated seconds per real second."""
+    """Close the open rig and open another; `speed` is simulated seconds per real second."""
 
     name: str
     object_name: str | None = None

@@ -66,10 +66,7 @@ def build_page(
     ui.timer(_REFRESH_S, viewer.refresh)
 
 
-def build_operator_page(
-    app_state: AppState,
-    client: Client,
-) -> None:
+def build_operator_page(app_state: AppState, client: Client) -> None:
     """Build the operator's page: verdict, next step, force and three buttons."""
     viewer = _start_page(app_state, client, script="operate.js")
     ui.query("body").classes("operate")
@@ -84,7 +81,7 @@ def build_operator_page(
 
 
 def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
-    """Add the parts common to all pages, and join the session."""
+    """Add the parts common to all pages; join the session when the browser connects."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
     if script == "live.js":
@@ -121,14 +118,14 @@ def _add_header(
 
     with ui.element("header").classes("bar"):
         _add_static_html("header.html")
-        who = ui.label().classes("pill").props("id=who")
-        take = viewer.button("Take over", viewer.take_over, props="id=take-over", small=True)
+        driver = ui.label().classes("pill").props("id=who")
+        take_over = viewer.button("Take over", viewer.take_over, props="id=take-over", small=True)
         ui.link(other[1], other[0]).classes("pill")
         if sound:
             _add_static_html("sound.html")
-        shade = ui.button(icon="contrast", on_click=toggle_dark, color=None)
-        shade.classes("btn plain small").props("flat id=shade")
-        shade.props["aria-label"] = "Light or dark"
+        contrast = ui.button(icon="contrast", on_click=toggle_dark, color=None)
+        contrast.classes("btn plain small").props("flat id=shade")
+        contrast.props["aria-label"] = "Light or dark"
 
     was_driver = [False]
 
@@ -141,8 +138,8 @@ def _add_header(
         others = len(app_state.session.viewers) - 1 if is_driver else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
         status = "no driver" if app_state.session.driver is None else "you watch"
-        who.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else status)
-        take.set_visibility(not is_driver)
+        driver.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else status)
+        take_over.set_visibility(not is_driver)
 
     viewer.on_refresh(show_driver)
 

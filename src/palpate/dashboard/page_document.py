@@ -50,13 +50,8 @@ def state_document(session: Session) -> dict[str, object]:
     }
 
 
-def document(
-    session: Session,
-    *,
-    generation: int,
-    after_s: float,
-) -> dict[str, Any]:
-    """Return the document that the page draws.
+def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
+    """Return the document of the page.
 
     Parameters
     ----------
@@ -81,7 +76,7 @@ def document(
             "origin": source.origin,
             "simulated": source.is_simulated,
             "replayed": source.replayed,
-            "newtons": live.is_force_calibrated,
+            "newtons": source.laws is not None,
         },
         "link": link,
         "hand": _hand(live, live.reported, moving=live.moving, released=live.released),

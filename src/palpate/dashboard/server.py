@@ -66,7 +66,6 @@ def serve(
     with require_extra("the dashboard", extra="dashboard"):
         import uvicorn
         from fastapi import FastAPI
-        from nicegui import ui
 
         from palpate.dashboard.access import STOP_PATHS, AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
@@ -76,8 +75,6 @@ def serve(
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
     app.mount("/api", build_api(app_state, token=token is not None))
-    _add_stop_route(app, app_state)
-    _add_routes(app_state)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
@@ -85,19 +82,8 @@ def serve(
     line_thread = LoopThread("lines") if lines else None
     if line_thread is not None:
         _serve_lines(app, app_state, lines, thread=line_thread)
-    ui.run_with(
-        app,
-        title="palpate",
-        language="en-US",
-        favicon="🤏",
-        dark=None,
-        binding_refresh_interval=None,
-        reconnect_timeout=_RECONNECT_TIMEOUT_S,
-        message_history_length=100,
-        tailwind=False,
-        gzip_middleware_factory=None,
-        show_welcome_message=False,
-    )
+    _add_stop_route(app, app_state)
+    _add_pages(app, app_state)
     threaded = AppThread(app, direct=STOP_PATHS)
     gate = AccessControl(threaded, token=token, loopback=is_loopback(host))
     config = uvicorn.Config(
@@ -128,8 +114,28 @@ def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
-def _add_routes(app_state: AppState) -> None:
-    """Add the pages, the polled document and the downloads."""
+def _add_pages(outer: FastAPI, app_state: AppState) -> None:
+    """Add the pages, the polled document and the downloads to the outer application."""
+    from nicegui import ui
+
+    _add_page_routes(app_state)
+    ui.run_with(
+        outer,
+        title="palpate",
+        language="en-US",
+        favicon="🤏",
+        dark=None,
+        binding_refresh_interval=None,
+        reconnect_timeout=_RECONNECT_TIMEOUT_S,
+        message_history_length=100,
+        tailwind=False,
+        gzip_middleware_factory=None,
+        show_welcome_message=False,
+    )
+
+
+def _add_page_routes(app_state: AppState) -> None:
+    """Add the pages, the polled document and the downloads to NiceGUI's application."""
     from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
 
@@ -160,11 +166,7 @@ def _add_routes(app_state: AppState) -> None:
 
     @app.get("/live")
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
-        content: dict[str, Any] = document(
-            app_state.session,
-            generation=generation,
-            after_s=after_s,
-        )
+        content = document(app_state.session, generation=generation, after_s=after_s)
         is_idle = content["verdict"]["kind"] == "idle"
         content["idle"] = app_state.idle_texts() if is_idle else []
         return JSONResponse(content | {"server_s": time.monotonic()})

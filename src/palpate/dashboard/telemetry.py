@@ -104,7 +104,7 @@ class Telemetry:
         """Switch to another source of frames; `events` returns the counters of its link.
 
         Gaps in the sequence numbers count as losses only if `linked`. The twin scans frames between
-        reads, so its gaps are no losses.
+        reads, so its gaps are not losses.
         """
         with self._lock:
             self._frames.clear()

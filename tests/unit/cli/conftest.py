@@ -32,7 +32,7 @@ def open_twin(*, seed, pressed=False):
 
 @pytest.fixture
 def rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """Write rig files beside a module that opens a twin's array on its own clock."""
+    """Write rig files next to a module that opens a twin's array."""
     (tmp_path / "rig_of_a_twin.py").write_text(_OPENER)
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -49,7 +49,7 @@ def rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., P
 
 @pytest.fixture
 def record_twin(tmp_path: Path) -> Callable[..., Path]:
-    """Record ten seconds of rest, and then a press on each pixel that `order` names."""
+    """Record ten seconds of rest, then a press on each pixel of `order`."""
 
     def record(*, seed: int = 1, order: list[tuple[int, int]] | None = None) -> Path:
         array = TwinArray(World(None, seed=seed))

@@ -1,4 +1,4 @@
-"""`palpate bruise`, as a user runs it on the store of `palpate demo packhouse`."""
+"""`palpate bruise` on the store of `palpate demo packhouse`."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ def test_bruise_dropped_apple_names_the_bruised_pixels(filled: Path, palpate: Co
 def test_bruise_sound_apple_exits_with_0_and_is_labelled_simulated(
     filled: Path, palpate: Command
 ) -> None:
-    said = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled).out
-    assert said.startswith("apple-1: sound (simulated)")
-    assert "history" in said or "class" in said or "item" in said
+    shown = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled).out
+    assert shown.startswith("apple-1: sound (simulated)")
+    assert "history" in shown or "class" in shown or "item" in shown
 
 
 def test_bruise_stores_each_verdict_with_the_item(filled: Path, palpate: Command) -> None:
-    def kept() -> list[str]:
+    def stored_texts() -> list[str]:
         with Store.open(filled) as store:
-            said = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
-        return [verdict.text for verdict in said]
+            verdicts = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
+        return [verdict.text for verdict in verdicts]
 
-    before = kept()
+    before = stored_texts()
     palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled)
-    assert kept() == [*before, "sound"]
+    assert stored_texts() == [*before, "sound"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("nobody",), "no item 'nobody'"),
         (("A17", "--learn"), "training requires 10 of each"),
@@ -61,9 +61,9 @@ def test_bruise_stores_each_verdict_with_the_item(filled: Path, palpate: Command
     ],
 )
 def test_bruise_invalid_input_is_refused_in_one_line(
-    filled: Path, arguments: tuple[str, ...], says: str, palpate: Command
+    filled: Path, arguments: tuple[str, ...], message: str, palpate: Command
 ) -> None:
-    assert says in palpate.refused("bruise", *arguments, "--store", filled)
+    assert message in palpate.refused("bruise", *arguments, "--store", filled)
 
 
 def test_bruise_learn_refuses_item_without_kind(filled: Path, palpate: Command) -> None:

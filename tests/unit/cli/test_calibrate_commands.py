@@ -1,4 +1,4 @@
-"""`palpate calibrate force | compliance | settling`, as a user runs them on the twin."""
+"""`palpate calibrate force | compliance | settling`, on the twin."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from palpate.sensor.rest_calibration import replace_rest
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrated") / "pad.json"
-    words = ["calibrate", "force", "--seed", "3", "--out", str(path)]
-    assert run(build_app(), words, name="palpate") == 0
+    arguments = ["calibrate", "force", "--seed", "3", "--out", str(path)]
+    assert run(build_app(), arguments, name="palpate") == 0
     return path
 
 
@@ -46,9 +46,9 @@ def test_calibrate_force_prints_the_plot_file(tmp_path: Path, palpate: Command) 
 def test_calibrate_force_advises_omitting_loads_only_if_given(
     loads: list[str], palpate: Command
 ) -> None:
-    said = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
-    assert "can't be loaded with weights" in said
-    assert ("omit --loads" in said) == bool(loads)
+    error = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
+    assert "can't be loaded with weights" in error
+    assert ("omit --loads" in error) == bool(loads)
 
 
 def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
@@ -76,25 +76,25 @@ def test_calibrate_compliance_invalid_input_is_refused_in_one_line(
     assert message in palpate.refused("calibrate", "compliance", *arguments, status=status)
 
 
-def of_other_sensor(path: Path) -> None:
+def write_other_sensor(path: Path) -> None:
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
     replace_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(path)
 
 
-def cut_in_half(path: Path) -> None:
-    of_other_sensor(path)
+def truncate_file(path: Path) -> None:
+    write_other_sensor(path)
     path.write_text(path.read_text()[: path.stat().st_size // 2])
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
-    [(of_other_sensor, "give another --out"), (cut_in_half, "incomplete or invalid JSON")],
+    ("prepare", "message"),
+    [(write_other_sensor, "give another --out"), (truncate_file, "incomplete or invalid JSON")],
 )
 def test_calibrate_other_sensors_file_is_left_unchanged(
-    tmp_path: Path, spoil: object, message: str, palpate: Command
+    tmp_path: Path, prepare: object, message: str, palpate: Command
 ) -> None:
     path = tmp_path / "pad.json"
-    spoil(path)  # type: ignore[operator]
+    prepare(path)  # type: ignore[operator]
     before = path.read_bytes()
     assert message in palpate("calibrate", "force", "--out", path, status=2).err
     assert path.read_bytes() == before
@@ -113,7 +113,7 @@ def test_calibrate_force_bad_loads_preserve_the_old_file(
     tmp_path: Path, text: str, message: str, palpate: Command
 ) -> None:
     path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
-    of_other_sensor(path)
+    write_other_sensor(path)
     before = path.read_bytes()
     loads.write_text(text)
     error = palpate(
@@ -137,7 +137,7 @@ def test_calibrate_unwritable_output_is_refused_before_measuring(
     step: str, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def measure(*_: object, **__: object) -> None:
-        raise AssertionError("measured in vain")
+        raise AssertionError("measured before the output was checked")
 
     monkeypatch.setattr("palpate.cli.sensor_source.SensorSource.frames", measure)
     monkeypatch.setattr("palpate.cli.calibrate_bench.open_bench", measure)
@@ -169,11 +169,11 @@ def test_calibrate_settling_stores_only_long_holds(
 ) -> None:
     from palpate.holds import read_holds
 
-    path, out = recorded(tmp_path), tmp_path / "fit.csv"
+    path, out = record_holds(tmp_path), tmp_path / "fit.csv"
     assert "1 long enough" in palpate("calibrate", "settling", path, "--out", out).err
-    held = list(read_holds(out))
-    assert {hold.channel for hold in held} >= {"mean"}
-    assert all(hold.time_s[-1] >= 19.5 for hold in held)
+    holds = list(read_holds(out))
+    assert {hold.channel for hold in holds} >= {"mean"}
+    assert all(hold.time_s[-1] >= 19.5 for hold in holds)
     error = palpate("calibrate", "settling", path, "--out", tmp_path / "fit.txt", status=2).err
     assert ".csv or .parquet" in error
     monkeypatch.setattr(calibrate_settling, "_MIN_HOLD_S", 60.0)
@@ -197,8 +197,8 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     assert "palpate calibrate settling" in palpate("settle", new, "--rig", rig, status=2).err
     for name in ("one", "two"):
         palpate("calibrate", "settling", tmp_path / f"{name}.csv", "--rig", rig)
-    kept = read_holds(tmp_path / "cal-settling.csv")
-    assert [(hold.hold_id, hold.loading_s) for hold in kept] == [("one", 30.0), ("two", 30.0)]
+    stored = read_holds(tmp_path / "cal-settling.csv")
+    assert [(hold.hold_id, hold.loading_s) for hold in stored] == [("one", 30.0), ("two", 30.0)]
     error = palpate("calibrate", "settling", tmp_path / "two.csv", "--rig", rig, status=2).err
     assert "hold two is already in" in error
     [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]
@@ -207,7 +207,7 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     assert "simulated rigs have no holds file" in error
 
 
-def recorded(folder: Path) -> Path:
+def record_holds(folder: Path) -> Path:
     """Record a short and a long hold on the twin."""
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""`palpate calibrate damage`, and `palpate grasp` that keeps to what it learned."""
+"""`palpate calibrate damage`, and `palpate grasp` with a learned damage limit."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def test_calibrate_damage_real_fruit_excludes_the_duplicate(
         *("--index", str(real_data / "fruit_rupture_index.csv")),
         *("--out", str(tmp_path / "damage.json")),
     ]
-    said = palpate("calibrate", "damage", *options).out
-    assert "learned from 162 closings (68 banana, 32 kiwi, 62 mango)" in said
-    assert "excluded: banana-55, the same recording as banana-54" in said
-    assert "usable: stiffness predicts the strength of banana, kiwi, mango" in said
+    output = palpate("calibrate", "damage", *options).out
+    assert "learned from 162 closings (68 banana, 32 kiwi, 62 mango)" in output
+    assert "excluded: banana-55, the same recording as banana-54" in output
+    assert "usable: stiffness predicts the strength of banana, kiwi, mango" in output
     made = DamageFile.load(tmp_path / "damage.json")
     assert made.kinds == ("banana", "kiwi", "mango")
     assert set(made.learned_from) == {"fruit_rupture.csv.gz", "fruit_rupture_index.csv"}
@@ -40,15 +40,15 @@ def test_calibrate_damage_real_fruit_excludes_the_duplicate(
 def test_damage_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=20)
     out = tmp_path / "damage.json"
-    said = palpate("calibrate", "damage", *options, "--out", out, "--json").document
-    assert said["closings"] == {"kiwi": 20}
-    assert said["kinds"] == ["kiwi"]
-    assert said["rate"] == 0.01
-    assert 0 < said["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
+    document = palpate("calibrate", "damage", *options, "--out", out, "--json").document
+    assert document["closings"] == {"kiwi": 20}
+    assert document["kinds"] == ["kiwi"]
+    assert document["rate"] == 0.01
+    assert 0 < document["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
 
 
 def test_calibrate_damage_reports_weak_evidence(tmp_path: Path, palpate: Command) -> None:
-    """Strength without regard to stiffness; and a kind of which there are only a few."""
+    """The strength is independent of the stiffness, and one kind has few closings."""
     rng = np.random.default_rng(1)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
     for number in range(44):
@@ -58,10 +58,10 @@ def test_calibrate_damage_reports_weak_evidence(tmp_path: Path, palpate: Command
     (tmp_path / "curves.csv").write_text("\n".join(curves) + "\n")
     (tmp_path / "index.csv").write_text("\n".join(index) + "\n")
     files = ["--curves", str(tmp_path / "curves.csv"), "--index", str(tmp_path / "index.csv")]
-    said = palpate("calibrate", "damage", *files, "--out", tmp_path / "damage.json").out
-    assert "plum: stiffness does not predict the strength" in said
-    assert "pear: too few closings for a separate limit (4)" in said
-    assert "usable" not in said
+    output = palpate("calibrate", "damage", *files, "--out", tmp_path / "damage.json").out
+    assert "plum: stiffness does not predict the strength" in output
+    assert "pear: too few closings for a separate limit (4)" in output
+    assert "usable" not in output
 
 
 def test_calibrate_damage_refuses_too_few_closings(tmp_path: Path, palpate: Command) -> None:
@@ -91,20 +91,20 @@ def test_grasp_damage_limit_protects_kiwi_from_high_target_force(
     damage_file: Path, palpate: Command
 ) -> None:
     grasp = ["grasp", "--object", "kiwi", "--seed", "1", "--target-force-n", "4", "--json"]
-    without = palpate(*grasp).document
-    assert without["damage_limit"] is None
-    assert without["truth"]["damaged"] is True
-    told = palpate(*grasp, "--damage", damage_file, "--kind", "kiwi").document
-    assert told["truth"]["damaged"] is False
-    limit = told["damage_limit"]
+    unlimited = palpate(*grasp).document
+    assert unlimited["damage_limit"] is None
+    assert unlimited["truth"]["damaged"] is True
+    limited = palpate(*grasp, "--damage", damage_file, "--kind", "kiwi").document
+    assert limited["truth"]["damaged"] is False
+    limit = limited["damage_limit"]
     assert limit["kind"] == "kiwi"
     assert limit["closings"] == 40
     assert limit["rate"] == 0.01
     assert limit["kept_below_target"] is True
     assert 0 < limit["low_n"] < 4
-    # The limit of such kiwis lies below what this sheet feels: the first touch passed it.
-    assert limit["passed"] is (told["peak_force_n"] > limit["low_n"]) is True
-    assert told["truth"]["peak_force_n"] < 0.7 * without["truth"]["peak_force_n"]
+    # The limit is below the smallest force that the sheet resolves, so the first touch exceeds it.
+    assert limit["passed"] is (limited["peak_force_n"] > limit["low_n"]) is True
+    assert limited["truth"]["peak_force_n"] < 0.7 * unlimited["truth"]["peak_force_n"]
 
 
 @pytest.mark.slow
@@ -112,9 +112,9 @@ def test_replay_with_damage_limit_reproduces_the_result(
     damage_file: Path, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "grasp.mcap"
-    told = ["--damage", str(damage_file), "--kind", "kiwi"]
+    options = ["--damage", str(damage_file), "--kind", "kiwi"]
     grasp = ["grasp", "--object", "kiwi", "--seed", "3", "--target-force-n", "4", "--json"]
-    live = palpate(*grasp, *told, "--record", path).document
+    live = palpate(*grasp, *options, "--record", path).document
     again = palpate("replay", path, "--json").document
     for name in ("outcome", "force_n", "peak_force_n", "moments"):
         assert again[name] == live[name]
@@ -135,15 +135,17 @@ def test_grasp_damage_limit_is_higher_for_a_stronger_kind(
 ) -> None:
     low_n = {}
     for kind in ("kiwi", "melon"):
-        told = ["--damage", str(damage_file), "--kind", kind, "--json"]
-        limit = palpate("grasp", "--object", "kiwi", "--seed", "3", *told).document["damage_limit"]
+        options = ["--damage", str(damage_file), "--kind", kind, "--json"]
+        limit = palpate("grasp", "--object", "kiwi", "--seed", "3", *options).document[
+            "damage_limit"
+        ]
         assert limit["kept_below_target"] is False
         low_n[kind] = limit["low_n"]
     assert low_n["melon"] > 2 * low_n["kiwi"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("arguments", "message"),
     [
         (["--kind", "kiwi"], "--kind kiwi: requires --damage FILE, which defines the kinds"),
         (
@@ -155,7 +157,7 @@ def test_grasp_damage_limit_is_higher_for_a_stronger_kind(
     ],
 )
 def test_grasp_unusable_damage_file_is_refused_in_one_line(
-    damage_file: Path, palpate: Command, arguments: list[str], complaint: str
+    damage_file: Path, palpate: Command, arguments: list[str], message: str
 ) -> None:
     filled = [a.format(file=damage_file, folder=damage_file.parent) for a in arguments]
-    assert complaint in palpate.refused("grasp", "--object", "kiwi", *filled)
+    assert message in palpate.refused("grasp", "--object", "kiwi", *filled)

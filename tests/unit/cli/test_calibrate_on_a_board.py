@@ -27,18 +27,18 @@ TABLES = (
 
 
 class Bench(Desk):
-    """The desk with a hand, and a user who does what is asked."""
+    """The desk with a gripper and a user who follows the prompts."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self.world = World(None, seed=4, clock=self.clock)
         self.rig = folder / "rig.toml"
-        self.asked: list[str] = []
-        self.does: Callable[[str], None] = lambda what: None
+        self.prompts: list[str] = []
+        self.react: Callable[[str], None] = lambda instruction: None
 
-    def prompt(self, what: str, **_: object) -> str:
-        self.asked.append(what)
-        self.does(what)
+    def prompt(self, instruction: str, **_: object) -> str:
+        self.prompts.append(instruction)
+        self.react(instruction)
         self.clock.sleep_s(3.0)
         return ""
 
@@ -64,10 +64,10 @@ def test_calibrate_cell_known_weight_prints_the_rig_file_table(
     bench.rig.write_text(TABLES)
     bench.board.raw = [1_000, 0]
 
-    def lays(what: str) -> None:
-        bench.board.raw[0] = 1_000 if "remove everything" in what else 1_000 - 2_000_000
+    def place_weight(instruction: str) -> None:
+        bench.board.raw[0] = 1_000 if "remove everything" in instruction else 1_000 - 2_000_000
 
-    bench.does = lays
+    bench.react = place_weight
     line = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10").out
     assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
     assert not has_load_cell(str(bench.rig))
@@ -79,15 +79,15 @@ def test_calibrate_cell_second_cell_is_added_to_the_rig_file(
     bench: Bench, palpate: Command
 ) -> None:
     bench.rig.write_text(TABLES)
-    of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
-    assert "calibrate cell 0 first" in palpate("calibrate", "cell", *of_cell_1, status=2).err
+    options = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
+    assert "calibrate cell 0 first" in palpate("calibrate", "cell", *options, status=2).err
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
 
-    def lays(what: str) -> None:
-        bench.board.raw[1] = 0 if "remove everything" in what else 1_000_000
+    def place_weight(instruction: str) -> None:
+        bench.board.raw[1] = 0 if "remove everything" in instruction else 1_000_000
 
-    bench.does = lays
-    document = palpate("calibrate", "cell", *of_cell_1).document
+    bench.react = place_weight
+    document = palpate("calibrate", "cell", *options).document
     assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
 
 
@@ -124,26 +124,26 @@ def test_calibrate_compliance_works_with_two_load_cells(
     cell = TwinLoadCell(bench.world)
     zeros = [30_000, -70_000]
 
-    def weighed() -> list[int]:
+    def read_cells() -> list[int]:
         force_n = cell.read_n()
         return [zeros[0] + round(force_n / 5e-6), zeros[1] - round(force_n / 4e-6)]
 
-    def places(what: str) -> None:
-        lays = "between the open fingers" in what
+    def place_block(instruction: str) -> None:
+        is_placed = "between the open fingers" in instruction
         block = draw_object(np.random.default_rng(1), "rigid-block")
-        bench.world.place(block if lays else None)
-        zeros[0] += 3_000_000 if lays else -3_000_000  # the block weighs on its cell
+        bench.world.place(block if is_placed else None)
+        zeros[0] += 3_000_000 if is_placed else -3_000_000  # the block weighs on its cell
 
-    bench.board.weighed, bench.does = weighed, places
-    # Without --out it is the file that the rig file names, which a grasp is going to use.
+    bench.board.weighed, bench.react = read_cells, place_block
+    # Without --out, the command updates the calibration file named in the rig file.
     arguments = ("--rig", str(bench.rig), "--block-mm", "40")
     document = palpate("calibrate", "compliance", *arguments, "--json").document
-    assert bench.asked[0].startswith("place the rigid block with the load cell")
-    assert bench.asked[1].startswith("remove the block")
+    assert bench.prompts[0].startswith("place the rigid block with the load cell")
+    assert bench.prompts[1].startswith("remove the block")
     assert document["simulated"] is False
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
     made = Calibration.load(out)
-    assert min(made.current.width_mm) < 10.0, "the empty hand closed all its way"
+    assert min(made.current.width_mm) < 10.0, "the empty gripper must close completely"
     assert max(made.block.force_n) == pytest.approx(15.0, abs=3.0)
 
 

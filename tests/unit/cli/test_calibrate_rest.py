@@ -1,4 +1,4 @@
-"""`palpate calibrate rest` as a user meets it."""
+"""`palpate calibrate rest` on a simulated sensor."""
 
 from __future__ import annotations
 
@@ -66,16 +66,18 @@ def test_calibrate_rest_empty_option_updates_rest_and_preserves_force(
     rig = rig_file()
     path = rig.parent / "sensor.json"
     palpate("calibrate", "rest", "--rig", rig)
-    kept = Calibration.load(path)
-    # As if the sheet had been drier then.
-    drier = replace(kept.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in kept.rest.ohm))
-    replace(kept, force=PAIRS, rest=drier).save(path)
+    first = Calibration.load(path)
+    # As if the sheet had been drier at the first calibration.
+    drier = replace(
+        first.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in first.rest.ohm)
+    )
+    replace(first, force=PAIRS, rest=drier).save(path)
     error = palpate("calibrate", "rest", "--rig", rig, status=2).err.strip().splitlines()[-1]
     assert "--empty" in error
     palpate("calibrate", "rest", "--rig", rig, "--empty")
     renewed = Calibration.load(path)
     assert renewed.force == PAIRS
-    assert renewed.rest.ohm[0][0] == pytest.approx(kept.rest.ohm[0][0], rel=0.02)
+    assert renewed.rest.ohm[0][0] == pytest.approx(first.rest.ohm[0][0], rel=0.02)
 
 
 def test_calibrate_rest_refuses_file_of_another_layout(
@@ -84,9 +86,9 @@ def test_calibrate_rest_refuses_file_of_another_layout(
     rig = rig_file()
     path = rig.parent / "sensor.json"
     palpate("calibrate", "rest", "--rig", rig)
-    kept = Calibration.load(path)
-    divider = replace(kept.layout.divider, reference_ohm=1e3)
-    replace(kept, layout=replace(kept.layout, divider=divider)).save(path)
+    first = Calibration.load(path)
+    divider = replace(first.layout.divider, reference_ohm=1e3)
+    replace(first, layout=replace(first.layout, divider=divider)).save(path)
     assert "--new" in palpate("calibrate", "rest", "--rig", rig, status=2).err
 
 

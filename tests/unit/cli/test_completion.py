@@ -1,4 +1,4 @@
-"""Completion, as bash asks for it after <Tab>."""
+"""Completion in bash."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def completed(line: str, folder: Path) -> list[str]:
-    """Return what bash offers for the last word of a line."""
+def complete(line: str, folder: Path) -> list[str]:
+    """Return the completions that bash offers for the last word of a line."""
     words = line.split(" ")
     script = (
         'eval "$(_PALPATE_COMPLETE=source_bash palpate)"; '
@@ -68,5 +68,5 @@ def completed(line: str, folder: Path) -> list[str]:
 def test_completion_in_bash_lists_verbs_and_options(
     line: str, offered: list[str], folder: Path
 ) -> None:
-    assert completed(line, folder) == offered
+    assert complete(line, folder) == offered
     assert not (folder / "nowhere.sqlite").exists()

@@ -1,4 +1,4 @@
-"""`palpate demo`: its files, and the commands that it proposes."""
+"""`palpate demo`: its files and suggested commands."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def test_demo_suggested_commands_run(
     monkeypatch.delenv("PALPATE_STORE", raising=False)
     shown = palpate("demo", name).out
     assert "simulated" in shown
-    proposed = shown.split("Try:\n")[1].splitlines()
-    assert proposed
-    for line in proposed:
+    suggested = shown.split("Try:\n")[1].splitlines()
+    assert suggested
+    for line in suggested:
         program, *arguments = shlex.split(line, comments=True)
         if program == "cd":
             os.chdir(arguments[0])

@@ -1,4 +1,4 @@
-"""`palpate doctor` as a user meets it."""
+"""`palpate doctor` on simulated sensors and recordings."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ def test_doctor_of_a_healthy_rig_exits_with_0(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     captured = palpate("doctor", "--rig", rig_file(), "--json")
-    said = json.loads(captured.out)
-    assert said["healthy"] is True
-    assert said["findings"] == []
-    assert len(said["pixels"]) == 8
-    assert said["frames_lost"] == 0
-    assert said["rate_hz"] == pytest.approx(15.0)
+    document = json.loads(captured.out)
+    assert document["healthy"] is True
+    assert document["findings"] == []
+    assert len(document["pixels"]) == 8
+    assert document["frames_lost"] == 0
+    assert document["rate_hz"] == pytest.approx(15.0)
     assert "do not touch the sensor" in captured.err
 
 
 def test_doctor_of_a_loaded_rig_exits_with_1(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
-    """Closing goes on through the stretch."""
+    """The gripper still closes during the check."""
     assert "(unrest)" in palpate("doctor", "--rig", rig_file(pressed=True), status=1).out
 
 
@@ -47,28 +47,30 @@ def test_doctor_of_a_simulated_recording_is_labelled_simulated(
 def test_doctor_recorded_presses_in_order_have_no_finding(
     record_twin: Callable[..., Path], palpate: Command
 ) -> None:
-    said = palpate("doctor", "--recording", record_twin(order=ORDER), "--press", "--json").document
-    assert said["findings"] == []
-    assert said["range_measured"] is True
-    assert said["range_ohm"][0] < 0.11 * said["range_ohm"][1]
+    document = palpate(
+        "doctor", "--recording", record_twin(order=ORDER), "--press", "--json"
+    ).document
+    assert document["findings"] == []
+    assert document["range_measured"] is True
+    assert document["range_ohm"][0] < 0.11 * document["range_ohm"][1]
 
 
 def test_doctor_recorded_presses_of_crossed_rows_are_found(
     record_twin: Callable[..., Path], palpate: Command
 ) -> None:
     crossed = [({1: 2, 2: 1}.get(row, row), col) for row, col in ORDER]
-    said = palpate(
+    document = palpate(
         "doctor", "--recording", record_twin(order=crossed), "--press", "--json", status=1
     ).document
-    assert [(f["code"], f["where"]) for f in said["findings"]] == [
+    assert [(f["code"], f["where"]) for f in document["findings"]] == [
         ("swapped", "row R1"),
         ("swapped", "row R2"),
     ]
-    assert said["findings"][0]["check"] == CHECKS["swapped"]
+    assert document["findings"][0]["check"] == CHECKS["swapped"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "says"),
+    ("arguments", "status", "message"),
     [
         (["--rig", "a.toml", "--port", "b"], 2, "--port can't be combined with --rig"),
         (["--recording", "a.mcap", "--port", "b"], 2, "--recording can't be combined"),
@@ -78,10 +80,10 @@ def test_doctor_recorded_presses_of_crossed_rows_are_found(
     ],
 )
 def test_doctor_invalid_input_is_refused_in_one_line(
-    arguments: list[str], status: int, says: str, palpate: Command
+    arguments: list[str], status: int, message: str, palpate: Command
 ) -> None:
     err = palpate("doctor", *arguments, status=status).err.strip()
-    assert says in err
+    assert message in err
     assert "\n" not in err
 
 

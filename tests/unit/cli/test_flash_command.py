@@ -28,10 +28,10 @@ HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
 
 @dataclass
 class Board:
-    """Answers `identify` at the far end of a pseudo-terminal."""
+    """Answers `Identify` at the other end of a pseudo-terminal."""
 
     port: str
-    asked: list[int] = field(default_factory=list)
+    queries: list[int] = field(default_factory=list)
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def board() -> Iterator[Board]:
             for packet in packets:
                 unpacked = unpack(packet)
                 if unpacked is not None and unpacked[0] == Identify.kind:
-                    board.asked.append(unpacked[1][0])
+                    board.queries.append(unpacked[1][0])
                     os.write(master, encode_message(identity(unpacked[1][0])))
 
     thread = threading.Thread(target=answer)
@@ -81,18 +81,20 @@ def image(tmp_path: Path) -> Path:
     return path
 
 
-def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, status: int) -> Path:
-    """Put a program of that name on the PATH that records its arguments."""
-    note = folder / "arguments"
+def install_avrdude(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, *, output: str, status: int
+) -> Path:
+    """Put a program `avrdude` on the PATH that records its arguments; return their file."""
+    log = folder / "arguments"
     program = folder / "bin" / "avrdude"
     program.parent.mkdir()
-    (folder / "says").write_text(says)
+    (folder / "output").write_text(output)
     program.write_text(
-        f'#!/bin/sh\nprintf "%s\\n" "$@" > {note}\ncat {folder / "says"} >&2\nexit {status}\n'
+        f'#!/bin/sh\nprintf "%s\\n" "$@" > {log}\ncat {folder / "output"} >&2\nexit {status}\n'
     )
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:/bin:/usr/bin")
-    return note
+    return log
 
 
 @pytest.mark.slow
@@ -103,18 +105,18 @@ def test_flash_runs_avrdude_then_queries_the_board(
     image: Path,
     palpate: Command,
 ) -> None:
-    note = put_avrdude(tmp_path, monkeypatch, says="avrdude done. Thank you.", status=0)
+    log = install_avrdude(tmp_path, monkeypatch, output="avrdude done. Thank you.", status=0)
     shown = palpate("flash", "--port", board.port, "--image", image).out
-    said = note.read_text().split()
-    assert said[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", board.port]
-    assert said[-1] == f"flash:w:{image}:i"
-    assert "-D" in said
-    assert board.asked
+    arguments = log.read_text().split()
+    assert arguments[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", board.port]
+    assert arguments[-1] == f"flash:w:{image}:i"
+    assert "-D" in arguments
+    assert board.queries
     assert "Arduino Mega 2560 runs palpate's firmware 1.2.3" in shown
 
 
 @pytest.mark.parametrize(
-    ("says", "line"),
+    ("output", "line"),
     [
         (
             "avrdude: Device signature = 0x1e950f (probably m328p)\n"
@@ -145,10 +147,10 @@ def test_flash_failure_is_one_line(
     board: Board,
     image: Path,
     palpate: Command,
-    says: str,
+    output: str,
     line: str,
 ) -> None:
-    put_avrdude(tmp_path, monkeypatch, says=says, status=1)
+    install_avrdude(tmp_path, monkeypatch, output=output, status=1)
     last = (
         palpate("flash", "--port", board.port, "--image", image, status=3)
         .err.strip()
@@ -156,7 +158,7 @@ def test_flash_failure_is_one_line(
     )
     assert board.port in last
     assert line in last
-    assert not board.asked
+    assert not board.queries
 
 
 def test_flash_failure_without_output_is_still_reported() -> None:
@@ -173,24 +175,26 @@ def test_flash_without_avrdude_explains_how_to_install_it(
 def test_flash_checks_port_and_image_before_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
-    note = put_avrdude(tmp_path, monkeypatch, says="", status=0)
+    log = install_avrdude(tmp_path, monkeypatch, output="", status=0)
     error = palpate("flash", "--port", "/dev/no-such-port", "--image", image, status=3).err
     assert "no port /dev/no-such-port" in error
     image.write_text(HEX.replace(":00000001FF\n", ""))
     error = palpate("flash", "--port", board.port, "--image", image, status=2).err
     assert "a truncated Intel hex file" in error
     palpate("flash", "--port", board.port, "--image", tmp_path / "none.hex", status=2)
-    assert not note.exists()
+    assert not log.exists()
 
 
 def test_flash_nano_retries_at_the_old_boot_loaders_baud_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
-    note = put_avrdude(tmp_path, monkeypatch, says="avrdude: not in sync: resp=0x00\n", status=1)
+    log = install_avrdude(
+        tmp_path, monkeypatch, output="avrdude: not in sync: resp=0x00\n", status=1
+    )
     palpate("flash", "--port", board.port, "--board", "nano", "--image", image, status=3)
-    said = note.read_text().split()
-    assert said[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", board.port]
-    assert said[6:8] == ["-b", "57600"]
+    arguments = log.read_text().split()
+    assert arguments[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", board.port]
+    assert arguments[6:8] == ["-b", "57600"]
 
 
 @pytest.mark.parametrize(("kind", "baud"), IMAGES)

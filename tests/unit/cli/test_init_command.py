@@ -1,4 +1,4 @@
-"""`palpate init` without a terminal, and with questions answered."""
+"""`palpate init` without a terminal, and with answered prompts."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def test_init_options_are_written_to_the_rig_file(tmp_path: Path, palpate: Comma
     options = ["--port", "/dev/ttyACM7", "--layout", "soft-3x2", "--reference-ohm", "1000"]
     options += ["--baud", "9600", "--rate-hz", "15"]
     palpate("init", path, *options, "--taxel-leg", "lower", "--gripper", "my_arm:open_hand")
-    stated = tomllib.loads(path.read_text())
-    assert stated == {
+    content = tomllib.loads(path.read_text())
+    assert content == {
         "calibration": "orchard-calibration.json",
         "array": {
             "open": "palpate.sensor.board_array:open_board",
@@ -45,9 +45,9 @@ def test_init_hobby_servo_writes_travel_and_enables_pulses_in_frames(
 ) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "auto", "--gripper", "servo")
-    stated = tomllib.loads(path.read_text())
-    assert stated["array"]["servo"] is True
-    table = stated["gripper"]
+    content = tomllib.loads(path.read_text())
+    assert content["array"]["servo"] is True
+    table = content["gripper"]
     assert table.pop("open") == f"{open_gripper.__module__}:{open_gripper.__name__}"
     assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
@@ -55,9 +55,9 @@ def test_init_hobby_servo_writes_travel_and_enables_pulses_in_frames(
 def test_init_writes_matrix_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
-    stated = tomllib.loads(path.read_text())["array"]
-    assert (stated["layout"], stated["fingers"]) == ("6x3", 2)
-    layout = find_layout(stated["layout"], fingers=stated["fingers"], pitch_mm=6.5)
+    content = tomllib.loads(path.read_text())["array"]
+    assert (content["layout"], content["fingers"]) == ("6x3", 2)
+    layout = find_layout(content["layout"], fingers=content["fingers"], pitch_mm=6.5)
     assert (layout.pixels, layout.fingers, layout.pitch_mm) == (18, 2, 6.5)
     assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
 
@@ -93,10 +93,10 @@ def test_init_writes_options_that_the_board_opener_accepts(
 def test_init_pneumatic_gripper_uses_the_sensor_board(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "soft.toml"
     palpate("init", path, "--port", "auto", "--layout", "soft-3x2", "--gripper", "pneumatic")
-    stated = tomllib.loads(path.read_text())
-    assert stated["array"]["pressure"] is True
-    assert stated["gripper"] == {"open": "palpate.gripper.pneumatic:open_gripper"}
-    module, _, function = stated["gripper"]["open"].partition(":")
+    content = tomllib.loads(path.read_text())
+    assert content["array"]["pressure"] is True
+    assert content["gripper"] == {"open": "palpate.gripper.pneumatic:open_gripper"}
+    module, _, function = content["gripper"]["open"].partition(":")
     assert callable(getattr(importlib.import_module(module), function))
 
 
@@ -104,9 +104,9 @@ def test_init_known_gripper_writes_its_opener(tmp_path: Path, palpate: Command) 
     path = tmp_path / "rig.toml"
     options = ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"]
     palpate("init", path, "--port", "auto", *options)
-    stated = tomllib.loads(path.read_text())
-    assert stated["array"]["idle_lines"] == "held"
-    table = stated["gripper"]
+    content = tomllib.loads(path.read_text())
+    assert content["array"]["idle_lines"] == "held"
+    table = content["gripper"]
     module, _, function = table.pop("open").partition(":")
     opener = getattr(importlib.import_module(module), function)
     assert table == {"port": "/dev/ttyUSB3"}
@@ -129,7 +129,7 @@ def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["rig.json"], "must end in .toml"),
         (["rig.toml", "--layout", "round"], "unknown layout"),
@@ -150,10 +150,10 @@ def test_init_invalid_options_write_no_file(
     monkeypatch: pytest.MonkeyPatch,
     palpate: Command,
     arguments: list[str],
-    says: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert says in palpate("init", *arguments, status=2).err
+    assert message in palpate("init", *arguments, status=2).err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -161,15 +161,15 @@ def test_init_prompts_on_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     master, slave = pty.openpty()
     program = "from palpate.cli import main; main()"
-    asked = subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-c", program, "init", str(path)],
         stdin=slave,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
     os.write(master, b"auto\n4x4\n2\n1000\n\n\n\n")
-    assert asked.wait(timeout=60) == 0
-    _, err = asked.communicate()
+    assert process.wait(timeout=60) == 0
+    _, err = process.communicate()
     os.close(master)
     os.close(slave)
     assert b"Reference resistor, ohm" in err

@@ -1,4 +1,4 @@
-"""`palpate items` and `palpate grasp --item` as a user meets them."""
+"""`palpate items` and `palpate grasp --item`."""
 
 from __future__ import annotations
 
@@ -63,17 +63,19 @@ def filled() -> None:
 
 @pytest.mark.slow
 def test_grasp_of_an_item_is_stored_with_its_calibration(palpate: Command) -> None:
-    said = palpate("grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json").document
+    document = palpate(
+        "grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json"
+    ).document
     with Store.open(create=False) as store:
-        (kept,) = store.grasps_of("A17")
-        assert "palpate-calibration" in store.calibration(kept.calibration_id or "")
-    assert kept.grasp_id == said["grasp_id"]
-    assert kept.origin == "twin"
-    assert kept.angle_deg == 90.0
+        (stored,) = store.grasps_of("A17")
+        assert "palpate-calibration" in store.calibration(stored.calibration_id or "")
+    assert stored.grasp_id == document["grasp_id"]
+    assert stored.origin == "twin"
+    assert stored.angle_deg == 90.0
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        # Of what is only bounded the store keeps nothing: a history is made of numbers.
-        measured = kept.measurements.get(name)
-        number = said[name] if said[name]["value"] is not None else None
+        # The store contains only measurements with a value, no bounds.
+        measured = stored.measurements.get(name)
+        number = document[name] if document[name]["value"] is not None else None
         assert (None if measured is None else measured.to_dict()) == number
 
 
@@ -120,11 +122,11 @@ def test_grasp_prints_the_result_before_contacting_the_store(
 ) -> None:
     shown: list[str] = []
 
-    def ctrl_c(self: Store, grasp: Grasp, *, calibration: str) -> None:
+    def press_ctrl_c(self: Store, grasp: Grasp, *, calibration: str) -> None:
         shown.append(capsys.readouterr().out)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Store, "add_grasp", ctrl_c)
+    monkeypatch.setattr(Store, "add_grasp", press_ctrl_c)
     palpate("grasp", "--item", "A17", "--seed", "1", *form, status=130)
     assert "SIMULATED" in shown[0].upper()
 
@@ -144,7 +146,7 @@ def test_grasp_local_store_failure_exits_with_3(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("--store", "x.sqlite"), "--store x.sqlite: name the item with --item NAME"),
         (("--angle-deg", "90"), "--angle-deg 90.0: name the item"),
@@ -156,10 +158,10 @@ def test_grasp_local_store_failure_exits_with_3(
     ],
 )
 def test_grasp_invalid_store_is_refused_before_the_gripper_moves(
-    palpate: Command, arguments: tuple[str, ...], said: str
+    palpate: Command, arguments: tuple[str, ...], message: str
 ) -> None:
     out, err = palpate("grasp", *arguments, status=2)
-    assert said in err
+    assert message in err
     assert out == ""
 
 
@@ -227,8 +229,8 @@ def test_items_page_labels_simulated_items(palpate: Command) -> None:
 
 @pytest.mark.usefixtures("filled")
 def test_items_say_option_stores_a_label(palpate: Command) -> None:
-    told = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
-    assert "Hass avocado" in palpate("items", "A17", *told, "--say", "ripeness=overripe").out
+    changes = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
+    assert "Hass avocado" in palpate("items", "A17", *changes, "--say", "ripeness=overripe").out
     with Store.open() as store:
         assert store.item("A17").batch == "Monday"
         (label,) = store.verdicts(About.RIPENESS, source=Source.PERSON)
@@ -238,7 +240,7 @@ def test_items_say_option_stores_a_label(palpate: Command) -> None:
 
 @pytest.mark.usefixtures("filled")
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("B9",), "no item 'B9'; `palpate items` lists them"),
         (("--say", "ripeness=ripe"), "--set and --say require an item"),
@@ -251,9 +253,9 @@ def test_items_say_option_stores_a_label(palpate: Command) -> None:
     ],
 )
 def test_items_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: tuple[str, ...], said: str
+    palpate: Command, arguments: tuple[str, ...], message: str
 ) -> None:
-    assert said in palpate.refused("items", *arguments)
+    assert message in palpate.refused("items", *arguments)
 
 
 def test_items_of_an_empty_store_explains_how_to_add_one(palpate: Command) -> None:
@@ -273,8 +275,8 @@ def test_items_export_writes_every_grasp_with_its_item(palpate: Command, folder:
     assert table["size_mm"].to_pylist() == [None] * 3
     assert table["taken_at"].to_pylist()[0] == NOON
     assert table["pixel_settled_percent"].to_pylist()[0] == [[-40.0, None], [-42.0, -41.0]]
-    said = parquet.read_table(folder / "all.verdicts.parquet")
-    assert said["text"].to_pylist() == ["ripe"]
+    verdicts = parquet.read_table(folder / "all.verdicts.parquet")
+    assert verdicts["text"].to_pylist() == ["ripe"]
 
     palpate("items", "--kind", "kiwi", "--export", "kiwi.parquet")
     assert parquet.read_table(folder / "kiwi.parquet").num_rows == 1

@@ -1,4 +1,4 @@
-"""What `palpate live` draws, and that it ends."""
+"""`palpate live`: the view, the simulated squeeze and refused options."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RED = "\x1b[1;31m"
 
 
 class Screen:
-    """A view at 50 frames/s, and what it shows."""
+    """A view that receives 50 frames/s."""
 
     def __init__(self, *, calibrated: bool = True, simulated: bool = False) -> None:
         rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
@@ -198,7 +198,7 @@ def test_live_force_without_calibration_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "message"),
     [
         (["127.0.0.1:8765"], "--foxglove"),
         (["127.0.0.1", "--foxglove"], "HOST:PORT"),
@@ -207,7 +207,7 @@ def test_live_force_without_calibration_is_refused(
     ],
 )
 def test_live_invalid_foxglove_address_is_refused(
-    words: list[str], said: str, rig_file: Callable[..., Path], palpate: Command
+    options: list[str], message: str, rig_file: Callable[..., Path], palpate: Command
 ) -> None:
-    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]
-    assert said in palpate.refused(*arguments)
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *options]
+    assert message in palpate.refused(*arguments)

@@ -1,4 +1,4 @@
-"""Boards of other makers through the commands, from first check to newtons with an interval."""
+"""Boards of other makers: check, calibration, live forces and recordings."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Desk:
         self.rig.write_text(f'calibration = "pad.json"\n[array]\nopen = "{__name__}:{opener}"\n')
 
     def run(self, *words: object, status: int = 0) -> str:
-        """Run a command on the rig; return what it prints."""
+        """Run a command on the rig; return its standard output."""
         arguments = [*map(str, words), "--rig", str(self.rig)]
         assert run(build_app(), arguments, name="palpate") == status
-        printed, self.complaints = self.capsys.readouterr()
+        printed, self.errors = self.capsys.readouterr()
         return printed
 
-    def press_in(self, delay_s: float, *, load_n: float) -> None:
+    def schedule_press(self, delay_s: float, *, load_n: float) -> None:
         self.board.loads_n[self.board.sent + round(delay_s / self.board.period_s)] = load_n
 
     def lay(self, load_n: float) -> None:
@@ -74,26 +74,26 @@ def desk(
 
 @pytest.mark.slow
 def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Doctor, rest, three weights, live newtons, a recording and its settled value."""
+    """Doctor, rest, three weights, live force, a recording and its settled value."""
     health = json.loads(desk.run("doctor", "--json"))
     assert health["healthy"], health["findings"]
     assert (health["frames_lost"], health["corrupt"]) == (0, 0)
     desk.run("calibrate", "rest", "--duration", "2")
-    asked = []
+    prompts: list[str] = []
 
-    def lay_down(text: str, **_: object) -> str:
-        asked.append(text)
+    def place_weight(text: str, **_: object) -> str:
+        prompts.append(text)
         desk.lay(float(re.search(r"[\d.]+", text).group()))  # type: ignore[union-attr]
         return ""
 
-    monkeypatch.setattr(typer, "prompt", lay_down)
+    monkeypatch.setattr(typer, "prompt", place_weight)
     loads = desk.folder / "loads.csv"
     loads.write_text("load_n\n1.5\n4\n9\n")
     desk.run("calibrate", "force", "--loads", str(loads))
-    assert len(asked) == 3
+    assert len(prompts) == 3
     desk.lay(0.0)
     desk.clock.sleep_s(30.0)
-    desk.press_in(4.0, load_n=2.5)
+    desk.schedule_press(4.0, load_n=2.5)
     shown = desk.run("live", "--force", "--duration", "8")
     found = re.findall(r"force now (\S+) N \((\S+) to (\S+), 90%\)", shown)
     value, low, high = map(float, found[-1])
@@ -101,7 +101,7 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     assert value == pytest.approx(2.5, rel=0.3)
     desk.lay(0.0)
     desk.clock.sleep_s(30.0)
-    desk.press_in(2.0, load_n=5.0)
+    desk.schedule_press(2.0, load_n=5.0)
     held = desk.folder / "held.mcap"
     desk.run("record", held, "--duration", "25")
     arguments = ["settle", str(held), "--cutoff", "2.5", "--json"]
@@ -109,13 +109,13 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     rows = json.loads(desk.capsys.readouterr().out)["rows"]
     (mean,) = [row for row in rows if (row["channel"], row["method"]) == ("mean", "relaxation")]
     assert mean["low"] < mean["predicted"] < mean["high"]
-    # Eight bits of a light touch: a step is 6 % of a pixel at rest.
+    # One step of the 8-bit counts is 6 % of a pixel at rest.
     assert abs(mean["error_percent"]) < 15.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("options", "is_there", "status", "words"),
+    ("options", "is_connected", "status", "message"),
     [
         ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different positive integers"),
         ('layout = "4x2"\nunit = "volt"', True, 2, "it must be one of 'counts', 'ohm'"),
@@ -125,18 +125,18 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
 )  # fmt: skip
 def test_rig_file_opens_a_text_protocol_board(
     options: str,
-    is_there: bool,
+    is_connected: bool,
     status: int,
-    words: str,
+    message: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The opener that users name, on the machine's clock, while another thread sends."""
+    """The built-in opener on the real clock, while another thread sends."""
     clock = SendingClock(time.monotonic())
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     board.waits = False
     desk = Desk(board, folder=tmp_path, opener="open_text", capsys=capsys)
-    if not is_there:
+    if not is_connected:
         board.unplug()
     desk.rig.write_text(
         'calibration = "pad.json"\n[array]\nopen = "palpate.sensor.text_lines:open_board"\n'
@@ -156,5 +156,5 @@ def test_rig_file_opens_a_text_protocol_board(
         done.set()
         sender.join()
         clock.close()
-    assert words in desk.complaints
-    assert desk.complaints.count("palpate:") == (status > 1)
+    assert message in desk.errors
+    assert desk.errors.count("palpate:") == (status > 1)

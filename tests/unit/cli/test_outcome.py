@@ -1,4 +1,4 @@
-"""Failures of any verb: one line and an exit status, no traceback."""
+"""Failures of any verb: one line and an exit status, but no traceback."""
 
 from __future__ import annotations
 
@@ -107,11 +107,11 @@ def test_run_prompt_without_input_exits_with_2(
 def test_run_ctrl_c_at_a_prompt_exits_with_130(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Pressed(StringIO):
+    class CtrlC(StringIO):
         def readline(self, size: int | None = -1, /) -> str:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("sys.stdin", Pressed())
+    monkeypatch.setattr("sys.stdin", CtrlC())
     app = typer.Typer()
 
     @app.command()
@@ -132,5 +132,5 @@ def test_table_in_a_narrow_terminal_shows_every_number() -> None:
     )
     shown = done.stdout.decode()
     assert max(map(len, shown.splitlines())) == 60
-    # The only dots of leaving out are those of intervals: `48.7 … 49.3`.
+    # Ellipses appear in intervals only, such as `48.7 … 49.3`, never in truncated cells.
     assert "…" not in shown.replace(" … ", "")

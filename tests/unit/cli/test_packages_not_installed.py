@@ -1,4 +1,4 @@
-"""What the command reports where studies, the archive or the LeRobot export are not installed."""
+"""Commands without the packages of studies, archive or LeRobot export."""
 
 from __future__ import annotations
 

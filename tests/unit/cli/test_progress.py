@@ -1,4 +1,4 @@
-"""The bar: on a terminal, and nowhere else."""
+"""The progress bar, which appears only on a terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ size_mm = [0, 45]
 SORT = ["-m", "palpate", "sort", "--rules", "rules.toml", "--rig", "sim-rigid", "--items", "1"]
 
 
-def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
+def run_on_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
     """Run Python with a terminal for standard error; return both outputs."""
     terminal, end = pty.openpty()
     done = subprocess.Popen(
@@ -53,7 +53,7 @@ def test_sort_on_a_terminal_shows_a_progress_bar(
     more: list[str], bar: bool, tmp_path: Path
 ) -> None:
     (tmp_path / "rules.toml").write_text(RULES)
-    out, shown = on_a_terminal([*SORT, *more], folder=tmp_path)
+    out, shown = run_on_terminal([*SORT, *more], folder=tmp_path)
     assert (b"sorting" in shown) is bar
     assert "by hand" in out or "small" in out
     assert "sorting" not in out
@@ -65,7 +65,7 @@ def test_progress_preserves_output_printed_meanwhile(tmp_path: Path) -> None:
         "with progress('counting') as show:\n"
         "    print('answer')\n"
     )
-    out, shown = on_a_terminal(["-c", script], folder=tmp_path)
+    out, shown = run_on_terminal(["-c", script], folder=tmp_path)
     assert b"counting" in shown
     assert out == "answer\n"
     assert b"answer" not in shown

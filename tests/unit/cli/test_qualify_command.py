@@ -1,4 +1,4 @@
-"""`palpate qualify`: the table, the document and the page."""
+"""`palpate qualify`: tables, JSON document and report."""
 
 from __future__ import annotations
 

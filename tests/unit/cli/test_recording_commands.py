@@ -1,4 +1,4 @@
-"""`palpate inspect`, `export`, `recover`, `replay`, `record` and `ports`, as a user runs them."""
+"""`palpate inspect`, `export`, `replay`, `record` and `ports`."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def recorded(tmp_path: Path) -> Path:
     return path
 
 
-def cut(path: Path, *, share: float) -> None:
+def truncate(path: Path, *, fraction: float) -> None:
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(len(whole) * share)])
+    path.write_bytes(whole[: int(len(whole) * fraction)])
 
 
 def test_inspect_counts_frames_and_losses(recorded: Path, palpate: Command) -> None:
@@ -52,7 +52,7 @@ def test_inspect_counts_frames_and_losses(recorded: Path, palpate: Command) -> N
 def test_inspect_of_a_truncated_recording_suggests_recover(
     recorded: Path, palpate: Command
 ) -> None:
-    cut(recorded, share=0.6)
+    truncate(recorded, fraction=0.6)
     text = palpate("inspect", recorded).out
     assert "twin (simulated)" in text
     assert "not finished" in text
@@ -60,7 +60,7 @@ def test_inspect_of_a_truncated_recording_suggests_recover(
 
 
 def test_inspect_recover_completes_a_truncated_recording(recorded: Path, palpate: Command) -> None:
-    cut(recorded, share=0.6)
+    truncate(recorded, fraction=0.6)
     shown = palpate("inspect", recorded, "--recover", recorded, "--json")
     assert json.loads(shown.out)["intact"] is True
     assert "recovered; lost: 0 damaged chunks" in shown.err
@@ -119,9 +119,9 @@ def test_inspect_recover_does_not_overwrite_another_recording(
     recorded: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.mcap"
-    other.write_bytes(b"somebody's")
+    other.write_bytes(b"other data")
     assert "not overwritten" in palpate("inspect", recorded, "--recover", other, status=2).err
-    assert other.read_bytes() == b"somebody's"
+    assert other.read_bytes() == b"other data"
     palpate("inspect", recorded, "--recover", recorded)
 
 
@@ -142,18 +142,18 @@ def test_replay_of_a_recording_without_a_grasp_prints_frames(
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["inspect", "gone.mcap"],
-        ["replay", "gone.mcap"],
-        ["export", "gone.mcap"],
-        ["export", "gone.mcap", "--holds"],
-        ["inspect", "gone.mcap", "--recover", "whole.mcap"],
+        ["inspect", "missing.mcap"],
+        ["replay", "missing.mcap"],
+        ["export", "missing.mcap"],
+        ["export", "missing.mcap", "--holds"],
+        ["inspect", "missing.mcap", "--recover", "whole.mcap"],
     ],
 )
 def test_reader_missing_file_is_refused_in_one_line(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert palpate.refused(*arguments).startswith("palpate: gone.mcap: ")
+    assert palpate.refused(*arguments).startswith("palpate: missing.mcap: ")
 
 
 def test_folder_as_recording_is_refused(
@@ -167,9 +167,9 @@ def test_folder_as_recording_is_refused(
 
 
 def test_export_to_a_missing_folder_is_refused(recorded: Path, palpate: Command) -> None:
-    out = recorded.parent / "gone" / "run.csv"
-    said = f"palpate: {out}: the folder {out.parent} does not exist; create it first\n"
-    assert palpate.refused("export", recorded, "--out", out) == said
+    out = recorded.parent / "missing" / "run.csv"
+    message = f"palpate: {out}: the folder {out.parent} does not exist; create it first\n"
+    assert palpate.refused("export", recorded, "--out", out) == message
 
 
 def test_record_missing_port_is_reported(tmp_path: Path, palpate: Command) -> None:
@@ -182,20 +182,20 @@ def test_record_missing_port_is_reported(tmp_path: Path, palpate: Command) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--rig", "sim-rigid"], "would never end; give a --duration"),
         (["--rig", "sim-rigid", "--port", "x"], "--port can't be combined with --rig"),
         (["--rig", "nothing"], "no rig 'nothing'"),
-        (["--rig", "gone.toml"], "gone.toml: no such file"),
+        (["--rig", "missing.toml"], "missing.toml: no such file"),
         (["--duration", "0"], "--duration 0: must be above 0"),
     ],
 )
 def test_record_refuses_invalid_options(
-    options: list[str], said: str, tmp_path: Path, palpate: Command
+    options: list[str], message: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "new.mcap"
-    assert said in palpate.refused("record", path, *options)
+    assert message in palpate.refused("record", path, *options)
     assert not path.exists()
 
 
@@ -213,7 +213,7 @@ def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
     options = ["--rig", "sim-rigid", "--seed", "4", "--duration", "1e9"]
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
         assert "Ctrl-C ends it" in recorder.stderr.readline()
-        # Well beyond the head of the file, which carries the whole calibration.
+        # Well beyond the start of the file, which contains the whole calibration.
         while path.stat().st_size < 200_000:
             os.sched_yield()
         recorder.send_signal(signal.SIGINT)
@@ -227,7 +227,7 @@ def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
     assert kinds.count(Frame) == kinds.count(GripperState) > 30
     assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
     assert info.calibration is not None
-    assert info.gripper is None, "no grasp: a replay plays it and decides nothing"
+    assert info.gripper is None, "without a grasp, a replay makes no decisions"
 
 
 def test_ports_is_one_json_document(palpate: Command) -> None:

@@ -1,4 +1,4 @@
-"""Recordings that a signal or a full disk ends, and files that are there already."""
+"""Recordings ended by a signal or a full disk, and existing files."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def test_record_sigterm_completes_the_file(tmp_path: Path) -> None:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
         assert "recording" in recorder.stderr.readline()
         recorder.send_signal(signal.SIGTERM)
-        said = recorder.stderr.read()
+        error = recorder.stderr.read()
     assert recorder.returncode == 130
-    assert "Traceback" not in said
+    assert "Traceback" not in error
     assert frames_of(path)[1].is_intact
 
 
@@ -41,8 +41,8 @@ def test_record_full_disk_exits_with_3(tmp_path: Path, palpate: Command) -> None
     path = tmp_path / "run.mcap"
     with file_size_limit(130_000):
         printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
-    began, failed = printed.err.splitlines()
-    assert began.startswith("recording sim-rigid")
+    started, failed = printed.err.splitlines()
+    assert started.startswith("recording sim-rigid")
     assert failed.startswith(f"palpate: {path}: File too large. At most the last second")
     assert "then run `palpate inspect --recover` on the file" in failed
     assert frames_of(path)[0] > 0
@@ -66,6 +66,6 @@ def test_record_and_export_do_not_overwrite_existing_files(
         options = ("--rig", "sim-rigid", "--duration", "1") if verb == "record" else ()
         before = recorded.read_bytes()
         error = palpate.refused(verb, recorded, *options)
-        assert "exists" in error or "there already" in error
+        assert "already exists" in error
         assert recorded.read_bytes() == before
     assert table.read_text() == "mine"

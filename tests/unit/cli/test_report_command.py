@@ -1,4 +1,4 @@
-"""`palpate report`: one file, self-contained, that says what the store knows."""
+"""`palpate report`: a self-contained page about items of the store."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ VOID = {"meta", "br", "img", "link"}
 
 
 class Checker(HTMLParser):
-    """Every element is closed in order; what would be fetched from elsewhere is collected."""
+    """Checks that elements are closed in order; collects references to other files."""
 
     def __init__(self) -> None:
         super().__init__()
         self.open: list[str] = []
-        self.fetched: list[str] = []
-        self.seen: list[str] = []
+        self.references: list[str] = []
+        self.tags: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.seen.append(tag)
+        self.tags.append(tag)
         if tag not in VOID:
             self.open.append(tag)
         for name, value in attrs:
             if name in ("src", "href") or (name == "xlink:href" and not str(value).startswith("#")):
-                self.fetched.append(f"{tag} {name}={value}")
+                self.references.append(f"{tag} {name}={value}")
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)
@@ -64,7 +64,7 @@ def store() -> None:
             store.add_item(Item(item_id=name, kind=kind, batch="Monday", first_seen=NOON))
             for day in range(3):
                 store.add_grasp(grasp(name, hours=24 * day + number))
-            said = Verdict(
+            verdict = Verdict(
                 item_id=name,
                 about=About.RIPENESS,
                 text="ripe" if number else "hard",
@@ -72,7 +72,7 @@ def store() -> None:
                 given_at=NOON,
                 explanation="1.5 < 2 N/mm",
             )
-            store.add_verdict(said)
+            store.add_verdict(verdict)
             label = Verdict(
                 item_id=name,
                 about=About.RIPENESS,
@@ -105,7 +105,7 @@ def grasp(item_id: str, *, hours: float, outcome: Outcome = Outcome.HELD) -> Gra
 
 @pytest.fixture
 def report(palpate: Command) -> Callable[..., str]:
-    """Write a report; return its page."""
+    """Return a function that writes a report and returns its HTML."""
 
     def write(*arguments: str) -> str:
         assert "Written: page.html" in palpate("report", *arguments, "--out", "page.html").err
@@ -114,13 +114,13 @@ def report(palpate: Command) -> Callable[..., str]:
     return write
 
 
-def checked(page: str) -> Checker:
+def check_page(page: str) -> Checker:
     checker = Checker()
     checker.feed(page)
     assert checker.open == []
-    # One file that needs nothing else: no script, no font, no picture from elsewhere.
-    assert checker.fetched == []
-    assert "script" not in checker.seen
+    # The page requires no other file: no script, font or picture.
+    assert checker.references == []
+    assert "script" not in checker.tags
     assert not re.search(r"url\((?!#)|@import", page)
     return checker
 
@@ -128,7 +128,7 @@ def checked(page: str) -> Checker:
 @pytest.mark.usefixtures("store")
 def test_report_of_an_item_shows_its_grasps(report: Callable[..., str]) -> None:
     page = report("i0")
-    assert checked(page).seen.count("svg") == 4
+    assert check_page(page).tags.count("svg") == 4
     for words in (
         "simulated on the twin",
         "batch Monday",
@@ -149,9 +149,9 @@ def test_report_of_a_batch_shows_its_items(report: Callable[..., str]) -> None:
     assert "Softening" in page
     assert "&lt;kiwi&gt; &amp; co" in page
     assert "<kiwi>" not in page
-    seen = checked(page).seen
-    assert seen.count("svg") == 3
-    assert seen.count("tr") == 1 + 3
+    tags = check_page(page).tags
+    assert tags.count("svg") == 3
+    assert tags.count("tr") == 1 + 3
 
 
 @pytest.mark.usefixtures("store")
@@ -183,7 +183,7 @@ def test_report_of_a_day_contains_only_that_days_grasps(report: Callable[..., st
     assert "4.25 *" in page
     assert "3.77" not in page
     assert "Softening" not in page
-    checked(page)
+    check_page(page)
 
 
 @pytest.mark.slow
@@ -192,7 +192,7 @@ def test_report_styles_cover_light_dark_and_print(report: Callable[..., str]) ->
     page = report("i0")
     assert "prefers-color-scheme:dark" in page
     assert "@media print" in page
-    # Nothing in a figure keeps a colour that the night can't change, but what lies on fixed ground.
+    # In figures, only elements on a fixed background have colours that do not depend on the scheme.
     drawn = page[page.index("<svg") : page.rindex("</svg>")]
     assert "#222222" not in drawn
     assert "var(--ink)" in drawn
@@ -204,7 +204,7 @@ def test_report_of_an_item_without_grasps_is_written(report: Callable[..., str])
         store.add_item(Item(item_id="new"))
     page = report("new")
     assert "0 grasps" in page
-    checked(page)
+    check_page(page)
 
 
 def test_report_file_is_named_after_its_item_or_batch(palpate: Command) -> None:
@@ -228,7 +228,7 @@ def test_report_does_not_overwrite_an_existing_file(palpate: Command) -> None:
 
 @pytest.mark.usefixtures("store")
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ((), "give exactly one of ITEM, --batch NAME or --day DATE"),
         (("i0", "--batch", "Monday"), "give exactly one of"),
@@ -240,6 +240,6 @@ def test_report_does_not_overwrite_an_existing_file(palpate: Command) -> None:
     ],
 )
 def test_report_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: tuple[str, ...], said: str
+    palpate: Command, arguments: tuple[str, ...], message: str
 ) -> None:
-    assert said in palpate.refused("report", *arguments)
+    assert message in palpate.refused("report", *arguments)

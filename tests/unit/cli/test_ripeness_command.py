@@ -1,4 +1,4 @@
-"""`palpate ripeness` as a user meets it, on the store that its example makes."""
+"""`palpate ripeness` on the store of `palpate demo packhouse`."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_ripeness_of_a_batch_has_one_row_per_item(made: Path, palpate: Command) 
         days = item["days_to_ripe"]
         assert days["low"] <= days["value"] <= days["high"]
         assert len(item["days"]) == 3
-    # From the ripest to the hardest, as the twin has them; neighbours may be taken for each other.
+    # Ripest first, according to the twin; neighbouring stages may be confused.
     order = ["overripe", "ripe", "conditioned", "hard"]
     stages = [order.index(item["stage"]) for item in items]
     true = [0, 0, 1, 2, 3, 3]
@@ -57,31 +57,31 @@ def test_ripeness_lists_items_below_the_confidence(made: Path, palpate: Command)
     items = palpate("ripeness", *arguments, "--json").document["items"]
     named = [item["item_id"] for item in items if item["unsure"]]
     assert named
-    said = " ".join(palpate("ripeness", *arguments).out.split())
-    assert f"below 90 % probability: {', '.join(named)}; more grasps on the same day" in said
+    output = " ".join(palpate("ripeness", *arguments).out.split())
+    assert f"below 90 % probability: {', '.join(named)}; more grasps on the same day" in output
 
 
 @pytest.mark.slow
 def test_ripeness_of_one_item_is_explained_plotted_and_stored(
     made: Path, folder: Path, palpate: Command
 ) -> None:
-    said = palpate("ripeness", "fruit-1", "--store", made, "--plot", "fruit.pdf").out
-    assert "grasped 6 times on 3 days" in said
-    assert "SIMULATED" in said
+    output = palpate("ripeness", "fruit-1", "--store", made, "--plot", "fruit.pdf").out
+    assert "grasped 6 times on 3 days" in output
+    assert "SIMULATED" in output
     check_fonts(folder / "fruit.pdf")
     with Store.open(made, create=False) as store:
-        kept = store.verdicts_of("fruit-1", about=About.RIPENESS, source=Source.PALPATE)
-    assert kept
-    assert kept[-1].text in said
+        verdicts = store.verdicts_of("fruit-1", about=About.RIPENESS, source=Source.PALPATE)
+    assert verdicts
+    assert verdicts[-1].text in output
 
 
 def test_ripeness_of_item_without_kind_uses_its_first_day(
     made: Path, tmp_path: Path, palpate: Command
 ) -> None:
-    with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as alone:
-        alone.add_item(Item(item_id="mine"))
+    with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as other:
+        other.add_item(Item(item_id="mine"))
         for grasp in store.grasps_of("fruit-1"):
-            alone.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
+            other.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
     shown = palpate("ripeness", "mine", "--store", "one.sqlite", "--json")
     assert "judged relative to its first day, because its kind is unknown" in shown.err
     item = json.loads(shown.out)["items"][0]
@@ -92,20 +92,20 @@ def test_ripeness_of_item_without_kind_uses_its_first_day(
 def test_ripeness_assumed_from_first_day_is_not_stored(
     made: Path, tmp_path: Path, palpate: Command
 ) -> None:
-    with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as alone:
-        alone.add_item(Item(item_id="new"))
+    with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as other:
+        other.add_item(Item(item_id="new"))
         first = store.grasps_of("fruit-1")[0]
-        alone.add_grasp(replace(first, item_id="new", calibration_id=None))
-    said = palpate("ripeness", "new", "--store", "new.sqlite").out
-    assert "assumed" in said
-    assert "no earlier day to compare" in " ".join(said.split())
-    with Store.open(tmp_path / "new.sqlite", create=False) as alone:
-        assert alone.verdicts_of("new") == ()
+        other.add_grasp(replace(first, item_id="new", calibration_id=None))
+    output = palpate("ripeness", "new", "--store", "new.sqlite").out
+    assert "assumed" in output
+    assert "no earlier day to compare" in " ".join(output.split())
+    with Store.open(tmp_path / "new.sqlite", create=False) as other:
+        assert other.verdicts_of("new") == ()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ((), "give an item or --batch NAME"),
         (("--batch", "Tuesday"), "has no items of this batch"),
@@ -121,10 +121,10 @@ def test_ripeness_assumed_from_first_day_is_not_stored(
     ],
 )
 def test_ripeness_invalid_input_is_refused_in_one_line(
-    arguments: tuple[str, ...], said: str, made: Path, palpate: Command
+    arguments: tuple[str, ...], message: str, made: Path, palpate: Command
 ) -> None:
     shown = palpate("ripeness", *arguments, "--store", made, status=2).err.strip()
-    assert said in shown
+    assert message in shown
     assert "\n" not in shown
 
 
@@ -133,6 +133,6 @@ def test_ripeness_example_script_prints_and_plots_its_batch(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runpy.run_path(str(EXAMPLE), run_name="example")["main"]([str(made), "Monday"])
-    said = capsys.readouterr().out
-    assert said.startswith("Monday (simulated): 6 fruits")
+    output = capsys.readouterr().out
+    assert output.startswith("Monday (simulated): 6 fruits")
     assert (folder / "batch.png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""`palpate serve` before it serves: what it refuses, and what it leaves alone."""
+"""`palpate serve`: refused options, and imports at the start."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.commands import Command
 
 
 @pytest.mark.parametrize(
-    ("options", "status", "said"),
+    ("options", "status", "message"),
     [
         (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; available: sim-rigid"),
         (["--object", "moon"], 2, "no simulated object 'moon'; available: ecoflex-10"),
@@ -25,13 +25,13 @@ from tests.commands import Command
 def test_serve_invalid_options_are_refused_in_one_line(
     options: list[str],
     status: int,
-    said: str,
+    message: str,
     palpate: Command,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert said in palpate.refused("serve", *options, status=status)
+    assert message in palpate.refused("serve", *options, status=status)
     assert not list(tmp_path.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""`palpate settle` as a user runs it: documents, tables, plots and refusals."""
+"""`palpate settle`: documents, tables, plots and refusals."""
 
 from __future__ import annotations
 
@@ -114,20 +114,20 @@ def test_settle_learn_from_affects_only_relaxation(
     own.write_bytes(holds_csv.read_bytes())
     methods = ("--method", "relaxation", "--method", "exponential")
     plain = document(palpate, holds_csv, *methods)
-    taught = document(palpate, holds_csv, *methods, "--learn-from", own)
+    trained = document(palpate, holds_csv, *methods, "--learn-from", own)
     errors = [
         [
             abs(r["error_percent"])
             for r in found["rows"]
             if r["method"] == "relaxation" and r["error_percent"] is not None
         ]
-        for found in (plain, taught)
+        for found in (plain, trained)
     ]
     assert np.median(errors[1]) < np.median(errors[0])
-    rivals = [
-        [r for r in found["rows"] if r["method"] == "exponential"] for found in (plain, taught)
+    others = [
+        [r for r in found["rows"] if r["method"] == "exponential"] for found in (plain, trained)
     ]
-    assert rivals[0] == rivals[1]
+    assert others[0] == others[1]
 
 
 def test_settle_learn_from_refuses_the_predicted_holds(holds_csv: Path, palpate: Command) -> None:
@@ -188,15 +188,15 @@ def test_settle_out_csv_escapes_spreadsheet_formulas(tmp_path: Path, palpate: Co
         assert next(csv.DictReader(stream))["hold_id"] == "'=1+1"
 
 
-@pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
+@pytest.mark.parametrize("options", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
 def test_settle_warns_once_of_times_in_milliseconds(
-    how: list[str], tmp_path: Path, palpate: Command
+    options: list[str], tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    said = palpate("settle", path, *how).err
-    assert said.count("a sample every 100 s; time_s must be in seconds; convert milliseconds") == 1
+    error = palpate("settle", path, *options).err
+    assert error.count("a sample every 100 s; time_s must be in seconds; convert milliseconds") == 1
 
 
 @pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
@@ -266,8 +266,8 @@ def test_settle_writes_a_plot(
 def test_settle_tables_fit_a_terminal(holds_csv: Path, palpate: Command) -> None:
     captured = palpate("settle", holds_csv, "--until-half-width", "5", "--method", "relaxation")
     assert captured.err == ""
-    for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
-        assert said in captured.out
+    for text in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
+        assert text in captured.out
 
 
 @pytest.mark.slow
@@ -288,7 +288,7 @@ def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (
             ["--method", "magic"],
@@ -312,13 +312,13 @@ def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
     ],
 )
 def test_settle_invalid_options_exit_with_2_in_one_line(
-    holds_csv: Path, palpate: Command, arguments: list[str], said: str
+    holds_csv: Path, palpate: Command, arguments: list[str], message: str
 ) -> None:
-    assert said in palpate.refused("settle", holds_csv, *arguments)
+    assert message in palpate.refused("settle", holds_csv, *arguments)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "the file is empty"),
         (b"hold_id,value\na,1\n", "line 1: no column time_s"),
@@ -329,14 +329,14 @@ def test_settle_invalid_options_exit_with_2_in_one_line(
     ],
 )
 def test_settle_bad_file_exits_with_2_in_one_line(
-    tmp_path: Path, palpate: Command, content: bytes, said: str
+    tmp_path: Path, palpate: Command, content: bytes, message: str
 ) -> None:
     path = tmp_path / "bad.csv"
     path.write_bytes(content)
-    out = tmp_path / "never.json"
+    out = tmp_path / "unwritten.json"
     error = palpate.refused("settle", path, "--json", "--out", out)
     assert f"{path}" in error
-    assert said in error
+    assert message in error
     assert not out.exists()
 
 
@@ -385,7 +385,7 @@ def test_settle_table_in_a_narrow_terminal_has_every_column(
 ) -> None:
     monkeypatch.setattr(settle_report, "PIPED_WIDTH", columns)
     lines = palpate("settle", holds_csv).out.splitlines()
-    # A heading of two words may stand on two lines.
+    # A heading of two words may wrap to two lines.
     heads = [
         f"{above} {line}".split() for above, line in itertools.pairwise(lines) if "cut-off" in line
     ]
@@ -426,9 +426,9 @@ def test_settle_rows_and_summary_of_one_hold_agree(tmp_path: Path, palpate: Comm
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
     shown = palpate("settle", path, "--method", "relaxation", "--method", "recorded").out
     assert "relaxation: 1 hold\n" in re.sub(r" +\n", "\n", shown)
-    # The half-width is of the settled value in both tables.
+    # Both tables show the half-width in percent of the settled value.
     (row,) = re.findall(r"h1 .* ([\d.]+) % +[\d.]+\.\.", shown)
     (summary,) = re.findall(r"relaxation +2.5 s .* ([\d.]+) *\n", shown)
     assert float(row) == pytest.approx(float(summary), abs=0.06)
-    # Each method's statuses are counted apart, so that they add up to its holds.
+    # Statuses are counted for each method, so they add up to its holds.
     assert re.search(r"Status of relaxation: 1 \w+\nStatus of recorded: 1 \w+\n", shown)

@@ -1,4 +1,4 @@
-"""`palpate sort --identify` and `palpate sort`, on a store and with simulated fingers."""
+"""`palpate sort` and `palpate sort --identify`, on a store and on simulated rigs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class = "kiwi"
 bin = "the rest"
 class = ["egg", "lime"]
 """
-BY_SIZE = """\
+SIZE_RULES = """\
 default = "by hand"
 most_grasps = 2
 
@@ -67,19 +67,19 @@ def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    """A store with ten labelled items of each kind, and three unlabelled ones."""
+    """Return a store with ten labelled items of each kind and four unlabelled items."""
     rng = np.random.default_rng(8)
     path = tmp_path / "items.sqlite"
-    with Store.open(path) as kept:
+    with Store.open(path) as opened:
         for kind, at in KINDS.items():
             for number in range(10):
                 name = f"{kind}-{number}"
-                kept.add_item(Item(item_id=name, kind=kind))
-                kept.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
+                opened.add_item(Item(item_id=name, kind=kind))
+                opened.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
         for name, at in (("K", KINDS["kiwi"]), ("E", KINDS["egg"]), ("X", (20.0, 0.5))):
-            kept.add_item(Item(item_id=name, batch="crate"))
-            kept.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
-        kept.add_item(Item(item_id="never", batch="crate"))
+            opened.add_item(Item(item_id=name, batch="crate"))
+            opened.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
+        opened.add_item(Item(item_id="never", batch="crate"))
     return path
 
 
@@ -94,8 +94,8 @@ def test_identify_prints_the_kind_and_stores_the_verdict(palpate: Command, store
     found = palpate("sort", "--identify", "K", "--store", store, "--json").document
     assert (found["kind"], found["grasps"], found["simulated"]) == ("kiwi", 2, True)
     assert found["probability"]["kiwi"] == found["confidence"] > 0.8
-    with Store.open(store) as kept:
-        (verdict,) = kept.verdicts_of("K", about=About.IDENTITY)
+    with Store.open(store) as opened:
+        (verdict,) = opened.verdicts_of("K", about=About.IDENTITY)
     assert (verdict.text, verdict.explanation) == ("kiwi", found["explanation"])
 
 
@@ -106,29 +106,29 @@ def test_identify_unknown_kind_exits_with_1(palpate: Command, store: Path) -> No
 
 
 def test_identify_does_not_learn_from_the_item_itself(palpate: Command, store: Path) -> None:
-    with Store.open(store) as kept:
-        kept.add_item(Item(item_id="X", kind="kiwi"))
+    with Store.open(store) as opened:
+        opened.add_item(Item(item_id="X", kind="kiwi"))
     found = palpate("sort", "--identify", "X", "--store", store, "--json", status=1).document
     assert found["kind"] == "unknown"
 
 
 @pytest.mark.parametrize(
-    ("item", "said"),
+    ("item", "message"),
     [
         ("nobody", "no item 'nobody'"),
         ("never", "item 'never' was never grasped; grasp it first"),
     ],
 )
 def test_identify_invalid_input_is_refused_in_one_line(
-    palpate: Command, store: Path, item: str, said: str
+    palpate: Command, store: Path, item: str, message: str
 ) -> None:
-    assert said in palpate.refused("sort", "--identify", item, "--store", store)
+    assert message in palpate.refused("sort", "--identify", item, "--store", store)
 
 
 def test_identify_requires_size_and_stiffness(palpate: Command, store: Path) -> None:
     slipped = make_grasp("never", rig="test", outcome=Outcome.SLIPPED)
-    with Store.open(store) as kept:
-        kept.add_grasp(slipped)
+    with Store.open(store) as opened:
+        opened.add_grasp(slipped)
     err = palpate("sort", "--identify", "never", "--store", store, status=2).err
     assert "no grasp measured size and stiffness" in err
 
@@ -137,25 +137,25 @@ def test_identify_in_a_store_without_labels_explains_the_remedy(
     palpate: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "new.sqlite"
-    with Store.open(path) as kept:
-        kept.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
+    with Store.open(path) as opened:
+        opened.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
     err = palpate("sort", "--identify", "A", "--store", path, status=2).err
     assert "each label needs at least 3 labelled items with a grasp; found none" in err
 
 
 def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> None:
     rng, path = np.random.default_rng(2), tmp_path / "few.sqlite"
-    with Store.open(path) as kept:
+    with Store.open(path) as opened:
         for number in range(4):
-            kept.add_item(Item(item_id=f"e{number}", kind="egg"))
-            kept.add_grasp(grasp(f"e{number}", KINDS["egg"], rng=rng))
-        kept.add_grasp(grasp("A", KINDS["egg"], rng=rng))
+            opened.add_item(Item(item_id=f"e{number}", kind="egg"))
+            opened.add_grasp(grasp(f"e{number}", KINDS["egg"], rng=rng))
+        opened.add_grasp(grasp("A", KINDS["egg"], rng=rng))
     out = palpate("sort", "--identify", "A", "--store", path).out
     assert "To detect unknown kinds at a false-rejection rate of 5 %, label 15 more items." in out
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ([], "give the sorting rules with --rules FILE, or an item with --identify ITEM"),
         (["--identify", "K", "--rig", "sim-rigid"], "can't be combined with --identify"),
@@ -166,9 +166,9 @@ def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> No
     ],
 )
 def test_sort_without_exactly_one_task_is_refused(
-    palpate: Command, options: list[str], said: str
+    palpate: Command, options: list[str], message: str
 ) -> None:
-    assert said in palpate.refused("sort", *options)
+    assert message in palpate.refused("sort", *options)
 
 
 def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rules: Path) -> None:
@@ -178,8 +178,8 @@ def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rule
     bins = {row["item_id"]: row["bin"] for row in found["rows"]}
     assert bins == {"K": "kiwi", "E": "the rest", "X": "strangers"}
     assert found["summary"]["items_per_hour"] is None
-    with Store.open(store) as kept:
-        assert not kept.verdicts_of("K")
+    with Store.open(store) as opened:
+        assert not opened.verdicts_of("K")
     out = palpate(*arguments).out
     assert "dry run: nothing was grasped or written; simulated" in " ".join(out.split())
     head, *rows = [line.split() for line in out.splitlines() if line.strip()]
@@ -190,8 +190,8 @@ def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rule
 def test_sort_uses_a_persons_label_instead_of_the_prediction(
     palpate: Command, store: Path, rules: Path
 ) -> None:
-    with Store.open(store) as kept:
-        kept.add_item(Item(item_id="X", kind="kiwi"))
+    with Store.open(store) as opened:
+        opened.add_item(Item(item_id="X", kind="kiwi"))
     out = palpate("sort", "--rules", rules, "--store", store, "--batch", "crate", "--json").out
     row = next(row for row in json.loads(out)["rows"] if row["item_id"] == "X")
     assert (row["bin"], row["probability"]) == ("kiwi", 1.0)
@@ -202,8 +202,8 @@ def test_sort_rules_on_verdicts_use_stored_verdicts(
 ) -> None:
     path = tmp_path / "bruised.toml"
     path.write_text('default = "shop"\n[[rule]]\nbin = "juice"\nbruised = true\n')
-    with Store.open(store) as kept:
-        kept.add_verdict(
+    with Store.open(store) as opened:
+        opened.add_verdict(
             Verdict(
                 item_id="K", about=About.BRUISE, text="bruised", probability=0.95, given_at=NOON
             )
@@ -214,18 +214,18 @@ def test_sort_rules_on_verdicts_use_stored_verdicts(
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (("kiwi", "pear"), "line 7: class 'pear' has fewer than 3 labelled items"),
         (('class = "kiwi"', 'class = "kiwi"\nweight = 3'), "line 10: unknown key 'weight'"),
     ],
 )
 def test_sort_invalid_rules_are_refused(
-    palpate: Command, store: Path, rules: Path, change: tuple[str, str], said: str
+    palpate: Command, store: Path, rules: Path, change: tuple[str, str], message: str
 ) -> None:
     rules.write_text(RULES.replace(*change))
     err = palpate("sort", "--rules", rules, "--store", store, status=2).err
-    assert said in err
+    assert message in err
 
 
 def test_sort_unknown_batch_is_refused(palpate: Command, store: Path, rules: Path) -> None:
@@ -236,18 +236,18 @@ def test_sort_unknown_batch_is_refused(palpate: Command, store: Path, rules: Pat
 @pytest.mark.slow
 def test_sort_grasps_a_simulated_crate_and_stores_it(palpate: Command, tmp_path: Path) -> None:
     path, store = tmp_path / "size.toml", tmp_path / "crate.sqlite"
-    path.write_text(BY_SIZE)
+    path.write_text(SIZE_RULES)
     arguments = ("sort", "--rules", path, "--rig", "sim-rigid", "--items", 2, "--seed", 3)
     found = palpate(*arguments, "--store", store, "--batch", "b1", "--json").document
     assert (found["simulated"], found["dry_run"]) == (True, False)
     summary = found["summary"]
     assert summary["items"] == 2
     assert 20 < summary["items_per_hour"] < 400
-    with Store.open(store) as kept:
-        assert len(kept.items_of_batch("b1")) == 2
+    with Store.open(store) as opened:
+        assert len(opened.items_of_batch("b1")) == 2
         for row in found["rows"]:
-            grasps = kept.grasps_of(row["item_id"])
-            (verdict,) = kept.verdicts_of(row["item_id"])
+            grasps = opened.grasps_of(row["item_id"])
+            (verdict,) = opened.verdicts_of(row["item_id"])
             assert len(grasps) == row["grasps"]
             assert (verdict.about, verdict.text) == (About.BIN, row["bin"])
             assert verdict.explanation == row["why"]
@@ -260,7 +260,7 @@ def test_sort_simulated_crate_uses_labelled_items_of_the_store(
 ) -> None:
     arguments = ("sort", "--rules", rules, "--rig", "sim-rigid", "--items", 1, "--seed", 3)
     out, err = palpate(*arguments, "--store", store)
-    assert "teaching" not in err
+    assert "training" not in err
     assert re.search(r"crate-3-001 +strangers", out)
 
 
@@ -270,14 +270,14 @@ def test_sort_on_other_rigs_reads_item_names_from_stdin(
 ) -> None:
     rig, path, store = (tmp_path / n for n in ("rig.toml", "size.toml", "named.sqlite"))
     rig.write_text('use = "sim-rigid"\n')
-    path.write_text(BY_SIZE)
+    path.write_text(SIZE_RULES)
     monkeypatch.setattr("sys.stdin", io.StringIO("A17\n\n\n"))
     out, err = palpate("sort", "--rules", path, "--rig", rig, "--store", store, "--json")
     assert "enter its name" in err
     (row,) = json.loads(out)["rows"]
     assert (row["item_id"], row["belongs"]) == ("A17", None)
-    with Store.open(store) as kept:
-        assert kept.grasps_of("A17")
+    with Store.open(store) as opened:
+        assert opened.grasps_of("A17")
 
 
 @pytest.mark.slow
@@ -286,15 +286,15 @@ def test_sort_force_is_lowered_by_damage_file_and_raised_by_target(
 ) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "size.toml"
     rig.write_text('use = "sim-rigid"\n')
-    path.write_text(BY_SIZE)
+    path.write_text(SIZE_RULES)
     limited, firm = ("--damage", write_damage_file(tmp_path)), ("--target-force-n", "9")
     peak_n = []
-    for n, told in enumerate(((), limited, firm, limited + firm)):
+    for n, options in enumerate(((), limited, firm, limited + firm)):
         store = tmp_path / f"{n}.sqlite"
         monkeypatch.setattr("sys.stdin", io.StringIO("A17\n\n\n"))
-        palpate("sort", "--rules", path, "--rig", rig, "--store", store, *told)
-        with Store.open(store) as kept:
-            peak_n.append(kept.grasps_of("A17")[0].peak_force_n)
+        palpate("sort", "--rules", path, "--rig", rig, "--store", store, *options)
+        with Store.open(store) as opened:
+            peak_n.append(opened.grasps_of("A17")[0].peak_force_n)
     gentle_n, limited_n, firm_n, firm_but_limited_n = peak_n
     assert 0 < limited_n < 0.9 * gentle_n
     assert gentle_n + 1.0 < firm_n < 10.0
@@ -303,9 +303,9 @@ def test_sort_force_is_lowered_by_damage_file_and_raised_by_target(
 
 def test_sort_target_force_requires_a_rig(palpate: Command, tmp_path: Path, rules: Path) -> None:
     file = write_damage_file(tmp_path)
-    for told in (("--damage", file), ("--target-force-n", "5")):
-        err = palpate("sort", "--rules", rules, *told, status=2).err
-        assert told[0] in err
+    for options in (("--damage", file), ("--target-force-n", "5")):
+        err = palpate("sort", "--rules", rules, *options, status=2).err
+        assert options[0] in err
         assert "requires --rig, because nothing is grasped" in err
     err = palpate("sort", "--rules", rules, "--target-force-n", "900", status=2).err
     assert "force ceiling" in err
@@ -314,7 +314,7 @@ def test_sort_target_force_requires_a_rig(palpate: Command, tmp_path: Path, rule
 @pytest.mark.slow
 def test_sort_soft_fingers_refuse_rules_on_class_or_size(palpate: Command, tmp_path: Path) -> None:
     path = tmp_path / "size.toml"
-    path.write_text(BY_SIZE)
+    path.write_text(SIZE_RULES)
     err = palpate(
         "sort", "--rules", path, "--rig", "sim-soft", "--store", tmp_path / "s.sqlite", status=2
     ).err
@@ -329,17 +329,17 @@ def test_sort_equipment_failure_exits_with_3(
     from palpate.twin.devices import TwinArray
 
     path = tmp_path / "size.toml"
-    path.write_text(BY_SIZE)
+    path.write_text(SIZE_RULES)
     frames = itertools.count()
-    read = TwinArray.read
+    real_read = TwinArray.read
 
-    def dies(self: TwinArray, *, timeout_s: float) -> object:
+    def read_until_failure(self: TwinArray, *, timeout_s: float) -> object:
         if self._world.seed == 500_012 and next(frames) > 90:
-            # A silent sensor takes the time that it is waited for.
+            # A silent sensor delays the read until its timeout.
             self._world.clock.sleep_s(timeout_s)
             raise DeviceTimeoutError("no frame")
-        return read(self, timeout_s=timeout_s)
+        return real_read(self, timeout_s=timeout_s)
 
-    monkeypatch.setattr(TwinArray, "read", dies)
+    monkeypatch.setattr(TwinArray, "read", read_until_failure)
     err = palpate("sort", "--rules", path, "--rig", "sim-rigid", "--seed", 3, status=3).err
     assert "while grasping crate-3-001 the sensor was lost; run `palpate doctor`" in err

@@ -1,4 +1,4 @@
-"""`palpate teach`: labels from a table or the store, and their score."""
+"""`palpate teach`: labels from a table or the store, and the accuracy."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ def grasp(
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    """Twenty avocados, soft and firm in turn, all labelled for every question but the grade."""
+    """Return a store of twenty avocados, alternately soft and firm, without grade labels."""
     path, random = tmp_path / "store.sqlite", np.random.default_rng(3)
-    with Store.open(path) as kept:
+    with Store.open(path) as opened:
         for number in range(20):
             name, is_firm = f"A{number}", number % 2
-            kept.add_item(Item(item_id=name, kind="avocado"))
+            opened.add_item(Item(item_id=name, kind="avocado"))
             firmness = float(random.normal(30 + 30 * is_firm, 3))
             load = tuple(random.normal((-60, -40 - 15 * is_firm, -50, -50), 1.0).tolist())
-            kept.add_grasp(grasp(name, firmness, minutes=number, percent=load))
+            opened.add_grasp(grasp(name, firmness, minutes=number, percent=load))
             for about, text in (
                 (About.RIPENESS, ("ripe", "hard")[is_firm]),
                 (About.BRUISE, ("bruised", "sound")[is_firm]),
             ):
-                kept.add_verdict(
+                opened.add_verdict(
                     Verdict(
                         item_id=name,
                         about=about,
@@ -90,17 +90,17 @@ def test_teach_table_reports_accuracy_and_labels_unlabelled_rows(
 
 
 def test_teach_grade_stores_given_labels_before_learning(store: Path, palpate: Command) -> None:
-    says = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(12)]
+    labels = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(12)]
     document = palpate(
-        "teach", "grade", "--kind", "avocado", *says, "--store", store, "--json"
+        "teach", "grade", "--kind", "avocado", *labels, "--store", store, "--json"
     ).document
     assert document["items"] == 12
     assert document["right"] == 1.0
     assert {one["item_id"]: one["label"] for one in document["named"]} == {
         f"A{number}": ("II", "I")[number % 2] for number in range(12, 20)
     }
-    with Store.open(store) as kept:
-        assert len(kept.verdicts(About.BIN, source=Source.PERSON)) == 12
+    with Store.open(store) as opened:
+        assert len(opened.verdicts(About.BIN, source=Source.PERSON)) == 12
 
 
 @pytest.mark.parametrize(("question", "features"), [("ripeness", 1), ("bruise", 17), ("kind", 4)])

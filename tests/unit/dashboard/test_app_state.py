@@ -110,8 +110,6 @@ def test_recording_list_rescans_only_a_changed_folder(
 def test_recording_list_omits_a_file_deleted_during_the_scan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file is deleted during the scan."""
-
     def listdir(folder: Path) -> list[str]:
         names = real_listdir(folder)
         for name in names:

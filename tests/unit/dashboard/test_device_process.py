@@ -70,7 +70,7 @@ class Page:
 
     def until(self, wanted: Callable[[Update], bool]) -> Update:
         while True:
-            assert self.connection.poll(60), "the devices say nothing more"
+            assert self.connection.poll(60), "no further update of the devices"
             update = self.connection.recv()
             self.updates.append(update)
             if wanted(update):
@@ -317,7 +317,7 @@ def test_calibrate_force_uses_the_simulated_load_cell(opened: Page, tmp_path: Pa
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)
     assert {update.link.lost for update in opened.updates} == {0}, (
-        "frames without a reader are no losses"
+        "frames between reads are not losses"
     )
     # The new calibration can be used for a grasp immediately.
     order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")

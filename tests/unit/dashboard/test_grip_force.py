@@ -22,7 +22,6 @@ from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import Moment
 from palpate.gripper.interface import GripperLimits
 
-HORIZON = [(19.9, 99.0, False), (21.0, 99.0, True), (21.0, 15.0, False)]
 LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01, range=(0.01, 100.0))
 LAWS = ForceLaws(reading=PixelReading.sum_pixels(), early=LAW, settled=LAW)
 PRESSED = 450

@@ -43,7 +43,7 @@ def test_history_is_restored_after_a_restart(tmp_path: Path) -> None:
     assert again.recent_grasps == first.recent_grasps
     assert again.recent_grasps[0].recording == f"{LISTED_GRASPS + 2}.mcap"
     assert len(again.recent_grasps) == LISTED_GRASPS
-    assert again.outcomes.total() == 0, "it counts from its own start"
+    assert again.outcomes.total() == 0, "each run counts from 0"
     assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
 
@@ -146,7 +146,7 @@ def test_make_entry_contains_the_measurements_of_the_grasp() -> None:
         "held",
         "at least medium",
     )
-    assert entry.measured["stiffness_n_per_mm"] is None, "a bound is no number"
+    assert entry.measured["stiffness_n_per_mm"] is None, "a bound is not a value"
     assert entry.measured["stiffness_n_per_mm_low"] == 4.0
     assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
 

@@ -68,7 +68,7 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     where = str(tmp_path / "items.sqlite")
     item_store = ItemStore(where)
     assert item_store.pages(limit=50) == ()
-    assert not Path(where).exists(), "looking makes no store"
+    assert not Path(where).exists(), "a query must not create a store"
     item_store.sort_grasp(
         RESULT,
         item_id="berry-7",

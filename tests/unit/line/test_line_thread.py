@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 from asyncua import Client
 from pymodbus.client import AsyncModbusTcpClient
-from tests.loop.test_line import OpcUa, free_port, registers
+from tests.loop.test_line import OpcUa, free_port, read_registers
 from tests.unit.dashboard.test_app_state import app_state_of
 
 from palpate.cli.serve import open_lines
@@ -29,7 +29,7 @@ def test_line_protocols_answer_while_the_page_event_loop_is_blocked(tmp_path: Pa
             Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate") as first,
             AsyncModbusTcpClient("127.0.0.1", port=modbus_port) as second,
         ):
-            return await OpcUa(first).value("State"), await registers(second, modbus.STATE, 1)
+            return await OpcUa(first).value("State"), await read_registers(second, modbus.STATE, 1)
 
     async def serve_with_blocked_loop() -> tuple[str, list[int]]:
         (start,), (end,) = app.router.on_startup, app.router.on_shutdown

@@ -1,6 +1,6 @@
 // Force, change, phases and pixels on one time axis that counts from the contact.
 import { $, handState, received } from "/static/poll.js";
-import { keptAt, zeroOf } from "/static/compare.js";
+import { graspOf, keptAt, zeroOf } from "/static/compare.js";
 import { chosenPixel, choosePixel } from "/static/pads.js";
 import { fixed, range } from "/static/words.js";
 
@@ -28,7 +28,6 @@ function readColours() {
 
 const last = (points) => points[points.length - 1];
 const known = (value) => value !== null && value !== undefined;
-export const grasping = () => (doc.replay ? doc.replay.grasp : doc.grasp);
 
 // -- the visible time range, in seconds from the contact ----------------------------------------------
 function fullRange() {
@@ -47,10 +46,10 @@ function visibleRange() {
 }
 
 function updateView() {
-  const grasp = grasping(), zero = zeroOf(doc), touched = Boolean(grasp && grasp.touched_s !== null), replay = Boolean(doc.replay);
+  const grasp = graspOf(doc), zero = zeroOf(doc), touched = Boolean(grasp && grasp.touched_s !== null), replay = Boolean(doc.replay);
   const from = (points) => points.map(([time, ...rest]) => [time - zero, ...rest]);
   const first = (received.curve[0]?.[0] ?? zero) - zero, newest = (last(received.curve)?.[0] ?? zero) - zero;
-  const moments = from((grasp?.moments ?? []).map(([time, name, finger]) => [time, name, finger]));
+  const moments = from(grasp?.moments ?? []);
   const isOver = !replay && doc.activity === "watching" && touched && moments.length;
   const phases = from((replay ? doc.replay : grasp)?.phases ?? []), end = last(moments)?.[0] ?? newest;
   if (isOver && known(doc.measured.damaged_s)) moments.push([doc.measured.damaged_s - zero, "damaged", null]);

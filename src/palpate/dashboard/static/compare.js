@@ -1,12 +1,14 @@
 // Keeps the curves of a replay for comparison with the next replay, aligned at the contact.
 import { $, received } from "/static/poll.js";
-import { t } from "/static/words.js";
 
 let kept = null, shown = null;
 
+// The shown grasp: replayed, running or last.
+export const graspOf = (doc) => (doc.replay ? doc.replay.grasp : doc.grasp);
+
 // The zero of the time axis: the contact, otherwise the start of the grasp or curve.
 export function zeroOf(doc) {
-  const grasp = doc.replay ? doc.replay.grasp : doc.grasp;
+  const grasp = graspOf(doc);
   return grasp ? (grasp.touched_s ?? grasp.began_s) : received.curve.length ? received.curve[0][0] : 0;
 }
 
@@ -32,7 +34,7 @@ export function drawKept(doc) {
   const [act, what] = kept ? ["Stop", " comparing"] : ["Keep", " to compare"];
   if (button.ariaLabel !== act + what) Object.assign(button, { ariaLabel: act + what, innerHTML: `${act}<span>${what}</span>` });
   // The kept curve is drawn only after a contact.
-  const grasp = doc.replay ? doc.replay.grasp : doc.grasp, drawn = kept !== null && typeof grasp?.touched_s === "number";
+  const drawn = kept !== null && typeof graspOf(doc)?.touched_s === "number";
   for (const key of document.querySelectorAll(".kept-key")) {
     key.classList.toggle("hidden", !drawn);
     key.lastElementChild.textContent = kept?.name ?? "";

@@ -52,7 +52,7 @@ function drawMeasures(doc) {
     if (!card) continue;
     if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, { decided: measured.decided, hand }); continue; }
     card.dataset.decided = measured.decided;
-    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${t(STATUS[one.status] ?? one.status, { s: fixed(measured.data_s, 1) })}</span>` : measured.decided ? "" : `<span>${"so far"}</span>`;
+    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${t(STATUS[one.status] ?? one.status, { s: fixed(measured.data_s, 1) })}</span>` : measured.decided ? "" : "<span>so far</span>";
     const truth = one && typeof one.truth === "number" ? one.truth : null;
     if (one && one.text) {
       card.title = "only a bound of the value is known";

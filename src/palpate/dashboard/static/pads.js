@@ -209,5 +209,4 @@ export function drawFingers(doc) {
   drawChosen(doc);
   const at = doc.pointed_s === undefined ? "" : ` at ${fixed(doc.pointed_s, 1)} s`;
   $("fingers-title").textContent = between ? `Fingers${at || ", view from the object"}` : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
-  received.built = built;
 }

@@ -1,12 +1,12 @@
 // A tone for a finished grasp and a tone for a fault, for users who do not watch the screen. The sound
 // is off until the button is pressed; the browser stores this setting.
-const KEPT = "palpate-sound";
+const STORAGE_KEY = "palpate-sound";
 // The tones differ in pitch, duration and waveform, so each is recognizable by itself.
 const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 0.9, shape: "square" } };
 const LOUDNESS = 0.3, EDGE_S = 0.02;
 let context = null, before = null;
 
-const wanted = () => localStorage.getItem(KEPT) === "on";
+const wanted = () => localStorage.getItem(STORAGE_KEY) === "on";
 
 // Browsers allow sound only after a user interaction.
 function wake() {
@@ -41,7 +41,7 @@ export function begin() {
   document.addEventListener("keydown", wake, true);
   document.addEventListener("click", (event) => {
     if (!event.target.closest?.("#sound")) return;
-    localStorage.setItem(KEPT, wanted() ? "off" : "on");
+    localStorage.setItem(STORAGE_KEY, wanted() ? "off" : "on");
     show();
     wake();
     if (wanted()) play("done");

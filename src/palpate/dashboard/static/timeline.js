@@ -42,7 +42,7 @@ function drawPhases(replay) {
     bars += `<rect class="phase" x="${1000 * fraction(from)}" width="${1000 * width}" y="0" height="30" data-odd="${i % 2}"/>`;
     if (width > 0.12) names += `<span style="left:${100 * fraction(from)}%;width:${100 * width}%">${esc(name)}</span>`;
   });
-  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * fraction(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? "contact" : "answer"}</title></rect>`;
+  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * fraction(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name}</title></rect>`;
   $("phases").innerHTML = bars;
   $("phase-names").innerHTML = names;
 }
