@@ -51,11 +51,11 @@ def bruise(
 
     Example: palpate bruise A17 --bruised-share 0.05
     """
-    with open_store(store) as known:
+    with open_store(store) as opened:
         found = examine_item(
-            known,
+            opened,
             item,
-            model=_learn(known, item) if learn else default_model(),
+            model=_learn(opened, item) if learn else default_model(),
             bruised_fraction=bruised_fraction,
             given_at=datetime.now(UTC),
         )

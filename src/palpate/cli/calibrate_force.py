@@ -318,9 +318,9 @@ def cell(
             f"load cell {cell} changed by only {loaded - empty:.0f} counts; check that the weight "
             "is on this cell, or give another --cell"
         )
-    line = [*known[:cell], known_n / (loaded - empty), *known[cell + 1 :]]
+    scales = [*known[:cell], known_n / (loaded - empty), *known[cell + 1 :]]
     if as_json:
-        print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
+        print_json({"rig": rig, "cell": cell, "newtons_per_count": scales})
         return
     print("[load_cells]")
-    print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")
+    print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in scales)}]")

@@ -47,15 +47,15 @@ def settling(
         raise InputError("two recordings have the same name, so their holds would too; rename one")
     settled = _read(HoldSource(paths=[place]), place) if rig and place.exists() else []
     for path in files:
-        cut = _read(source, path)
-        long = [hold for hold in cut if hold.time_s[-1] >= _MIN_HOLD_S - _TOLERANCE_S]
-        names = {hold.hold_id for hold in cut}, {hold.hold_id for hold in long}
-        print_message(f"{path}: {len(names[0])} holds, {len(names[1])} long enough")
-        if repeated := names[1] & {hold.hold_id for hold in settled}:
+        holds = _read(source, path)
+        long_holds = [hold for hold in holds if hold.time_s[-1] >= _MIN_HOLD_S - _TOLERANCE_S]
+        names, long_names = ({hold.hold_id for hold in some} for some in (holds, long_holds))
+        print_message(f"{path}: {len(names)} holds, {len(long_names)} long enough")
+        if repeated := long_names & {hold.hold_id for hold in settled}:
             raise InputError(
                 f"{path}: hold {min(repeated)} is already in {place}; rename the recording"
             )
-        settled += long
+        settled += long_holds
     if not settled:
         raise InputError(f"{recordings[0]}: no hold lasts {_MIN_HOLD_S:g} s; record longer holds")
     rows = write_export(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -81,17 +81,17 @@ def items(
     if item is None and (changes or labels):
         raise InputError("--set and --say require an item: palpate items ITEM --set ...")
     period = None if day is None else parse_day(day)[1:]
-    with open_store(store, create=bool(changes or labels)) as known:
+    with open_store(store, create=bool(changes or labels)) as opened:
         if item is not None and (changes or labels):
-            _label(known, item, changes=changes or [], labels=labels or [])
+            _label(opened, item, changes=changes or [], labels=labels or [])
         if export is not None:
-            _export(known, export, item=item, kind=kind, batch=batch, period=period)
+            _export(opened, export, item=item, kind=kind, batch=batch, period=period)
         elif item is not None:
-            page = read_item_history(known, item)
+            page = read_item_history(opened, item)
             print_json(item_document(page)) if as_json else _print_page(page)
         else:
-            found = _select_items(known, kind=kind, batch=batch, period=period, limit=limit + 1)
-            pages = read_item_histories(known, found[:limit])
+            found = _select_items(opened, kind=kind, batch=batch, period=period, limit=limit + 1)
+            pages = read_item_histories(opened, found[:limit])
             if as_json:
                 print_json(items_document(pages))
             else:
@@ -271,18 +271,17 @@ def _print_page(page: ItemHistory) -> None:
     rank = None if page.firmness_rank is None else page.firmness_rank.text
     facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
     console = Console(highlight=False, emoji=False)
-    parts = [Text("  ·  ".join(facts))]
+    parts: list[RenderableType | None] = [Text("  ·  ".join(facts))]
     tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)
-    shown = [
-        part for t in tables for part in (None, fit_table(t, console=console, taken=CARD_FRAME))
-    ]
+    for table in tables:
+        parts += [None, fit_table(table, console=console, taken=CARD_FRAME)]
     if not page.grasps:
-        shown.append(
+        parts.append(
             Text(f"not grasped yet; use palpate grasp --item {item.item_id!r}", style="dim")
         )
     title = Text(item.item_id, style="bold")
     subtitle = SIMULATED if page.is_simulated else None
-    print_card(console, *parts, *shown, title=title, subtitle=subtitle)
+    print_card(console, *parts, title=title, subtitle=subtitle)
 
 
 def _grasps(page: ItemHistory) -> Table:

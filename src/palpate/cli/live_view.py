@@ -42,12 +42,12 @@ class LiveView:
         change = self._reading.change_percent
         if change is None:
             return
-        deep = -float(mean_change(change))
+        depth_percent = -float(mean_change(change))
         column = int(frame.time_s / _COLUMN_S)
         if column == self._column and self._curve:
-            self._curve[-1] = deep
+            self._curve[-1] = depth_percent
         else:
-            self._curve.append(deep)
+            self._curve.append(depth_percent)
         self._column = column
 
     def render(self) -> RenderableType:
@@ -84,8 +84,8 @@ class LiveView:
         for row in rows:
             cells = [self._cell(change, row, col, tall=tall) for col in range(self._layout.cols)]
             grid.add_row(*cells)
-        touch = finger in self._reading.touching
-        state = "[bold green]contact[/]" if touch else "[dim]no contact[/]"
+        is_touching = finger in self._reading.touching
+        state = "[bold green]contact[/]" if is_touching else "[dim]no contact[/]"
         head = Text.from_markup(f"finger {finger}   {_percent(mean)}   {state}")
         return Group(head, grid)
 
@@ -108,7 +108,7 @@ class LiveView:
 
     def _aggregate(self, change: FloatArray) -> RenderableType:
         mean = float(mean_change(change))
-        curve = "".join(_curve_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
+        curve = "".join(map(_curve_block, self._curve)).rjust(_CURVE_COLUMNS)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
@@ -142,8 +142,9 @@ def _percent(mean: float) -> str:
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 
-def _curve_block(deep: float) -> str:
+def _curve_block(depth_percent: float) -> str:
     """Return the block character for a depth; a space for NaN."""
-    if math.isnan(deep):
+    if math.isnan(depth_percent):
         return " "
-    return _BLOCKS[round(min(max(deep / DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
+    fraction = min(max(depth_percent / DEEPEST_PERCENT, 0.0), 1.0)
+    return _BLOCKS[round(fraction * (len(_BLOCKS) - 1))]

@@ -175,7 +175,7 @@ def figure_rows(document: Document) -> list[tuple[str, str, str]]:
 def effort_rows(document: Document) -> list[tuple[str, str]]:
     """Return table rows of the effort required for the tolerance."""
     unit = f" {document['unit']}" if document["unit"] else ""
-    hour = document["items_per_hour"]
+    per_hour = document["items_per_hour"]
     return [
         (
             f"reference readings to average for an error within {document['tolerance']:.3g}{unit} "
@@ -183,7 +183,7 @@ def effort_rows(document: Document) -> list[tuple[str, str]]:
             format_count(document, "reference"),
         ),
         ("grasps to average for the same error", format_count(document, "grasp")),
-        ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
+        ("items per hour at that number of grasps", "-" if per_hour is None else f"{per_hour:.0f}"),
         (
             "items needed for limits of agreement within half of that",
             f"{document['items_to_test']}",
@@ -260,7 +260,7 @@ def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
         value = found[name]["value"]
         return "not known" if value is None else f"{100 * value:.0f}\xa0%"
 
-    hour, ceiling = document["items_per_hour"], found["r_squared_ceiling"]["value"]
+    per_hour, ceiling = document["items_per_hour"], found["r_squared_ceiling"]["value"]
     return {
         f"Within {document['tolerance']:.3g} {unit}".strip(): (
             percent("share_within"),
@@ -275,6 +275,6 @@ def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
         "Grasps needed": (
             format_count(document, "grasp"),
             "",
-            "" if hour is None else f"{hour:.0f} items an hour",
+            "" if per_hour is None else f"{per_hour:.0f} items per hour",
         ),
     }

@@ -90,20 +90,21 @@ def report(
     target = out or Path(f"report-{_file_name(asked[0])}.html")
     check_new(target)
     require_plots()
-    with open_store(store) as known:
+    with open_store(store) as opened:
         if item is not None:
-            text = _item_report(read_item_history(known, item), store=known.name)
+            text = _item_report(read_item_history(opened, item), store=opened.name)
         elif batch is not None:
-            pages = read_item_histories(known, find_batch(known, batch))
-            text = _group_report(f"Batch {batch}", pages, store=known.name, day=None)
+            pages = read_item_histories(opened, find_batch(opened, batch))
+            text = _group_report(f"Batch {batch}", pages, store=opened.name, day=None)
         else:
-            of, since, until = parse_day(asked[0])
-            names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
+            date_, since, until = parse_day(asked[0])
+            names = dict.fromkeys(one.item_id for one in opened.grasps(since=since, until=until))
             if not names:
-                raise InputError(f"{known.name}: no grasps on {of}")
-            found = read_item_histories(known, known.find_items(list(names)))
+                raise InputError(f"{opened.name}: no grasps on {date_}")
+            found = read_item_histories(opened, opened.find_items(list(names)))
             pages = tuple(page.select_period(since, until) for page in found)
-            text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
+            title = f"{date_:%A}, {date_.day} {date_:%B %Y}"
+            text = _group_report(title, pages, store=opened.name, day=date_)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")
     print_message(f"Written: {target}")

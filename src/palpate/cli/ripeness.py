@@ -65,15 +65,15 @@ def ripeness(
     """
     names = _stage_names(stages, ripe=ripe)
     check_plot(plot)
-    with open_store(store) as known:
-        asked = _select_items(known, items or [], batch=batch)
+    with open_store(store) as opened:
+        asked = _select_items(opened, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
             raise InputError(f"--plot {plot}: plots a single item, but {len(asked)} were given")
-        judge = _Judge(known, stages=names, ripe=ripe)
+        judge = _Judge(opened, stages=names, ripe=ripe)
         judged = [judge.judge(item) for item in asked]
         for one in judged:
             if not one.is_assumed:
-                known.add_verdict(make_ripeness_verdict(one.ripeness, one.history))
+                opened.add_verdict(make_ripeness_verdict(one.ripeness, one.history))
     if plot is not None:
         from palpate.plots.ripeness import item_figure
 
@@ -183,7 +183,7 @@ def _print(judged: Sequence[_Judged]) -> None:
             "assumed"
             if one.is_assumed
             else format_percent(one.ripeness.probabilities[one.ripeness.stage]),
-            _days_text(one.ripeness.days_to_ripe),
+            "unknown without labels" if (days := one.ripeness.days_to_ripe) is None else days.text,
             f"{len(one.history.grasps)} on {len(one.history.days)} day"
             f"{'s' * (len(one.history.days) != 1)}",
         )
@@ -196,7 +196,7 @@ def _print(judged: Sequence[_Judged]) -> None:
         console.print(f"\n{explain_stage(judged[0].ripeness, history)}", markup=False)
         width = history.drive == "width"
         quantity_key = "stiffness_n_per_mm" if width else "pixels_sharing"
-        days = [
+        day_rows = [
             (
                 f"{row['day']:.1f}",
                 f"{row[quantity_key]:.2f}",
@@ -206,7 +206,7 @@ def _print(judged: Sequence[_Judged]) -> None:
             for row in _day_rows(history)
         ]
         quantity = ">stiffness, N/mm" if width else ">pixels sharing"
-        print_table((">day", quantity, ">settled, %", ">grasps"), days, console=console)
+        print_table((">day", quantity, ">settled, %", ">grasps"), day_rows, console=console)
     uncertain = [
         one.item.item_id for one in judged if one.ripeness.is_uncertain and not one.is_assumed
     ]
@@ -246,7 +246,3 @@ def _days_document(days: Days | None) -> dict[str, float | None] | None:
     if days is None:
         return None
     return {end: finite_or_none(getattr(days, end)) for end in ("value", "low", "high")}
-
-
-def _days_text(days: Days | None) -> str:
-    return "unknown without labels" if days is None else days.text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isnan
 from pathlib import Path
@@ -170,37 +170,29 @@ def settle(
     report.check_out(out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     own = [*(learn_from or []), *([] if rig is None else [_find_own_holds(rig)])]
     _check_held_out(own, files=files)
-    chosen = _methods(
+    chosen = _make_methods(
         method or ["relaxation"],
         fit_on=fit_on or [],
         learn_from=own,
         horizon_s=horizon,
         percent=unit == "percent" or rest is not None,
     )
-    without = ", ".join(name for name in chosen if name != "relaxation")
-    if until_half_width and not fit_on and without:
+    others = ", ".join(name for name in chosen if name != "relaxation")
+    if until_half_width and not fit_on and others:
         print_message(
-            f"palpate: --until-half-width: {without} has no interval without --fit-on, so the "
+            f"palpate: --until-half-width: {others} has no interval without --fit-on, so the "
             "prediction uses each full hold"
         )
-    predictions: list[Prediction] = []
     with progress("settling", total=len(files), quiet=quiet or as_json) as show:
-
-        def progress_of(number: int) -> Callable[[float], None]:
-            return lambda part: show(number + part)
-
-        for number, file in enumerate(files):
-            read = partial(source.holds, file, until_s=horizon, progress=progress_of(number))
-            how: dict[str, Any] = {
-                "methods": chosen,
-                "horizon_s": horizon,
-                "level": level,
-                "source": str(file),
-            }
-            if cutoffs_s:
-                predictions += predict_holds(read(), cutoffs_s=cutoffs_s, **how)
-            if until_half_width is not None:
-                predictions += decide_holds(read(), half_width_percent=until_half_width, **how)
+        predictions = _predict(
+            source,
+            methods=chosen,
+            cutoffs_s=cutoffs_s,
+            half_width_percent=until_half_width,
+            horizon_s=horizon,
+            level=level,
+            show=show,
+        )
     if not predictions:
         raise InputError(f"{holds[0]}: the files contain no holds")
     document = ScoreTable(
@@ -217,6 +209,40 @@ def settle(
         print_json(document.to_dict())
     else:
         report.print_tables(document, written=[p for p in (out, plot) if p])
+
+
+def _predict(
+    source: HoldSource,
+    *,
+    methods: Mapping[str, SettlingMethod],
+    cutoffs_s: Sequence[float],
+    half_width_percent: float | None,
+    horizon_s: float,
+    level: float,
+    show: Callable[[float], None],
+) -> list[Prediction]:
+    """Predict all holds at the cut-offs, and as soon as their intervals are narrow enough.
+
+    `show`: called with the number of read files.
+    """
+    predictions: list[Prediction] = []
+    for number, file in enumerate(source.files()):
+
+        def show_fraction(fraction: float, *, done: int = number) -> None:
+            show(done + fraction)
+
+        read = partial(source.holds, file, until_s=horizon_s, progress=show_fraction)
+        options: dict[str, Any] = {
+            "methods": methods,
+            "horizon_s": horizon_s,
+            "level": level,
+            "source": str(file),
+        }
+        if cutoffs_s:
+            predictions += predict_holds(read(), cutoffs_s=cutoffs_s, **options)
+        if half_width_percent is not None:
+            predictions += decide_holds(read(), half_width_percent=half_width_percent, **options)
+    return predictions
 
 
 def _check_numbers(
@@ -265,7 +291,7 @@ def _check_held_out(learn_from: Sequence[Path], *, files: Sequence[Path]) -> Non
             )
 
 
-def _methods(
+def _make_methods(
     names: Sequence[str],
     *,
     fit_on: Sequence[Path],

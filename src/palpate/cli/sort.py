@@ -106,9 +106,9 @@ def sort(
             damage=limit,
         )
         # Without a crate the command prompts for items, so it shows no progress bar.
-        crate = isinstance(supply, SimulatedCrate)
+        is_prompting = not isinstance(supply, SimulatedCrate)
         try:
-            with progress("sorting", total=items, quiet=quiet or as_json or not crate) as show:
+            with progress("sorting", total=items, quiet=quiet or as_json or is_prompting) as show:
                 report = SortReport(book=book, dry=False, show=show)
                 sort_with_rig(report, supply, rules=rules, store=store, batch=batch)
         finally:

@@ -86,12 +86,12 @@ class SortReport:
         for one in document["rows"]:
             wrong = one["belongs"] not in (None, one["bin"])
             note = f" [red](true bin: {escape(one['belongs'])})[/red]" if wrong else ""
-            chance = one["probability"]
+            probability = one["probability"]
             rows.append(
                 (
                     f"[bold]{escape(one['item_id'])}[/bold]",
                     escape(one["bin"]),
-                    "-" if chance is None else f"{100 * chance:.0f}",
+                    "-" if probability is None else f"{100 * probability:.0f}",
                     escape(one["why"].partition(": ")[2]) + note,
                 )
             )

@@ -361,10 +361,10 @@ class AppState:
     def idle_texts(self) -> list[str]:
         """Return the texts of an idle page: last grasp, today's counts, calibration age."""
         source = self.session.devices.live.source
-        words = self.history.idle_texts()
+        texts = self.history.idle_texts()
         if source is not None and source.calibrated_at:
-            words.append(f"calibrated {age_text(source.calibrated_at)}")
-        return words
+            texts.append(f"calibrated {age_text(source.calibrated_at)}")
+        return texts
 
     def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
         """Store a finished grasp and publish its result."""

@@ -132,13 +132,13 @@ class History:
         last = self._recent[-1]
         when = datetime.fromisoformat(last.ended_at).astimezone()
         ended = ", ".join(filter(None, (last.outcome.replace("_", " "), last.firmness)))
-        words = [f"last grasp {when:%d %b %H:%M}: {' '.join(filter(None, (last.item_id, ended)))}"]
+        texts = [f"last grasp {when:%d %b %H:%M}: {' '.join(filter(None, (last.item_id, ended)))}"]
         if self._day == datetime.now().date():
             counts = self._of_day.most_common()
-            words.append(
+            texts.append(
                 "today " + ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts)
             )
-        return words
+        return texts
 
     def add(self, entry: Entry) -> None:
         """Add a grasp to the history.

@@ -56,17 +56,17 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     """Add the field for the next item's name: typed, scanned or the last name."""
     form = app_state.session.form
 
-    def name(item_id: str | None) -> None:
+    def set_item(item_id: str | None) -> None:
         if viewer.is_driver:
             form.item_id = (item_id or "").strip()
 
-    item = ui.input(label, value=form.item_id, on_change=lambda event: name(event.value))
+    item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
     # Enter selects the text, so that the next scan replaces it.
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
     with item.add_slot("append"):
         same_item = viewer.button(
-            "", lambda: name(form.last_item_id), props="id=same-item", small=True
+            "", lambda: set_item(form.last_item_id), props="id=same-item", small=True
         )
     viewer.enable_for_driver(item)
 
@@ -83,12 +83,12 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
 def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
     """Add the choice of the kind among the kinds with a learned damage limit."""
 
-    def choose(kind: str) -> None:
+    def set_kind(kind: str) -> None:
         if viewer.is_driver:
             form.kind = kind
 
     options = {"": "not given", **{kind: kind for kind in damage.kinds}}
-    kind = ui.select(options, value=form.kind, on_change=lambda event: choose(event.value))
+    kind = ui.select(options, value=form.kind, on_change=lambda event: set_kind(event.value))
     kind.props("outlined dense behavior=dialog").classes("w-full")
     kind.props["label"] = "Kind (for its damage limit)"
     viewer.enable_for_driver(kind)

@@ -18,7 +18,7 @@ ROWS = (
 )
 
 
-def print_table(width: int) -> str:
+def render_table(width: int) -> str:
     table = Table("item", "last grasp", "size\nmm", "verdict", box=None, padding=(0, 2, 0, 0))
     for row in ROWS:
         table.add_row(*row)
@@ -30,7 +30,7 @@ def print_table(width: int) -> str:
 
 @pytest.mark.parametrize("width", [24, 40, 46, 60, 80, 200])
 def test_table_shows_every_word_uncut(width: int) -> None:
-    shown = print_table(width)
+    shown = render_table(width)
     assert max(map(len, shown.splitlines())) <= width
     words = "item last grasp size mm verdict fruit-17 2026-05-14 08:02 62.0 61.6…62.4 conditioned"
     words += " ball 2026-05-15 09:30 no measurement is stored, [as] yet"
@@ -38,7 +38,7 @@ def test_table_shows_every_word_uncut(width: int) -> None:
 
 
 def test_table_in_a_wide_terminal_has_one_line_per_row() -> None:
-    assert print_table(200).splitlines()[2].split() == [
+    assert render_table(200).splitlines()[2].split() == [
         "fruit-17",
         "2026-05-14",
         "08:02",
@@ -48,5 +48,5 @@ def test_table_in_a_wide_terminal_has_one_line_per_row() -> None:
 
 
 def test_table_in_a_tiny_terminal_prints_rows_as_labelled_paragraphs() -> None:
-    one = " ".join(print_table(40).split())
+    one = " ".join(render_table(40).split())
     assert "item fruit-17 · last grasp 2026-05-14 08:02 · size, mm 62.0 (61.6…62.4) ·" in one
