@@ -54,16 +54,13 @@ def pattern(
     ] = "rectangle",
     corner: Annotated[float, _number("Corner radius of rounded pixels.")] = 1.5,
     gap: Annotated[Size, _number("Gap between pixels.")] = None,
-    overhang: Annotated[Size, _number("Velostat beyond the copper; 1 by default.")] = None,
-    trace: Annotated[Size, _number("Width of traces; 1.2 by default.", _TAIL)] = None,
-    pad: Annotated[str | None, _number("Solder pad; 1.6x5 by default.", _TAIL, "WxL")] = None,
-    pad_pitch: Annotated[Size, _number("Pitch of pads; 2.54 by default.", _TAIL)] = None,
-    tail: Annotated[Size, _number("Length, pixels to pads; 20 by default.", _TAIL)] = None,
-    margin: Annotated[Size, _number("Tape margin; 3 by default.", _TAIL)] = None,
-    width: Annotated[
-        Size,
-        _number("Width of base and cover; minimal by default.", _TAIL),
-    ] = None,
+    overhang: Annotated[Size, _number("Velostat beyond the copper.")] = None,
+    trace: Annotated[Size, _number("Width of traces.", _TAIL)] = None,
+    pad: Annotated[str | None, _number("Size of a solder pad.", _TAIL, "WxL")] = None,
+    pad_pitch: Annotated[Size, _number("Pitch of pads.", _TAIL)] = None,
+    tail: Annotated[Size, _number("Length from pixels to pads.", _TAIL)] = None,
+    margin: Annotated[Size, _number("Tape margin.", _TAIL)] = None,
+    width: Annotated[Size, _number("Width of base and cover; minimal by default.", _TAIL)] = None,
     min_feature: Annotated[float, _number("Narrowest strip.", _CUTTER)] = 1.0,
     min_gap: Annotated[float, _number("Narrowest gap.", _CUTTER)] = 0.5,
     sheet: Annotated[str, _number("Cutting area.", _CUTTER, "WxH")] = "296x298",
@@ -72,7 +69,7 @@ def pattern(
 ) -> None:
     """Draw the cut files of a sensor: base, copper, Velostat, copper and cover.
 
-    Lengths are in mm.
+    Lengths are in mm. Dimensions without an option are those of the preset.
 
     Example: palpate pattern --preset paper-3x2 --out sensor
     """
