@@ -513,6 +513,6 @@ class AppState:
 
 
 def age_text(made_at: str) -> str:
-    """Return the age of an ISO 8601 time: ``today``, or in days, such as ``3 days ago``."""
+    """Return the age of an ISO 8601 time, such as ``3 days ago`` or ``today``."""
     days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
     return "today" if days < 1 else f"{count_of(days, 'day')} ago"
