@@ -73,7 +73,7 @@ def test_inspect_recover_completes_a_truncated_recording(recorded: Path, palpate
 
 
 def test_settle_names_an_unreadable_recording_once(recorded: Path, palpate: Command) -> None:
-    cut(recorded, share=0.01)
+    truncate(recorded, fraction=0.01)
     error = palpate.refused("settle", recorded)
     assert error.count(f"{recorded}") == 1
     assert "missing or damaged" in error
