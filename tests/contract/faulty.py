@@ -1,15 +1,21 @@
-"""Sensors that fail on demand, and a gripper that records its commands."""
+"""Sensors that fail on demand, a gripper that records its commands, and recorded grasps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
-from palpate.sensor.array import ArrayLayout, Frame
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.rig.recorded import GraspRecorder
+from palpate.sensor.array import ArrayLayout, Frame, PressureArray
 from palpate.sensor.byte_stream import ByteStream
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
@@ -108,3 +114,25 @@ class RecordingGripper:
 
     def close(self) -> None:
         self._gripper.close()
+
+
+def run_recorded_grasp(
+    plan: Plan,
+    world: World,
+    array: PressureArray,
+    gripper: Gripper,
+    path: Path,
+    *,
+    subscribers: Sequence[Subscriber] = (),
+    watchers: Sequence[Watcher] = (),
+) -> GraspResult:
+    """Run a grasp and record it to a file; `subscribers` are called after the recorder."""
+    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
+        return run_grasp(
+            plan,
+            array=array,
+            gripper=gripper,
+            clock=world.clock,
+            subscribers=[GraspRecorder(writer), *subscribers],
+            watchers=watchers,
+        )

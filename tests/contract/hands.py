@@ -94,23 +94,34 @@ def twin_hand(kind: str) -> Iterator[Hand]:
     )
 
 
+def _make_servo_hand(world: World, gripper: Gripper) -> Hand:
+    def wait(duration_s: float) -> None:
+        for _ in range(round(duration_s / 0.1)):
+            world.clock.sleep_s(0.1)
+            gripper.state()
+
+    return Hand(
+        gripper=gripper,
+        clock=world.clock,
+        wait=wait,
+        read_position=lambda: world.drive_value(world.now_s()),
+    )
+
+
+def pass_time(world: World, duration_s: float) -> None:
+    """Advance a world in steps of 10 ms without reading the gripper."""
+    for _ in range(round(duration_s / 0.01)):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+
+
 @contextmanager
 def servo_hand(model_number: int) -> Iterator[Hand]:
     world = make_world("rigid")
     bus = ServoBus(world, model_number=model_number)
     gripper = open_servo(world, bus)
 
-    def wait(duration_s: float) -> None:
-        for _ in range(round(duration_s / 0.1)):
-            world.clock.sleep_s(0.1)
-            gripper.state()
-
-    yield Hand(
-        gripper=gripper,
-        clock=world.clock,
-        wait=wait,
-        read_position=lambda: world.drive_value(world.now_s()),
-    )
+    yield _make_servo_hand(world, gripper)
     gripper.close()
     bus.close()
 
@@ -121,17 +132,7 @@ def jaw_hand() -> Iterator[Hand]:
     bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
     gripper = open_jaw(world, bus)
 
-    def wait(duration_s: float) -> None:
-        for _ in range(round(duration_s / 0.1)):
-            world.clock.sleep_s(0.1)
-            gripper.state()
-
-    yield Hand(
-        gripper=gripper,
-        clock=world.clock,
-        wait=wait,
-        read_position=lambda: world.drive_value(world.now_s()),
-    )
+    yield _make_servo_hand(world, gripper)
     gripper.close()
     bus.close()
 

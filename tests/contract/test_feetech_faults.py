@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, make_world, open_jaw
+from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, make_world, open_jaw, pass_time
 from tests.contract.sts_bus import StsBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -39,12 +39,6 @@ def gripper(world: World, bus: StsBus) -> Iterator[FeetechGripper]:
     found = open_jaw(world, bus)
     yield found
     found.close()
-
-
-def pass_time(world: World, duration_s: float) -> None:
-    for _ in range(round(duration_s / 0.01)):
-        world.clock.sleep_s(0.01)
-        world.drive_value(world.clock.now_s())
 
 
 def test_protocol_1_packets_equal_the_examples_in_the_manual() -> None:

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.contract.faulty import run_recorded_grasp
 from tests.contract.hands import make_world, open_board
 from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
-from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
@@ -21,7 +21,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
-from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.recording import load_recording
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
@@ -160,19 +160,7 @@ def test_grasp_ends_and_vents_after_a_fault(
             injected_s.append(world.clock.now_s())
             FAULTS[fault][0](board)
 
-    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
-
-        def recorder(seen: Observation) -> None:
-            writer.add_observation(seen.frame, gripper=seen.gripper)
-
-        result = run_grasp(
-            plan,
-            array=array,
-            gripper=gripper,
-            clock=world.clock,
-            subscribers=[recorder],
-            watchers=[inject_fault],
-        )
+    result = run_recorded_grasp(plan, world, array, gripper, path, watchers=[inject_fault])
     assert len(load_recording(path).time_s) == result.frames
     _, outcome, words = FAULTS[fault]
     assert result.outcome is outcome

@@ -11,7 +11,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.contract.faulty import FailingArray, NoisyLine, RecordingGripper, replace_first_pixel
+from tests.contract.faulty import (
+    FailingArray,
+    NoisyLine,
+    RecordingGripper,
+    replace_first_pixel,
+    run_recorded_grasp,
+)
 from tests.contract.hands import make_object, make_world
 from tests.contract.regulator_board import RegulatorBoard
 
@@ -21,9 +27,9 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import Watcher, run_grasp
+from palpate.grasp.runner import Subscriber, Watcher
 from palpate.grasp.state import GraspState
-from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.recording import load_recording
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
@@ -153,23 +159,13 @@ def run(
     path: Path,
     array: PressureArray,
     hand: RecordingGripper,
-    *others: object,
+    *others: Subscriber,
     watchers: Sequence[Watcher] = (),
 ) -> GraspResult:
     """Run and record a grasp; `others` are subscribed after the recorder."""
-    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
-
-        def recorder(observation: Observation) -> None:
-            writer.add_observation(observation.frame, gripper=observation.gripper)
-
-        return run_grasp(
-            plan_for(kind),
-            array=array,
-            gripper=hand,
-            clock=world.clock,
-            subscribers=[recorder, *others],
-            watchers=watchers,
-        )
+    return run_recorded_grasp(
+        plan_for(kind), world, array, hand, path, subscribers=others, watchers=watchers
+    )
 
 
 def run_with_fault(kind: str, row: Row, path: Path) -> tuple[FaultyGrasp, GraspResult]:

@@ -11,7 +11,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.contract.hands import BAUD, REPLY_S, make_world, open_servo
+from tests.contract.faulty import run_recorded_grasp
+from tests.contract.hands import BAUD, REPLY_S, make_world, open_servo, pass_time
 from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -20,14 +21,14 @@ from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper import x_series as x
 from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.servo_line import RefusedError, ServoLine
-from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.recording import load_recording
 from palpate.rig import open_rig
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray
@@ -123,9 +124,7 @@ def test_dynamixel_stop_without_a_reply_sets_the_shortest_watchdog(
     # A request with a reply ensures that the earlier packets were received.
     gripper.state()
     assert bus.value(x.BUS_WATCHDOG) == 1
-    for _ in range(5):
-        world.clock.sleep_s(0.01)
-        world.drive_value(world.clock.now_s())
+    pass_time(world, 0.05)
     assert not world.is_moving(world.clock.now_s())
 
 
@@ -194,9 +193,7 @@ def test_dynamixel_command_rearms_a_tripped_watchdog(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
     close_slowly(gripper)
-    for _ in range(60):
-        world.clock.sleep_s(0.01)
-        world.drive_value(world.clock.now_s())
+    pass_time(world, 0.6)
     assert not gripper.state().moving
     close_slowly(gripper)
     assert bus.value(x.BUS_WATCHDOG) == 25
@@ -356,9 +353,7 @@ def test_dynamixel_watchdog_stops_the_servo_until_the_next_command(
     gripper: DynamixelGripper, world: World
 ) -> None:
     close_slowly(gripper)
-    for _ in range(100):
-        world.clock.sleep_s(0.01)
-        world.drive_value(world.clock.now_s())
+    pass_time(world, 1.0)
     # 0.5 s plus one time step.
     assert world.drive_value(1.0) == pytest.approx(74.0 - 0.51 * 4.4, abs=0.4)
     assert not gripper.state().moving
@@ -508,7 +503,9 @@ def test_grasp_ends_at_once_after_a_servo_fault(
             inject(bus)
 
     path = tmp_path / "fault.mcap"
-    result = _recorded(plan, gripper, world, path, inject_fault)
+    result = run_recorded_grasp(
+        plan, world, TwinArray(world), gripper, path, subscribers=[inject_fault]
+    )
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert words in result.faults[0]
     assert world.clock.now_s() - injected_s[0] <= 0.1
@@ -530,32 +527,12 @@ def test_grasp_detects_lost_torque_from_the_width(
             bus.fail(x.HardwareError(0))
 
     path = tmp_path / "fault.mcap"
-    result = _recorded(plan, gripper, world, path, switch_torque_off)
+    result = run_recorded_grasp(
+        plan, world, TwinArray(world), gripper, path, subscribers=[switch_torque_off]
+    )
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "check for a blockage, a locked servo or a missing supply" in result.faults[0]
     # The stop first looks like a contact. It is detected after four half steps without movement.
     assert world.clock.now_s() - injected_s[0] <= 0.7 + 4 * 0.55
     assert len(load_recording(path).time_s) == result.frames
     assert not world.is_moving(world.clock.now_s())
-
-
-def _recorded(
-    plan: Plan,
-    gripper: DynamixelGripper,
-    world: World,
-    path: Path,
-    inject_fault: Callable[[Observation], None],
-) -> GraspResult:
-    array = TwinArray(world)
-    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
-
-        def recorder(observation: Observation) -> None:
-            writer.add_observation(observation.frame, gripper=observation.gripper)
-
-        return run_grasp(
-            plan,
-            array=array,
-            gripper=gripper,
-            clock=world.clock,
-            subscribers=[recorder, inject_fault],
-        )

@@ -32,8 +32,8 @@ class LineDecoder:
 
     A line contains all pixels row by row, or one row with a blank line between frames. Numbers are
     separated by commas, semicolons, tabs or spaces; labels (``A0:512``) and brackets are ignored.
-    A line without digits is a comment. All other lines are rejected and counted, including
-    incomplete lines and lines with a number out of range.
+    A line without numbers counts as a blank line. All other lines are rejected and counted,
+    including incomplete lines and lines with a number out of range.
 
     Parameters
     ----------

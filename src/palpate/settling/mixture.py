@@ -41,7 +41,7 @@ class Mixture:
 
     #: Shape (n_holds,). Index of the first component of each hold.
     first: NDArray[np.intp]
-    #: Shape (n_components,). Hold of each component, increasing from 0.
+    #: Shape (n_components,). Hold of each component, in ascending order.
     hold: NDArray[np.intp]
     #: Shape (n_components,). Posterior probability; change from the last bin to the horizon, and
     #: its standard deviation.
