@@ -16,6 +16,7 @@ from palpate.dashboard.panel_html import day_text
 from palpate.estimate.firmness import firmness_index
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.line.epcis import epcis_document
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook
@@ -189,6 +190,10 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     page = item_store.page("A1")
     verdict = page.latest_verdict(About.BIN)
     assert (len(page.grasps), verdict.text) == (1, "ripe")
+    # The bin of a grasp is also in its EPCIS event.
+    (event,) = epcis_document(page, created_at=verdict.given_at)["epcisBody"]["eventList"]
+    reports = event["sensorElementList"][0]["sensorReport"]
+    assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
 
 
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(

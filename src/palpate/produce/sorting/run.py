@@ -112,7 +112,7 @@ def _bruise_probability(verdict: Verdict) -> float:
 
 
 def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:
-    """Return the verdict for the store."""
+    """Return the verdict for the store, linked to the latest grasp."""
     return Verdict(
         item_id=done.item_id,
         about=About.BIN,
@@ -124,4 +124,5 @@ def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:
             "rule_line": None if done.decision.rule is None else done.decision.rule.line,
             "grasps": len(done.grasps),
         },
+        grasp_id=done.grasps[-1].grasp_id if done.grasps else None,
     )
