@@ -150,7 +150,7 @@ class BoardIdentity:
     max_cols: int
     max_oversampling: int
     settle_us: int
-    #: Time without commands after which the pressure output is vented.
+    #: Time without commands after which the pressure is vented, or the servo held.
     heartbeat_ms: int
     #: Bits of the ATmega's MCUSR: power-on, reset pin, brown-out, watchdog (8), JTAG.
     reset_cause: int

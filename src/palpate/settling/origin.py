@@ -86,13 +86,12 @@ def _find_baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.int
     total = change.max(axis=1, keepdims=True)
     if min_end >= time_s.size or (change[:, min_end] > _FLAT * total[:, 0]).all():
         return np.zeros(len(values), dtype=np.intp)
-    is_off = change > _FLAT * total
-    flat = is_off.argmax(axis=1) - 1
+    # -1 for a constant hold, which never leaves the baseline.
+    flat = (change > _FLAT * total).argmax(axis=1) - 1
     departed = (change > _DEPARTED * total).argmax(axis=1)
     duration_s = time_s[flat] - time_s[0]
     is_sudden = (time_s[departed] - time_s[flat] <= _SUDDEN * duration_s) | (departed == flat + 1)
-    # Excludes constant holds, which never leave the baseline.
-    end: NDArray[np.intp] = np.where((flat >= min_end) & is_sudden & is_off.any(axis=1), flat, 0)
+    end: NDArray[np.intp] = np.where((flat >= min_end) & is_sudden, flat, 0)
     return end
 
 

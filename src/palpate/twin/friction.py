@@ -8,7 +8,7 @@ from dataclasses import dataclass
 N_PER_G = 9.80665e-3
 #: Ratio of sliding to static friction (plausible for rubber-like tape, not measured).
 _SLIDING_FRACTION = 0.8
-#: Sliding distance, mm, after which the object has left the pads: half the length of the pixels.
+#: Sliding distance, mm, after which the object has left the pads: half the length of a pad.
 PAD_MM = 10.0
 
 
