@@ -1,9 +1,10 @@
-// Arduino Uno and Nano (ATmega328P): pins, and the timers that the common code of avr.cpp names.
+// Arduino Uno and Nano (ATmega328P): pins, and the timers used by avr.cpp.
 #pragma once
 #include "pins.h"
 
-// Change a pin here: port letter and bit. The converter's is A0 (divider); a timer fixes the servo.
-// Not pin 13, which the boot loader blinks. Rows as on the Mega: multiplexer or direct lines.
+// Change a pin here: port letter and bit. The input of the converter is A0 (divider); the servo pin
+// is fixed by its timer. Do not use pin 13, which the boot loader toggles. Rows as on the Mega:
+// multiplexer or direct lines.
 #define ROW_SELECT D, 2       // 2-3: row multiplexer select, low bit first
 #define COLUMN_SELECT D, 4    // 4-5: column multiplexer select, low bit first
 #define ROWS C, 2             // A2-A5: row lines 0-3 direct
@@ -17,7 +18,7 @@
 namespace board {
 
 constexpr uint8_t kFeatures = palpate::kWithLoadCells | palpate::kWithServo;
-// As on the Mega; settling is counted in steps of 4 us.
+// As on the Mega, but settling is counted in steps of 4 us.
 constexpr palpate::Timing kTiming = {104, 120, 20, 8, 13, 80, BAUD};
 constexpr uint8_t kGroundChannel = 0x0F;
 
@@ -33,7 +34,7 @@ inline void select_pixel(uint8_t row, uint8_t col) {
   SET_PINS(ROWS, 4, static_cast<uint8_t>(1 << row));
 }
 
-// Timer 2 is the clock, at 16 MHz / 32. Timer 0, which wakes the main loop, is also the settle time.
+// Timer 2 is the clock, at 16 MHz / 32. Timer 0 wakes the main loop and times the settling.
 #define SERIAL_UDRE_vect USART_UDRE_vect
 #define SERIAL_RX_vect USART_RX_vect
 #define CLOCK_OVERFLOW_vect TIMER2_OVF_vect
@@ -43,7 +44,7 @@ inline uint16_t clock_part_us() { return static_cast<uint16_t>(TCNT2 << 1); }
 inline bool overflow_waits() { return (TIFR2 & _BV(TOV2)) != 0; }
 
 inline void start_settling(uint16_t settle_us) {
-  // One more: the count under way may be almost over.
+  // One more step, because the current step may be almost over.
   OCR0A = static_cast<uint8_t>(TCNT0 + (settle_us + 3) / 4 + 1);
   TIFR0 = _BV(OCF0A);
   TIMSK0 |= _BV(OCIE0A);

@@ -1,5 +1,5 @@
-// An Arduino with an AVR: converter, frames, servo and serial port under the portable core.
-// BOARD names the file with its pins and timers.
+// An Arduino with an AVR: converter, frames, servo and serial port for the portable core.
+// BOARD is the file with the pins and timers.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -15,22 +15,23 @@ using palpate::LoadCell;
 using palpate::Plan;
 using palpate::Scan;
 
-// 16 MHz / 128 = 125 kHz: inside the 50-200 kHz that the data sheet asks for full 10-bit accuracy
-// (section 26.4). A prescaler of 16 would be eight times faster and lose about 1 LSB.
+// 16 MHz / 128 = 125 kHz, within the 50-200 kHz of the data sheet for full 10-bit accuracy (section
+// 26.4). A prescaler of 16 would be eight times faster and lose about 1 LSB.
 constexpr uint8_t kAdcSilent = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 constexpr uint8_t kAdcEnable = kAdcSilent | _BV(ADIE);
 constexpr uint8_t kAdcSupplyReference = _BV(REFS0);
 constexpr uint8_t kReadBackChannel = 1;
 
-// Timer 1 at 16 MHz / 8 gives the frames (compare A) and the servo's pulses (compare B).
+// Timer 1 at 16 MHz / 8 times the frames (compare A) and the servo pulses (compare B).
 constexpr uint32_t kTicksPerSecond = 2000000;
 constexpr uint16_t kServoPeriodTicks = 40000;  // 20 ms
 constexpr uint32_t kSilentUs = 500000;         // five readings of an HX711 at its slower rate
 
 constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
 
-// Survives resets: the number of the last stream, whether the watchdog ever bit, a trip of the
-// ceiling, and for how long the watchdog had not been reset: boot loaders clear the reset's cause.
+// State that survives resets: number of the last stream, whether the watchdog has reset the board,
+// a trip of the ceiling, and the time since the watchdog was last served. The last replaces the
+// reset cause, which boot loaders clear.
 struct Kept {
   uint16_t magic;
   volatile uint8_t unfed_ticks;  // of 1.024 ms
@@ -39,10 +40,10 @@ struct Kept {
   bool tripped;
 };
 constexpr uint16_t kMagic = 0x9A18;
-// The watchdog bites after 250 ms, on an oscillator of its own that may be some 10 % fast; the main
-// loop never takes 20 ms.
+// The watchdog times out after 250 ms on its own oscillator, which may be about 10 % fast. The main
+// loop takes less than 20 ms.
 constexpr uint8_t kHungTicks = 190;
-// Data addresses of the registers, and of those among them that a start sets itself.
+// Data addresses of the first register, and of the registers that the start-up code sets.
 constexpr uint16_t kFirstRegister = 0x20, kStackLow = 0x5D, kStackHigh = 0x5E, kStatus = 0x5F;
 Kept kept __attribute__((section(".noinit")));
 uint8_t reset_cause __attribute__((section(".noinit")));
@@ -55,7 +56,7 @@ struct Scanner {
   uint16_t sum, pixel;
   uint32_t next_sequence, sequence, time_us;
   uint32_t ticks_left, period_ticks, period_rest, rest_sum;
-  // One is filled by the interrupts while the other waits to be sent.
+  // One buffer is filled by the interrupts while the other waits for transmission.
   uint16_t counts[2][palpate::kMaxPixels];
   uint16_t pressure[2];
   uint8_t filling;
@@ -79,8 +80,8 @@ struct Receiver {
 Receiver receiver;
 
 struct Servo {
-  uint16_t ticks;        // wanted width of a pulse; 0: none
-  uint16_t pulse_ticks;  // width of the latest
+  uint16_t ticks;        // requested pulse width; 0: no pulses
+  uint16_t pulse_ticks;  // width of the latest pulse
   bool is_high;
 };
 Servo servo;
@@ -88,7 +89,7 @@ Servo servo;
 volatile uint32_t overflows;
 volatile bool ticked;
 
-// Keeps the compiler from reading what an interrupt wrote before the flag that says so.
+// Prevents the compiler from reading interrupt data before the flag that announces the data.
 inline void after_flag() { __asm__ volatile("" ::: "memory"); }
 
 LoadCell load_cells[palpate::kLoadCells];
@@ -111,8 +112,8 @@ inline void begin_pixel() {
 
 void begin_scan() {
   const uint32_t sequence = scanner.next_sequence++;
-  // The plan keeps scans shorter than the period; should one ever not be, its successor is
-  // dropped, and the numbering tells so.
+  // The plan keeps scans shorter than the period. If a scan is longer, the next scan is dropped and
+  // its number is skipped.
   if (scanner.active) return;
   scanner.active = true;
   scanner.sequence = sequence;
@@ -125,7 +126,7 @@ void begin_scan() {
 
 void end_scan() {
   scanner.active = false;
-  // The scan before is still waiting for the line: drop this one.
+  // The previous scan still waits for transmission: drop this scan.
   if (scanner.ready) return;
   scanner.done.sequence = scanner.sequence;
   scanner.done.time_us = scanner.time_us;
@@ -135,7 +136,7 @@ void end_scan() {
   scanner.ready = true;
 }
 
-// After the last conversion of a pixel: on to the next one, the read-back or the end.
+// After the last conversion of a pixel: start the next pixel or the read-back, or end the scan.
 void end_pixel() {
   if (scanner.reading_back) {
     scanner.pressure[scanner.filling] = scanner.sum;
@@ -161,7 +162,7 @@ void end_pixel() {
   }
 }
 
-// A compare reaches 65535 ticks; longer periods are counted down in pieces.
+// A compare register holds up to 65535 ticks; longer periods are divided into steps.
 void schedule_frame() {
   if (scanner.ticks_left == 0) {
     scanner.ticks_left = scanner.period_ticks;
@@ -209,8 +210,8 @@ class Arduino final : public palpate::Board {
       scanner.active = false;
       scanner.ready = false;
     }
-    // A conversion under way ends by itself. Switched off and on, the converter would take 25 clocks
-    // for the next one to initialize itself (section 26.4).
+    // Wait for the current conversion. After switching the converter off and on, the next
+    // conversion would take 25 clocks (section 26.4).
     while (ADCSRA & _BV(ADSC)) {
     }
     ADCSRA = kAdcEnable | _BV(ADIF);
@@ -273,7 +274,7 @@ void set_load_clock(uint8_t index, bool is_high) {
 }
 
 // HX711 data sheet, "Serial Interface": 24 bits, then one pulse for channel A at gain 128. A clock
-// held high for 60 us would put it to sleep, so no interrupt may fall into a pulse.
+// pulse of 60 us would power the HX711 down, so interrupts are off during a pulse.
 void read_load_cell(uint8_t index) {
   uint32_t bits = 0;
   for (uint8_t i = 0; i < 25; ++i) {
@@ -300,7 +301,7 @@ void poll_load_cells() {
       load_read_us[i] = now;
       load_cells[i].silent = false;
     } else if (now - load_read_us[i] > kSilentUs) {
-      // Stays so when the clock wraps, after 71 minutes.
+      // The flag stays set when the clock wraps after 71 minutes.
       load_cells[i].silent = true;
     }
   }
@@ -320,7 +321,7 @@ void set_up_pins() {
 void set_up_converter() {
   // The digital inputs of the two analog pins draw current at half the supply (section 26.8.6).
   DIDR0 = _BV(ADC0D) | _BV(ADC1D);
-  // The first conversion, which initializes the converter, is of ground.
+  // The first conversion, which initializes the converter, measures ground.
   ADMUX = kAdcSupplyReference | board::kGroundChannel;
   ADCSRA = kAdcSilent | _BV(ADSC);
 }
@@ -330,7 +331,7 @@ void set_up_serial() {
   UBRR0 = kDivisor;
   UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
   UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
-  // Cuts off whatever the reset left on the line.
+  // A zero ends any partial packet from before the reset.
   UDR0 = 0;
 }
 
@@ -343,7 +344,7 @@ void remember_reset() {
 
 }  // namespace
 
-// The watchdog stays on after its own reset, with its shortest time: it must go before main.
+// After its reset the watchdog stays enabled with the shortest time-out: disable it before main.
 void first_thing() __attribute__((naked, used, section(".init3")));
 void first_thing() {
   reset_cause = MCUSR;
@@ -351,10 +352,10 @@ void first_thing() {
   wdt_disable();
 }
 
-// The watchdog's first time-out comes here, and the program starts again without its boot loader:
-// an old one does not switch the watchdog off, and resets for ever. Where interrupts are off, the
-// second time-out resets the processor. Every register of the peripherals gets the value that a
-// reset gives, and their pending flags, which a one clears, are cleared.
+// The first time-out of the watchdog restarts the program without the boot loader, because an old
+// boot loader does not disable the watchdog and would reset forever. If interrupts are off, the
+// second time-out resets the processor. All peripheral registers are set to their values after a
+// reset, and pending flags are cleared by writing ones.
 ISR(WDT_vect, ISR_NAKED) {
   cli();
   for (uint16_t address = kFirstRegister; address <= RAMSTART - 1; ++address) {
@@ -381,8 +382,8 @@ ISR(TIMER1_COMPA_vect) {
   if (due) begin_scan();
 }
 
-// The edges are the compare unit's own, so that no other interrupt moves them; here the next one is
-// prepared. A pulse that has begun is finished.
+// The compare unit makes the edges, so that no other interrupt delays them; this handler prepares
+// the next edge. A started pulse is completed.
 ISR(TIMER1_COMPB_vect) {
   servo.is_high = !servo.is_high;
   if (servo.is_high) {
@@ -425,7 +426,7 @@ ISR(SERIAL_UDRE_vect) {
 ISR(SERIAL_RX_vect) {
   const uint8_t byte = UDR0;
   const uint8_t next = (receiver.head + 1) & (sizeof receiver.bytes - 1);
-  // When full, the byte is lost, and with it by its CRC the command.
+  // If the buffer is full, the byte is lost, and the CRC rejects its command.
   if (next == receiver.tail) return;
   receiver.bytes[receiver.head] = byte;
   receiver.head = next;
@@ -453,7 +454,7 @@ void take_scan() {
   scanner.ready = false;
 }
 
-// Until there is something to do, at most 1.024 ms: no interrupt can come between the check and the
+// Sleep until there is work, at most 1.024 ms. No interrupt can occur between the check and the
 // sleep. A sleeping processor also disturbs the converter less.
 void rest() {
   cli();

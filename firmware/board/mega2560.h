@@ -1,13 +1,14 @@
-// Arduino Mega 2560: pins, and the timers that the common code of avr.cpp names.
+// Arduino Mega 2560: pins, and the timers used by avr.cpp.
 #pragma once
 #include "pins.h"
 
 #define BOARD_NAME "Arduino Mega 2560"
 
-// Change a pin here: port letter and bit. The converter's are A0 (divider) and A1 (pressure
-// read-back); timers fix the servo and the pressure. Not pin 13, which the boot loader blinks.
-// Rows go either to the row multiplexer (idle rows float) or to the direct lines (idle rows are
-// grounded, the selected one is high); both sets of pins are always driven.
+// Change a pin here: port letter and bit. The inputs of the converter are A0 (divider) and A1
+// (pressure read-back); the servo and pressure pins are fixed by their timers. Do not use pin 13,
+// which the boot loader toggles. Rows are connected either to the row multiplexer (idle rows float)
+// or to the direct lines (idle rows are grounded, the selected row is high); both sets of pins are
+// always driven.
 #define ROW_SELECT L, 0       // 49-46: row multiplexer select, low bit first
 #define COLUMN_SELECT L, 4    // 45-42: column multiplexer select, low bit first
 #define ROWS_LOW A, 0         // 22-29: row lines 0-7 direct
@@ -24,7 +25,7 @@ namespace board {
 
 constexpr uint8_t kFeatures =
     palpate::kWithLoadCells | palpate::kWithPressure | palpate::kWithServo;
-// Conversion: 13 ADC clocks, up to one of waiting for the ADC clock's edge, and the interrupt.
+// Conversion: 13 ADC clocks, up to one clock until the edge of the ADC clock, and the interrupt.
 // Measured in the simulator and rounded up.
 constexpr palpate::Timing kTiming = {104, 120, 14, 8, 12, 80, BAUD};
 constexpr uint8_t kGroundChannel = 0x1F;
@@ -43,8 +44,8 @@ inline void select_pixel(uint8_t row, uint8_t col) {
   SET_PINS(ROWS_HIGH, 8, row < 8 ? 0 : static_cast<uint8_t>(1 << (row - 8)));
 }
 
-// Timer 5 is the clock and timer 4 the settle time, both at 16 MHz / 8. One each: a compare register
-// is never written on the timer whose overflows are counted.
+// Timer 5 is the clock and timer 4 times the settling, both at 16 MHz / 8. They are separate, so
+// that no compare register is written on the timer whose overflows are counted.
 #define SERIAL_UDRE_vect USART0_UDRE_vect
 #define SERIAL_RX_vect USART0_RX_vect
 #define CLOCK_OVERFLOW_vect TIMER5_OVF_vect
@@ -77,7 +78,7 @@ inline void set_up_timers() {
 inline void set_pressure_output(uint16_t pa) {
   const uint16_t duty =
       static_cast<uint16_t>(static_cast<uint32_t>(pa) * kPwmTop / palpate::kMaxPressurePa);
-  // A compare of 0 still gives a pulse of one clock: zero means the pin itself is held low.
+  // A compare value of 0 still produces a pulse of one clock, so for zero the pin is held low.
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
     OCR3A = duty;
     TCCR3A = static_cast<uint8_t>((duty ? _BV(COM3A1) : 0) | _BV(WGM31));

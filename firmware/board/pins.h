@@ -1,4 +1,4 @@
-// A pin is "port letter, bit": the tables of the board files, and what the code makes of them.
+// A pin is "port letter, bit", as in the tables of the board files; macros that access pins.
 #pragma once
 #include <avr/io.h>
 #include <stdint.h>
@@ -9,13 +9,13 @@
 #define PALPATE_DDR(port, bit) PALPATE_JOIN(DDR, port)
 #define PALPATE_PIN(port, bit) PALPATE_JOIN(PIN, port)
 #define PALPATE_BIT(port, bit) bit
-// Each of the following takes a name of a table.
+// The argument `pin` is a name in a table.
 #define PORT_OF(...) PALPATE_PORT(__VA_ARGS__)
 #define BIT_OF(...) PALPATE_BIT(__VA_ARGS__)
 #define IS_HIGH(pin) ((PALPATE_PIN(pin) >> BIT_OF(pin) & 1) != 0)
 #define MAKE_OUTPUTS(pin, width) (PALPATE_DDR(pin) |= ((1 << (width)) - 1) << BIT_OF(pin))
 #define SET_PIN(pin, is_high) palpate_set_field<BIT_OF(pin), 1>(PORT_OF(pin), is_high)
-// The `width` pins of a port from the one named, low bit first.
+// Sets `width` pins of a port, starting at `pin`, low bit first.
 #define SET_PINS(pin, width, value) palpate_set_field<BIT_OF(pin), width>(PORT_OF(pin), value)
 
 template <uint8_t first, uint8_t width>

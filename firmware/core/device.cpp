@@ -48,7 +48,7 @@ void Device::begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_
   tripped_ = tripped;
   board_.set_pressure_output(0);
   board_.set_servo_pulse(0);
-  // Until a host sets a ceiling.
+  // The line stays low until a host sets a ceiling.
   board_.set_safe_line(false);
   send_identity(0);
 }
@@ -164,10 +164,10 @@ bool Device::in_travel(uint16_t pulse_us) const {
                                : closed_us_ <= pulse_us && pulse_us <= open_us_;
 }
 
-// The first pulses after a reset or a trip are those of the open fingers: nothing shows where a
-// hobby servo is.
+// The first pulses after a reset or a trip are those of the open fingers, because the position of a
+// hobby servo is unknown.
 Result Device::set_servo(uint16_t target_us, uint16_t rate_us_per_s) {
-  // Without supply, pulses would feed the servo through its signal.
+  // Without supply, pulses would power the servo through its signal.
   if (tripped_ || !armed_) return kTripped;
   if (open_us_ == 0 || rate_us_per_s == 0) return kBadArgument;
   if (target_us != 0 && !in_travel(target_us)) return kBadArgument;
@@ -231,7 +231,7 @@ void Device::poll() {
     servo_.hold();
     heartbeat_lost_ = true;
   }
-  // The servo has backed off with the supply that the safe line switches.
+  // The servo has had time to open; now its supply is cut with the safe line.
   if (tripped_ && servo_.value() != 0 && now_us - tripped_us_ > kBackOffMs * 1000ul) {
     servo_.jump(0);
     board_.set_safe_line(false);

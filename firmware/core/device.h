@@ -1,4 +1,4 @@
-// The board's behaviour: commands, streaming, safety. Knows the hardware only through Board.
+// Behaviour of the board: commands, streaming, safety. Board is the interface to the hardware.
 #pragma once
 #include <stdint.h>
 
@@ -15,7 +15,7 @@ struct LoadCell {
   bool silent = false;
 };
 
-// A finished scan, as the board hands it over.
+// A completed scan of the board.
 struct Scan {
   uint32_t sequence;
   uint32_t time_us;
@@ -23,17 +23,17 @@ struct Scan {
   uint16_t pressure_counts;
 };
 
-// What the core asks of the hardware.
+// Interface of the hardware for the core.
 class Board {
  public:
   virtual uint32_t now_us() = 0;
   virtual void start_scanning(const Plan& plan) = 0;
   virtual void stop_scanning() = 0;
-  // A free transmit buffer of kMaxStuffedBytes, or null while both are on their way.
+  // A free transmit buffer of kMaxStuffedBytes, or null while both are being sent.
   virtual uint8_t* transmit_buffer() = 0;
   virtual void transmit(uint16_t size) = 0;
   virtual void set_pressure_output(uint16_t pa) = 0;
-  // Width of a servo's pulses; 0 for none.
+  // Width of the servo pulses; 0 for no pulses.
   virtual void set_servo_pulse(uint16_t us) = 0;
   virtual void set_safe_line(bool safe) = 0;
   virtual const LoadCell& load_cell(uint8_t index) = 0;
@@ -48,15 +48,15 @@ class Device {
   Device(Board& board, const Timing& timing, uint8_t features, const char* name)
       : board_(board), timing_(timing), features_(features), name_(name) {}
 
-  // `seed` makes stream numbers differ from those before a reset.
-  // A trip of the ceiling before the reset stays one.
+  // `seed`: last stream number before the reset, so that new numbers differ. A trip of the ceiling
+  // before the reset remains in force.
   void begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up, bool tripped);
-  // Only while a transmit buffer is free: the byte may complete a command, which is answered.
+  // Call only while a transmit buffer is free: the byte may complete a command, which is answered.
   void on_byte(uint8_t byte);
-  // Likewise.
+  // Call only while a transmit buffer is free.
   void on_scan(const Scan& scan);
   void poll();
-  // Keep it over a reset, for the next begin().
+  // State to keep over a reset, for the next begin().
   uint8_t stream_seed() const { return stream_seed_; }
   bool tripped() const { return tripped_; }
 
@@ -83,7 +83,7 @@ class Device {
   PacketReader reader_;
   Plan plan_;
   Ramp pressure_;
-  // Pulses are sent while its value is not 0.
+  // Pulses are sent while the value is not 0.
   Ramp servo_;
   uint16_t open_us_ = 0;
   uint16_t closed_us_ = 0;

@@ -15,7 +15,7 @@ struct CrcTable {
   uint32_t of[256];
 };
 
-// In flash: a kilobyte for a link that is several times faster than with a table of 16.
+// In flash: with this kilobyte the link is several times faster than with a table of 16 entries.
 constexpr CrcTable make_crc_table() {
   CrcTable table = {};
   for (uint16_t byte = 0; byte < 256; ++byte) {
@@ -79,7 +79,7 @@ PacketReader::Event PacketReader::feed(uint8_t byte) {
     }
     return kNothing;
   }
-  // What came before the very first zero may be the tail of something: not worth a complaint.
+  // Bytes before the first zero may be the end of a packet, so they are not reported as damaged.
   Event event = in_step_ ? kDamaged : kNothing;
   if (size_ == 0) {
     event = kNothing;

@@ -1,4 +1,4 @@
-// Packets: stuffed by COBS, with a length and a CRC-32. One byte at a time, bounded memory.
+// Packets with COBS framing, length and CRC-32, processed byte by byte in bounded memory.
 #pragma once
 #include <stdint.h>
 

@@ -10,9 +10,9 @@ uint32_t highest_rate_mhz(const Plan& plan, const Timing& timing) {
 
   const uint32_t scan_us = (steps + read_back) * (plan.settle_us + timing.per_step_us) +
                            conversions * timing.per_conversion_us;
-  // A start and a stop bit per byte; a twentieth of the line is kept for answers.
+  // A start and a stop bit per byte; 5 % of the link is reserved for answers.
   const uint32_t link_us = bytes * 105000u / (timing.baud / 100u);
-  // Half as much again, so that commands, load cells and the clock find time.
+  // 50 % more, for commands, load cells and the clock.
   const uint32_t busy_us = (conversions * timing.cpu_per_conversion_us +
                             bytes * timing.cpu_per_byte_us + timing.cpu_per_frame_us) * 3u / 2u;
   uint32_t period_us = scan_us;

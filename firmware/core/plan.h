@@ -1,4 +1,4 @@
-// What the board is set to do, and how fast it can do that.
+// Settings of the board, and the highest possible frame rate.
 #pragma once
 #include <stdint.h>
 
@@ -6,11 +6,11 @@
 
 namespace palpate {
 
-// Costs of the hardware that the core runs on, microseconds.
+// Times of the hardware, microseconds.
 struct Timing {
   uint16_t conversion_us;       // nominal, one ADC conversion
-  uint16_t per_conversion_us;   // conversion, waiting for the ADC clock, interrupt
-  uint16_t per_step_us;         // switching a multiplexer, over and above the settle time
+  uint16_t per_conversion_us;   // conversion, wait for the ADC clock, interrupt
+  uint16_t per_step_us;         // switching a multiplexer, in addition to the settle time
   uint16_t cpu_per_conversion_us;
   uint16_t cpu_per_byte_us;     // encoding and sending
   uint16_t cpu_per_frame_us;
@@ -28,7 +28,7 @@ struct Plan {
   uint16_t pixels() const { return static_cast<uint16_t>(rows * cols); }
 };
 
-// Highest rate, millihertz, at which scan, link and processor all keep up.
+// Highest rate that scan, link and processor support, millihertz.
 uint32_t highest_rate_mhz(const Plan& plan, const Timing& timing);
 
 }  // namespace palpate

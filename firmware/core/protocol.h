@@ -1,4 +1,4 @@
-// Numbers of docs/protocol.md.
+// Constants of the protocol in docs/protocol.md.
 #pragma once
 #include <stdint.h>
 
@@ -23,10 +23,10 @@ constexpr uint16_t kMaxPressurePa = 50000;
 constexpr uint32_t kMaxSlewPaPerS = 500000;
 constexpr uint16_t kHeartbeatMs = 500;
 
-// Hobby servos turn over 500 to 2500 us at most, and turn 60 degrees in 0.1 to 0.2 s.
+// Hobby servos accept at most 500 to 2500 us, and turn 60 degrees in 0.1 to 0.2 s.
 constexpr uint16_t kShortestPulseUs = 500;
 constexpr uint16_t kLongestPulseUs = 2500;
-// Time for a servo to open after a trip, before its supply is cut.
+// Time for the servo to open after a trip before its supply is cut.
 constexpr uint16_t kBackOffMs = 400;
 
 enum Type : uint8_t {

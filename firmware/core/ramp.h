@@ -1,4 +1,4 @@
-// A quantity that moves at a limited rate: the regulator's pascals, a servo's microseconds.
+// A quantity with a limited rate of change: pressure of the regulator, pulse width of the servo.
 #pragma once
 #include <stdint.h>
 
@@ -10,14 +10,14 @@ class Ramp {
     target_ = target;
     rate_per_s_ = rate_per_s;
   }
-  // Without a ramp.
+  // Sets value and target immediately.
   void jump(uint16_t value) {
     target_ = value_ = value;
     milli_ = value * 1000ul;
   }
-  // Stays where it is.
+  // Stops at the current value.
   void hold() { target_ = value_; }
-  // Lets time pass, at most a second at a call.
+  // Advances by at most one second.
   void advance(uint16_t ms) {
     const uint32_t target = target_ * 1000ul;
     if (milli_ == target) return;
@@ -37,7 +37,7 @@ class Ramp {
   uint16_t target_ = 0;
   uint16_t value_ = 0;
   uint32_t rate_per_s_ = 1;
-  // In thousandths, so that slow rates do not round away between two updates.
+  // In thousandths, so that slow rates are not rounded to zero between updates.
   uint32_t milli_ = 0;
 };
 

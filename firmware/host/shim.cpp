@@ -1,4 +1,4 @@
-// The portable core behind plain C functions, so that Python tests run it on the host.
+// C interface of the portable core for Python tests on the host.
 #include <stddef.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@ using palpate::LoadCell;
 using palpate::Plan;
 using palpate::Scan;
 
-// A board without hardware: keeps what it was told to do and collects what was sent.
+// A board without hardware, which stores its outputs and collects sent bytes.
 class HostBoard final : public palpate::Board {
  public:
   uint32_t now_us() override { return now; }
@@ -63,7 +63,7 @@ void host_scan(Host* host, uint32_t sequence, uint32_t time_us, const uint16_t* 
                uint16_t pressure_counts) {
   host->device.on_scan(Scan{sequence, time_us, counts, pressure_counts});
 }
-// Moves what was sent to `out`; returns its size.
+// Moves the sent bytes to `out`; returns their number.
 size_t host_take(Host* host, uint8_t* out) {
   const size_t size = host->board.size;
   memcpy(out, host->board.sent, size);

@@ -1,7 +1,7 @@
-/* An Arduino Mega 2560, Uno or Nano on simavr, with what is wired to it: the pixels behind two
- * multiplexers, a pressure regulator, a servo's signal, two HX711 load-cell amplifiers and a serial
- * line at its true speed.
- * Driven from Python by ctypes (palpate.twin.firmware). Test tool only: simavr is GPL-3. */
+/* An Arduino Mega 2560, Uno or Nano on simavr with its wiring: pixels behind two multiplexers, a
+ * pressure regulator, a servo signal, two HX711 load-cell amplifiers, and a serial line at its real
+ * speed. Controlled from Python with ctypes (palpate.twin.firmware). Test tool only: simavr is
+ * GPL-3. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -27,8 +27,8 @@
 
 #define PULSES 4096u
 
-/* Data-space addresses, ATmega2560 and ATmega328P data sheets, register summaries. A port's
- * direction register lies below it. */
+/* Data-space addresses (register summaries of the ATmega2560 and ATmega328P data sheets). The
+ * direction register of a port is at the address below. */
 enum { PORTA_ = 0x22, PORTB_ = 0x25, PORTC_ = 0x28, PORTD_ = 0x2B, PORTH_ = 0x102, PORTL_ = 0x10B };
 enum { TCCR1A_ = 0x80, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
 
@@ -36,17 +36,17 @@ typedef struct pin {
   uint8_t port, bit;
 } pin_t;
 
-/* A field of a port's bits. */
-/* Registers of both chips, as data addresses; time-out flag and reset enable; 250 ms at 16 MHz. */
+/* Data addresses of registers of both chips; time-out flag with reset enable; 250 ms at 16 MHz. */
 enum { WDTCSR_ = 0x60, WDTCSR_BOTH = 0x88, MCUSR_ = 0x54, MCUSR_WATCHDOG = 8 };
 #define WATCHDOG_CYCLES 4000000
 
+/* A field of bits of a port. */
 typedef struct field {
   uint16_t address;
   uint8_t first, mask;
 } field_t;
 
-/* How a board is wired: the tables of firmware/board. */
+/* Wiring of a board, as in the tables of firmware/board. */
 typedef struct wiring {
   const char *chip;
   field_t row, col, lines_low, lines_high, safe, servo;
@@ -120,7 +120,7 @@ static double output_duty(const board_t *board) {
   return ((data[OCR3AL_] | data[OCR3AL_ + 1] << 8) + 1) / 1024.0;
 }
 
-/* First-order regulator between the pulse output and its read-back, as a share of full scale. */
+/* First-order regulator between the pulse output and its read-back, as a fraction of full scale. */
 static double pressure_now(board_t *board) {
   double elapsed_s = (double)(board->avr->cycle - board->pressure_cycle) / CLOCK_HZ;
   board->pressure_cycle = board->avr->cycle;
@@ -129,7 +129,7 @@ static double pressure_now(board_t *board) {
   return board->pressure;
 }
 
-/* The direct row lines must agree with the multiplexer: exactly the selected row high. */
+/* Whether the direct row lines agree with the multiplexer: only the selected row is high. */
 static int rows_agree(const board_t *board, int row) {
   const wiring_t *wiring = board->wiring;
   return (read_field(board, wiring->lines_low) | read_field(board, wiring->lines_high) << 8) == 1 << row;
@@ -140,10 +140,10 @@ static double pixel_mv(board_t *board) {
   int pixel = row * 16 + col;
   if (!rows_agree(board, row)) board->misrouted++;
   double span = (double)(board->to_cycle - board->from_cycle);
-  double share = span > 0 ? (double)(board->avr->cycle - board->from_cycle) / span : 1.0;
-  if (share < 0) share = 0;
-  if (share > 1) share = 1;
-  return (1.0 - share) * board->from_mv[pixel] + share * board->to_mv[pixel];
+  double fraction = span > 0 ? (double)(board->avr->cycle - board->from_cycle) / span : 1.0;
+  if (fraction < 0) fraction = 0;
+  if (fraction > 1) fraction = 1;
+  return (1.0 - fraction) * board->from_mv[pixel] + fraction * board->to_mv[pixel];
 }
 
 static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
@@ -153,7 +153,7 @@ static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
     avr_adc_mux_t mux;
     uint32_t value;
   } request = {.value = value};
-  int pin = request.mux.kind == ADC_MUX_SINGLE ? request.mux.src : -1; /* -1: ground, at first */
+  int pin = request.mux.kind == ADC_MUX_SINGLE ? request.mux.src : -1; /* -1: ground */
   double mv = 0;
   if (pin == 0) {
     mv = pixel_mv(board);
@@ -162,9 +162,9 @@ static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
     mv = SUPPLY_MV * pressure_now(board);
   }
   mv += board->noise_mv * gaussian(board);
-  /* The data sheet's first ideal transition lies half a step above zero ("ADC Accuracy
-   * Definitions"), so a count is V * 1024 / Vref rounded. simavr takes whole millivolts and
-   * multiplies by 1023: it is given the voltage that makes the right count of that. */
+  /* The first ideal transition is half a step above zero (data sheet, "ADC Accuracy Definitions"),
+   * so a count is V * 1024 / Vref rounded. simavr uses whole millivolts and a factor of 1023, so
+   * the voltage is converted to one that results in the correct count. */
   double count = floor(mv * 1024.0 / SUPPLY_MV + 0.5);
   if (count < 0) count = 0;
   if (count > 1023) count = 1023;
@@ -178,7 +178,7 @@ static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
     board->out_lost++;
     return;
   }
-  /* It is on the line until its stop bit is over. */
+  /* The transmission of the byte ends with its stop bit. */
   board->out_cycle[board->out_size] = board->avr->cycle + board->byte_cycles;
   board->out[board->out_size++] = (uint8_t)value;
 }
@@ -195,7 +195,7 @@ static avr_irq_t *irq_of(avr_t *avr, pin_t pin) {
   return avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
 }
 
-/* Also sets what holds the pin from outside: otherwise a write to it would bring its pull-up back. */
+/* Also sets the external level of the pin; otherwise a write would restore its pull-up. */
 static void set_load_data(load_cell_t *cell, int level) {
   uint8_t mask = (uint8_t)(1 << cell->data.bit);
   avr_ioport_external_t held = {.name = cell->data.port, .mask = mask, .value = level ? mask : 0};
@@ -231,9 +231,9 @@ static void on_safe_line(avr_irq_t *irq, uint32_t value, void *param) {
   board->safe_level = level;
 }
 
-/* Notes when each pulse of the compare unit began and how long it was; the oldest are kept if they
- * are not taken. simavr also moves a compare's pin at each overflow, as in its PWM modes, always
- * against the sense of the compare: this is left out. */
+/* Records start and length of each pulse of the compare unit; if the buffer is full, new pulses are
+ * dropped. simavr also changes the pin of a compare at each overflow, as in its PWM modes, always
+ * opposite to the compare mode; these changes are ignored. */
 static void on_servo(avr_irq_t *irq, uint32_t value, void *param) {
   (void)irq;
   board_t *board = param;
@@ -283,7 +283,7 @@ static void connect(board_t *board) {
   }
 }
 
-/* Returns null if the chip is none of a board, or the file is not an ELF that simavr can run. */
+/* Returns null if the chip is unknown, or the file is not an ELF that simavr can run. */
 board_t *board_open(const char *chip, const char *elf, uint32_t baud, uint64_t seed) {
   const wiring_t *wiring = NULL;
   for (size_t i = 0; i < sizeof WIRINGS / sizeof *WIRINGS; i++) {
@@ -314,8 +314,8 @@ board_t *board_open(const char *chip, const char *elf, uint32_t baud, uint64_t s
   return board;
 }
 
-/* Puts a boot loader (Intel hex) in front of the program, and starts in it, now and after every
- * reset, as the fuses of a bought board say. Returns 0, or -1 if the file can't be read. */
+/* Loads a boot loader (Intel hex) and starts it, now and after every reset, like the fuses of a
+ * purchased board. Returns 0, or -1 if the file can't be read or does not fit the flash. */
 int board_load_boot(board_t *board, const char *hex) {
   ihex_chunk_p chunks = NULL;
   int count = read_ihex_chunks(hex, &chunks);
@@ -344,7 +344,7 @@ uint64_t board_misrouted(const board_t *board) { return board->misrouted; }
 uint32_t board_out_lost(const board_t *board) { return board->out_lost; }
 double board_output_duty(const board_t *board) { return output_duty(board); }
 double board_pressure(board_t *board) { return pressure_now(board); }
-/* High only as an output: otherwise its pull-down holds it low. */
+/* The line is high only as an output; otherwise its pull-down keeps it low. */
 int board_safe_line(const board_t *board) {
   return read_field(board, board->wiring->safe) & is_output(board, board->wiring->safe);
 }
@@ -352,7 +352,7 @@ uint32_t board_safe_edges(const board_t *board) { return board->safe_edges; }
 void board_reset(board_t *board) { avr_reset(board->avr); }
 void board_set_noise_mv(board_t *board, float noise_mv) { board->noise_mv = noise_mv; }
 
-/* Moves every pixel in a straight line from where it is now to `mv` (16 x 16) at `cycle`. */
+/* Changes every pixel linearly from its last target to `mv` (16 x 16) at `cycle`. */
 void board_set_pixels(board_t *board, const float *mv, uint64_t cycle) {
   memcpy(board->from_mv, board->to_mv, sizeof board->from_mv);
   memcpy(board->to_mv, mv, sizeof board->to_mv);
@@ -360,7 +360,7 @@ void board_set_pixels(board_t *board, const float *mv, uint64_t cycle) {
   board->to_cycle = cycle;
 }
 
-/* An absent amplifier leaves its line high for good. */
+/* Connects an amplifier with a reading; without an amplifier the line stays high. */
 void board_set_load(board_t *board, int index, int32_t raw) {
   load_cell_t *cell = &board->loads[index];
   cell->raw = raw;
@@ -370,7 +370,7 @@ void board_set_load(board_t *board, int index, int32_t raw) {
   }
 }
 
-/* Makes the program hang where it is, as a hit by a particle would: interrupts go on. */
+/* Makes the program hang, as after a particle hit; interrupts continue. */
 void board_hang(board_t *board) {
   const avr_flashaddr_t nowhere = board->avr->flashend / 2 & ~1u; /* above the program */
   board->avr->flash[nowhere] = 0xFF; /* rjmp to itself */
@@ -378,12 +378,12 @@ void board_hang(board_t *board) {
   board->avr->pc = nowhere;
 }
 
-/* Sets four bytes of its memory: a variable of the program. */
+/* Sets four bytes of the memory, such as a variable of the program. */
 void board_set_memory(board_t *board, uint32_t address, uint32_t value) {
   memcpy(board->avr->data + address, &value, sizeof value);
 }
 
-/* Queues bytes for the board's receiver; returns how many fitted. */
+/* Queues bytes for the receiver of the board; returns the number of queued bytes. */
 uint32_t board_give(board_t *board, const uint8_t *bytes, uint32_t size) {
   uint32_t given = 0;
   int idle = board->in_head == board->in_tail;
@@ -394,7 +394,7 @@ uint32_t board_give(board_t *board, const uint8_t *bytes, uint32_t size) {
   return given;
 }
 
-/* Bytes that have left the board, and the cycle at which each was through. */
+/* Moves the sent bytes to `bytes`, and the cycle at the end of each byte to `cycles`. */
 uint32_t board_take(board_t *board, uint8_t *bytes, uint64_t *cycles) {
   uint32_t size = board->out_size;
   memcpy(bytes, board->out, size);
@@ -403,7 +403,7 @@ uint32_t board_take(board_t *board, uint8_t *bytes, uint64_t *cycles) {
   return size;
 }
 
-/* Servo pulses since the last call: the cycle at which each began, and its length in cycles. */
+/* Moves the servo pulses since the last call: start cycle, and length in cycles. */
 uint32_t board_take_pulses(board_t *board, uint64_t *began, uint32_t *cycles) {
   uint32_t count = board->pulses;
   memcpy(began, board->pulse_cycle, count * sizeof *began);
@@ -412,9 +412,8 @@ uint32_t board_take_pulses(board_t *board, uint64_t *began, uint32_t *cycles) {
   return count;
 }
 
-/* Runs up to a cycle; returns 0, or -1 if the program has crashed. */
-/* Data sheet, "Interrupt and System Reset Mode": a first time-out that is not served by the next one
- * resets the processor; simavr only raises the interrupt again. */
+/* Data sheet, "Interrupt and System Reset Mode": if the first time-out is not served before the
+ * next, the processor is reset. simavr only raises the interrupt again. */
 static void watch_second_timeout(board_t *board) {
   avr_t *avr = board->avr;
   if ((avr->data[WDTCSR_] & WDTCSR_BOTH) != WDTCSR_BOTH) {
@@ -428,6 +427,7 @@ static void watch_second_timeout(board_t *board) {
   }
 }
 
+/* Runs up to a cycle; returns 0, or -1 if the program has crashed. */
 int board_run(board_t *board, uint64_t until) {
   while (board->avr->cycle < until) {
     int state = avr_run(board->avr);
