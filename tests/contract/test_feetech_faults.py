@@ -167,7 +167,11 @@ def test_feetech_unknown_model_is_refused(world: World) -> None:
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
+        (
+            {"port": "/dev/no-such-servo"},
+            DeviceNotFoundError,
+            "no port /dev/no-such-servo; `palpate ports`",
+        ),
         ({"highest_mm": 300.0}, InputError, "the jaw opens from 0 to 140 mm"),
         ({"closed_tick": 4000}, InputError, "remount its horn"),
         ({"torque_limit_percent": 0.0}, InputError, "must be 1 to 100"),

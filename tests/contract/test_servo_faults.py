@@ -386,7 +386,11 @@ def test_dynamixel_stops_after_the_host_process_is_killed(world: World, bus: Ser
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
+        (
+            {"port": "/dev/no-such-servo"},
+            DeviceNotFoundError,
+            "no port /dev/no-such-servo; `palpate ports`",
+        ),
         ({"baud": 12345}, DeviceError, "12345 baud"),
         ({"servo_id": 3}, DeviceTimeoutError, "servo 3"),
         ({"lowest_mm": 3.0}, InputError, "carriages move from 20 to 76 mm"),

@@ -5,10 +5,15 @@ from __future__ import annotations
 import re
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.commands import Command
+
+from palpate.rig import Rig
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -42,6 +47,27 @@ def test_own_gripper_is_open_after_its_grasp(run: Any) -> None:
     plan = palpate.plan_grasp(rig.calibration, gripper=rig.gripper)
     palpate.run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
     assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
+
+
+@pytest.mark.parametrize("names_truth", [True, False])
+def test_own_rig_from_an_entry_point_grasps_on_the_command_line(
+    run: Any, palpate: Command, monkeypatch: pytest.MonkeyPatch, names_truth: bool
+) -> None:
+    open_mine = run("own_gripper.py", as_main=False)["open_mine"]
+
+    def open_rig(**options: Any) -> Rig:
+        rig = open_mine(**options)
+        return rig if names_truth else replace(rig, truth=None)
+
+    entry = SimpleNamespace(name="mine", load=lambda: open_rig)
+    monkeypatch.setattr("palpate.rig.entry_points", lambda *, group: [entry])
+    words = ("grasp", "--rig", "mine", "--seed", "1", "--target-force-n", "6")
+    card = palpate(*words).out
+    assert "SIMULATED" in card
+    assert ("true" in card) == names_truth
+    document = palpate(*words, "--json").document
+    assert document["simulated"] is True
+    assert ("truth" in document) == names_truth
 
 
 @pytest.mark.slow

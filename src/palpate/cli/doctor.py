@@ -69,9 +69,9 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
     if press and source.simulated:
         raise InputError("--press requires a real sensor, or a --recording of presses")
     layout = source.array.layout
+    known_ohm = source.rest_ohm()
     if not source.simulated:
         print_message(f"{source.name}: do not touch the sensor for {duration_s:g} s")
-    known_ohm = source.rest_ohm()
     source.frames(0.0)  # Bytes before the first frame are not link errors.
     before = source.link_counters()
     rest = source.frames(duration_s)

@@ -160,6 +160,7 @@ def grasp(
                 target_force_n=target_force_n,
                 damage_limit=limited,
                 names=stored_names,
+                simulated=devices.is_simulated,
                 truth=truth,
                 subject=devices.subject,
             )

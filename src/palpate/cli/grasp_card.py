@@ -49,7 +49,7 @@ def print_card(
     `limited`: effect of a learned damage limit; None without a limit.
     """
     summary = verdict(result, target_force_n=target_force_n)
-    damaged = truth is not None and bool(truth["damaged"])
+    damaged = truth is not None and bool(truth.get("damaged"))
     good = result.outcome is Outcome.HELD and not damaged
     headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
     if summary["firmness"]:

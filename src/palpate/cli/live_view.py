@@ -57,7 +57,7 @@ class LiveView:
         return Panel(
             Group(self._body(), Text(""), self._link()),
             title=title,
-            subtitle="[bold yellow]SIMULATED: the twin is squeezed[/]" if simulated else "live",
+            subtitle="[bold yellow]SIMULATED: closes and opens[/]" if simulated else "live",
             border_style="red" if self._reading.is_stale else "green",
             padding=(1, 2),
             expand=False,

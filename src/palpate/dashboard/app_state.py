@@ -480,6 +480,7 @@ class AppState:
             target_force_n=order.target_force_n,
             damage_limit=limited,
             names=names | ({"item_id": order.item_id} if order.item_id else {}),
+            simulated=live.source is not None and live.source.is_simulated,
             truth=grasped.truth,
             subject=None if live.source is None else live.source.subject,
         )

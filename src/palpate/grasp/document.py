@@ -17,6 +17,7 @@ def grasp_document(
     target_force_n: float | None,
     damage_limit: Mapping[str, object] | None,
     names: Mapping[str, str],
+    simulated: bool,
     truth: Mapping[str, object] | None,
     subject: str | None,
 ) -> dict[str, object]:
@@ -24,7 +25,8 @@ def grasp_document(
 
     `damage_limit`: output of `damage_limit_document`; None without a limit.
     `names`: values of ``item_id``, ``grasp_id``, ``recording`` and ``ended_at``.
-    `truth`: true values of a simulated grasp; None on hardware.
+    `simulated`: whether the rig is simulated.
+    `truth`: true values of a simulated grasp; None if unknown.
     `subject`: name of the simulated object.
     """
     document: dict[str, object] = {
@@ -33,8 +35,10 @@ def grasp_document(
         "damage_limit": damage_limit,
         **names,
     }
+    if simulated:
+        document |= {"simulated": True, "object": subject}
     if truth is not None:
-        document |= {"simulated": True, "object": subject, "truth": dict(truth)}
+        document["truth"] = dict(truth)
     return document
 
 

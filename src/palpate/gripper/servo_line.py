@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import errno
 import termios
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from typing import Any
 
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, require_extra
+from palpate.errors import DeviceError, DeviceTimeoutError, require_extra
 from palpate.gripper.packets import PROTOCOL_2, PacketLayout, Register, RegisterRun
 from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
+from palpate.sensor.byte_stream import explain_refusal
 
 #: Attempts per request, to tolerate single lost or damaged packets.
 _TRIES = 3
@@ -73,15 +73,7 @@ class ServoLine:
                 self._port.ser.exclusive = True
         except OSError as error:
             self.close()
-            if error.errno in (errno.EAGAIN, errno.EBUSY):
-                raise DeviceError(
-                    f"{port} is in use by another program; `fuser -v {port}` shows which. Close it "
-                    "first."
-                ) from error
-            raise DeviceNotFoundError(
-                f"port {port} can't be opened: {error.strerror or error}. `palpate ports` lists "
-                "the available ports; check cable and permissions."
-            ) from error
+            raise explain_refusal(port, error) from error
         if not opened:
             raise DeviceError(f"{port}: the servo line can't run at {baud} baud")
 

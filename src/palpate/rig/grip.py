@@ -143,6 +143,7 @@ class Grip:
             target_force_n=self._plan.target_force_n,
             damage_limit=None,
             names={},
+            simulated=rig.is_simulated,
             truth=None if rig.truth is None else dict(rig.truth()),
             subject=rig.subject,
         )

@@ -58,7 +58,7 @@ class SerialStream:
         try:
             self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except serial.SerialException as error:
-            raise _explain_refusal(port, error) from error
+            raise explain_refusal(port, error) from error
 
     def read_waiting(self) -> bytes:
         """Return all received bytes without waiting."""
@@ -83,7 +83,7 @@ def _port_error(port: str) -> str:
     return f"{port} is gone: the cable was pulled or the board lost power. Plug the board in again."
 
 
-def _explain_refusal(port: str, error: serial.SerialException) -> DeviceError:
+def explain_refusal(port: str, error: OSError) -> DeviceError:
     """Return an error with the reason why a port can't be opened, and the remedy."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
