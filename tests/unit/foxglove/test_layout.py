@@ -19,8 +19,8 @@ from palpate.foxglove.channels import HEAT_MAP, live_schemas
 from palpate.recording.channels import SCHEMAS
 from palpate.sensor.array import RIGID_LAYOUT
 
-READ = json.loads(LAYOUT.read_text(encoding="utf-8"))
-PANELS: dict[str, dict[str, Any]] = READ["configById"]
+DOCUMENT = json.loads(LAYOUT.read_text(encoding="utf-8"))
+PANELS: dict[str, dict[str, Any]] = DOCUMENT["configById"]
 CHANNELS = SCHEMAS | live_schemas(RIGID_LAYOUT)
 PATH = re.compile(r"(?P<topic>/\w+)\.(?P<field>\w+)(\[(?P<index>\d+)\])?")
 #: Series settings missing from the description in SDK 0.25, the newest version that LeRobot 0.6
@@ -43,7 +43,7 @@ def plotted_paths() -> list[str]:
 
 
 def test_layout_places_every_panel_once() -> None:
-    assert sorted(panel_ids(READ["layout"])) == sorted(PANELS)
+    assert sorted(panel_ids(DOCUMENT["layout"])) == sorted(PANELS)
 
 
 @pytest.mark.parametrize("panel", PANELS)

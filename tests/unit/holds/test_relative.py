@@ -37,27 +37,27 @@ def test_mean_change_is_independent_of_rest_values() -> None:
 def test_mean_change_excludes_open_pixel() -> None:
     table = pixels(1e3, 2e3)
     table["p1_ohm"][TIME_S > 10] = np.inf
-    made = read_recording({"time_s": TIME_S, **table})
-    mean = relative_readings(made, rest_s=(0, 1.9), mean=True).columns["mean change"]
+    readings = read_recording({"time_s": TIME_S, **table})
+    mean = relative_readings(readings, rest_s=(0, 1.9), mean=True).columns["mean change"]
     assert mean[-1] == pytest.approx(-50.0, abs=0.1)
 
 
 def test_relative_readings_convert_counts_with_divider() -> None:
     counts = np.where(TIME_S > 2.0, 768.0, 512.0)
     divider = Divider(adc_bits=10, reference_ohm=4700.0, taxel_leg="upper")
-    made = read_recording({"time_s": TIME_S, "a": counts}, unit="counts", divider=divider)
-    change = relative_readings(made, rest_s=(0, 1.9), mean=False).columns["a"]
+    readings = read_recording({"time_s": TIME_S, "a": counts}, unit="counts", divider=divider)
+    change = relative_readings(readings, rest_s=(0, 1.9), mean=False).columns["a"]
     assert change[-1] == pytest.approx(-66.7, abs=0.1)
 
 
 @pytest.mark.parametrize(("rest_s", "unit", "words"), [((90, 99), "ohm", "0 readings at rest")])
 def test_relative_readings_without_rest_are_refused(rest_s: tuple, unit: str, words: str) -> None:
-    made = read_recording({"time_s": TIME_S, **pixels(1e3)}, unit=unit)
+    readings = read_recording({"time_s": TIME_S, **pixels(1e3)}, unit=unit)
     with pytest.raises(InputError, match=words):
-        relative_readings(made, rest_s=rest_s, mean=True)
+        relative_readings(readings, rest_s=rest_s, mean=True)
 
 
 def test_relative_readings_of_counts_without_divider_are_refused() -> None:
-    made = read_recording({"time_s": TIME_S, "a": np.full(TIME_S.size, 512.0)}, unit="counts")
+    readings = read_recording({"time_s": TIME_S, "a": np.full(TIME_S.size, 512.0)}, unit="counts")
     with pytest.raises(InputError, match="the unit is counts; add --adc-bits"):
-        relative_readings(made, rest_s=(0, 1.9), mean=True)
+        relative_readings(readings, rest_s=(0, 1.9), mean=True)

@@ -12,7 +12,7 @@ from palpate.plots.style import PLOT_ENDINGS, legend_below, log_axis, new_figure
 
 
 @pytest.fixture
-def written(tmp_path: Path) -> Path:
+def figure_folder(tmp_path: Path) -> Path:
     """Write a figure with a negative and a logarithmic axis in every format."""
     with new_figure(columns=2) as (figure, axes):
         axes[0, 0].plot([-20.0, 0.0], [-40.0, 0.0])
@@ -25,8 +25,8 @@ def written(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_svg_contains_text_with_minus_signs(written: Path) -> None:
-    text = (written / "plot.svg").read_text()
+def test_svg_contains_text_with_minus_signs(figure_folder: Path) -> None:
+    text = (figure_folder / "plot.svg").read_text()
     assert "change of resistance, %" in text
     labels = re.findall(r"<text[^>]*>([^<]*)</text>", text)
     assert "\N{MINUS SIGN}20" in labels
@@ -34,15 +34,15 @@ def test_svg_contains_text_with_minus_signs(written: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pdf_contains_editable_fonts(written: Path) -> None:
-    document = (written / "plot.pdf").read_bytes()
+def test_pdf_contains_editable_fonts(figure_folder: Path) -> None:
+    document = (figure_folder / "plot.pdf").read_bytes()
     assert b"/FontType 42" in document or b"/Type0" in document
     assert b"/Type3" not in document
 
 
 @pytest.mark.slow
-def test_log_axis_within_one_decade_has_tick_labels(written: Path) -> None:
-    labels = re.findall(r"<text[^>]*>([^<]*)</text>", (written / "plot.svg").read_text())
+def test_log_axis_within_one_decade_has_tick_labels(figure_folder: Path) -> None:
+    labels = re.findall(r"<text[^>]*>([^<]*)</text>", (figure_folder / "plot.svg").read_text())
     assert {"1", "2", "5"} <= set(labels)
 
 
@@ -82,8 +82,8 @@ def test_legend_below_orders_entries_row_by_row() -> None:
     assert sorted(places, key=places.__getitem__) == names
 
 
-def test_png_has_300_dots_per_inch(written: Path) -> None:
-    header = (written / "plot.png").read_bytes()[16:20]
+def test_png_has_300_dots_per_inch(figure_folder: Path) -> None:
+    header = (figure_folder / "plot.png").read_bytes()[16:20]
     assert int.from_bytes(header) == 2100, "7 inches at 300 dots"
 
 

@@ -56,12 +56,12 @@ def path(tmp_path: Path) -> Path:
 def without_root() -> Iterator[Path]:
     """Drop root privileges, which override file permissions; yield a private folder."""
     folder = Path(tempfile.mkdtemp(prefix="palpate-store-"))
-    was = os.geteuid()
-    if was == 0:
+    user = os.geteuid()
+    if user == 0:
         shutil.chown(folder, 65534)
         os.seteuid(65534)
     yield folder
-    os.seteuid(was)
+    os.seteuid(user)
     folder.chmod(0o700)
     shutil.rmtree(folder)
 

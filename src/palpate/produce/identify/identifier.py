@@ -139,6 +139,14 @@ class Identity:
         kinds = [kind for kind in self.probability if kind != UNKNOWN]
         return max(kinds, key=self.probability.__getitem__)
 
+    def rank_kinds(self, count: int, *, least: float) -> list[tuple[str, float]]:
+        """Return name and probability of at most `count` kinds, most probable first.
+
+        `least`: minimum probability.
+        """
+        ranked = sorted(self.probability.items(), key=lambda pair: -pair[1])[:count]
+        return [("something else" if k == UNKNOWN else k, p) for k, p in ranked if p >= least]
+
 
 def label_identity(kind: str) -> Identity:
     """Return the certain identity of a labelled item.

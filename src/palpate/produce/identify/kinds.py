@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.arrays import FloatArray
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, grasp_features
-from palpate.produce.learning import FEWEST_ITEMS, UNKNOWN
+from palpate.produce.learning import FEWEST_ITEMS
 from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
@@ -84,10 +84,6 @@ def explain_identity(identity: Identity) -> str:
             f"Unlike every labelled kind: {atypical}; most similar kind {identity.best_guess}; "
             f"{count}."
         )
-    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
-    named = ", ".join(
-        f"{'something else' if kind == UNKNOWN else kind} {100 * p:.0f} %"
-        for kind, p in ranked[:3]
-        if p >= 0.01
-    )
+    ranked = identity.rank_kinds(3, least=0.01)
+    named = ", ".join(f"{kind} {100 * p:.0f} %" for kind, p in ranked)
     return f"{named}; {atypical}; {count}."

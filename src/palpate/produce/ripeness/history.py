@@ -83,7 +83,7 @@ def learn_rule(
 ) -> RipenessRule:
     """Learn a rule from the labelled items of a kind.
 
-    Raises `InputError` as `RipenessRule.learn`, or if no item has a label.
+    Raises the errors of `RipenessRule.learn`, and `InputError` if no item has a label.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
     newest_first = read_labelled_histories(store, verdicts[::-1], drive=drive)

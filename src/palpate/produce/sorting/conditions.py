@@ -183,12 +183,7 @@ def _describe_kind(identity: Identity) -> str:
     if identity.rejected:
         usual = f"{percent(identity.usual)} of training items are at least as atypical"
         return f"unlike every labelled kind ({usual})"
-    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
-    return " or ".join(
-        f"{'something else' if kind == UNKNOWN else kind} {percent(p)}"
-        for kind, p in ranked[:2]
-        if p >= 0.05
-    )
+    return " or ".join(f"{kind} {percent(p)}" for kind, p in identity.rank_kinds(2, least=0.05))
 
 
 def _most_probable_text(probabilities: Mapping[str, float]) -> str:
