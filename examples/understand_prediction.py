@@ -3,7 +3,7 @@
     python examples/understand_prediction.py pictures
 
 All holds are simulated as sums of decays, which is also the model of `relaxation` and favours it.
-Results on real recordings are in docs/prediction.md.
+Results on real recordings are in docs/results.md.
 """
 
 # %%
@@ -50,7 +50,7 @@ for axes, cutoff_s in zip(figure.subplots(1, 3, sharey=True), (1.0, 2.5, 5.0), s
         low, high = answer.value - answer.low, answer.high - answer.value
         bars = [[low], [high]] if np.isfinite([low, high]).all() else None
         axes.errorbar([x], [answer.value], yerr=bars, fmt="o", color=color, capsize=3, label=name)
-    axes.set(title=f"seen: {cutoff_s:g} s", xlabel="time, s")
+    axes.set(title=f"cut-off {cutoff_s:g} s", xlabel="time, s")
 figure.axes[0].set_ylabel("resistance, ohm (simulated)")
 figure.axes[0].legend(frameon=False, fontsize=8)
 save(figure, "1-one-hold.png", "black: samples used; grey: later samples")
@@ -66,9 +66,7 @@ for name, color in METHODS.items():
         errors.append(np.median(np.abs(answer.value / settled - 1)) * 100)
     axes.plot(cutoffs_s, errors, "o-", color=color, label=name)
     print(f"  {name}: " + ", ".join(f"{e:.2f} %" for e in errors))
-axes.set(
-    xlabel="time waited, s", ylabel="median |error|, % of settled", xscale="log", ylim=(0, None)
-)
+axes.set(xlabel="cut-off, s", ylabel="median |error|, % of settled", xscale="log", ylim=(0, None))
 axes.set_xticks(cutoffs_s, [f"{c:g}" for c in cutoffs_s])
 axes.legend(frameon=False)
 save(figure, "2-error-against-waiting.png", "sixty simulated holds")
@@ -97,6 +95,6 @@ for cutoff_s in cutoffs_s:
     coverage.append(np.mean((answer.low <= settled) & (settled <= answer.high)))
 axes.plot(cutoffs_s, coverage, "o-", color="#0072B2")
 axes.axhline(0.9, color="#222222", linewidth=0.8, linestyle="--")
-axes.set(xlabel="time waited, s", ylabel="coverage", ylim=(0, 1.02), xscale="log")
+axes.set(xlabel="cut-off, s", ylabel="coverage", ylim=(0, 1.02), xscale="log")
 axes.set_xticks(cutoffs_s, [f"{c:g}" for c in cutoffs_s])
-save(figure, "4-coverage.png", "dashed: nominal coverage; values above it are conservative")
+save(figure, "4-coverage.png", "dashed: nominal coverage; below it the intervals are too narrow")
