@@ -29,7 +29,7 @@ def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
     side = "mirrored" if layer.mirrored else "not mirrored"
     return "\n".join(
         [
-            _opening(pattern.width, pattern.height),
+            _opening(pattern),
             f"<title>{escape(f'{pattern.design.name} {layer.name}')}</title>",
             f"<desc>{escape(f'{layer.material}, {side}: {layer.why}')}. Millimetres.</desc>",
             '<g fill="none" stroke="#d00000" stroke-width="0.1">',
@@ -72,7 +72,7 @@ def _list_cuts(pattern: Pattern, layer: Layer) -> list[Outline]:
 def draw_combined_svg(pattern: Pattern) -> str:
     """Return an SVG with all layers seen from the cover, with names and dimensions."""
     parts = [
-        _opening(pattern.width, pattern.height),
+        _opening(pattern),
         f"<title>{escape(pattern.design.name)}, seen from the cover</title>",
         f'<rect width="{_mm(pattern.width)}" height="{_mm(pattern.height)}" fill="#ffffff"/>',
     ]
@@ -100,8 +100,8 @@ def draw_combined_svg(pattern: Pattern) -> str:
     return "\n".join(parts)
 
 
-def _opening(width_mm: float, height_mm: float) -> str:
-    width, height = _mm(width_mm), _mm(height_mm)
+def _opening(pattern: Pattern) -> str:
+    width, height = _mm(pattern.width), _mm(pattern.height)
     return f'{_HEAD} width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}">'
 
 

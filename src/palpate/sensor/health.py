@@ -224,7 +224,7 @@ def _check_frames(frames: FrameColumns, *, layout: ArrayLayout) -> None:
 
 def _check_rest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
     """Report frames that were not recorded at rest; pixels with NaN are ignored."""
-    if np.isnan(ohm).all(axis=0).all():
+    if np.isnan(ohm).all():
         return []
     try:
         rest_baseline(ohm, known_ohm=known_ohm)

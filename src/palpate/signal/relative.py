@@ -121,7 +121,11 @@ def mean_change(change_percent: ArrayLike) -> FloatArray:
     >>> mean_change([[-50.0, 0.0], [float("nan"), -10.0]]).item()
     -20.0
     """
-    return _mean_over(np.asarray(change_percent, float), axis=(-2, -1))
+    change = np.asarray(change_percent, float)
+    known = ~np.isnan(change)
+    count = known.sum(axis=(-2, -1))
+    total = np.where(known, change, 0.0).sum(axis=(-2, -1))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> FloatArray:
@@ -131,10 +135,7 @@ def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> 
     [-40.0, -1.0]
     """
     change = np.asarray(change_percent, float)
-    means = [
-        _mean_over(change[..., rows, :], axis=(-2, -1))
-        for rows in _rows_by_finger(tuple(finger_of_row))
-    ]
+    means = [mean_change(change[..., rows, :]) for rows in _rows_by_finger(tuple(finger_of_row))]
     return np.stack(means, axis=-1)
 
 
@@ -171,14 +172,6 @@ def total_excess(excess: ArrayLike) -> FloatArray:
     values = np.asarray(excess, float)
     total = np.nansum(values, axis=(-2, -1))
     return np.where(np.isnan(values).all(axis=(-2, -1)), np.nan, total)
-
-
-def _mean_over(values: FloatArray, *, axis: tuple[int, int]) -> FloatArray:
-    """Return the mean of all values except NaN; NaN if there are none."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _check_at_rest(change_percent: FloatArray) -> None:

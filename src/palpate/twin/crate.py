@@ -196,16 +196,16 @@ class CrateTable:
     def place(self, item: CrateItem, *, turn: int = 0) -> None:
         """Open the gripper, remove the previous item, and place an item between the fingers."""
         self.gripper.release()
-        self._wait(_STILL_S)
+        self._wait()
         while self._world.is_moving(self.clock.now_s()):
-            self._wait(_STILL_S)
+            self._wait()
         self._world.place(item.side(turn))
-        self._wait(_STILL_S)
+        self._wait()
 
     def is_damaged(self) -> bool:
         """Return whether the present item has ever been pressed beyond its yield force."""
         return self._world.truth().damaged
 
-    def _wait(self, seconds: float) -> None:
+    def _wait(self) -> None:
         # Unread frames need not be scanned, and old frames must not remain in the queue.
-        self.array.skip_until(self.clock.now_s() + seconds)
+        self.array.skip_until(self.clock.now_s() + _STILL_S)

@@ -67,7 +67,7 @@ class TwinArray:
         """Return the next frame, advancing the clock to it if necessary."""
         clock = self._world.clock
         if not self._queue:
-            wait_s = self._frame_time_s(self._scanned) - clock.now_s()
+            wait_s = self._next_s - clock.now_s()
             if wait_s > timeout_s:
                 clock.sleep_s(timeout_s)
                 raise DeviceTimeoutError(
@@ -95,16 +95,18 @@ class TwinArray:
         if self._scan_until in self._world.watchers:
             self._world.watchers.remove(self._scan_until)
 
-    def _frame_time_s(self, index: int) -> float:
-        return self._start_s + (index + 1) / self._world.frame_rate_hz
+    @property
+    def _next_s(self) -> float:
+        """Time of the next frame."""
+        return self._start_s + (self._scanned + 1) / self._world.frame_rate_hz
 
     def _scan_until(self, time_s: float) -> None:
         """Scan every due frame before the world advances to `time_s`."""
-        while self._frame_time_s(self._scanned) <= time_s:
+        while self._next_s <= time_s:
             self._scan_next()
 
     def _scan_next(self) -> None:
-        time_s = self._frame_time_s(self._scanned)
+        time_s = self._next_s
         counts = self._world.scan(time_s) if self._blank_counts is None else self._blank_counts
         frame = Frame(
             time_s=time_s,
