@@ -71,7 +71,7 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
 
 
 def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None) -> Figure | None:
-    """Draw the daily mean stiffness; None if every item spans less than 12 h."""
+    """Draw the daily geometric mean stiffness; None if every item spans less than 12 h."""
     tracks = []
     for page in pages:
         days: dict[date, list[tuple[datetime, float]]] = {}
