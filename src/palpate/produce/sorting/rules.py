@@ -101,11 +101,12 @@ class BinDecision:
 
 
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
-    """Choose the bin of the first rule with sufficient probability.
+    """Choose the bin of the first rule with sufficient probability, or the default bin.
 
-    Another grasp is requested, up to the maximum, if the item has no grasp yet, or if a rule before
-    the applied rule is undecided and a grasp can decide it. An item rejected as unknown after its
-    first grasp is also grasped again, because one poor grasp does not prove an untrained kind.
+    Another grasp is requested, up to the maximum, if the item has no grasp yet, or if a grasp can
+    decide an undecided rule before the applied rule (any undecided rule if none applies). An item
+    rejected as unknown after its first grasp is also grasped again, because one poor grasp does not
+    prove an untrained kind.
 
     `evidence`: combined evidence of all grasps and verdicts.
 
