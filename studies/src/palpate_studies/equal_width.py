@@ -159,6 +159,14 @@ def r_squared(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1] ** 2)
 
 
+def _table_changes(
+    found: Settled, title: str, columns: tuple[str, ...], leads: Sequence[Sequence[str]]
+) -> Table:
+    """Return a table of the changes of each object, after its first cells."""
+    rows = [[*lead, *format_cells(found, k)] for k, lead in enumerate(leads)]
+    return Table(title=title, columns=(*columns, *LEVELS), rows=rows)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineStudy:
     """A study that fits a line to the readings of objects with known ratings.
@@ -213,7 +221,6 @@ class LineStudy:
         payload, figures : mapping
             Additional entries of this study.
         """
-        title, columns, leads = changes
         rating = np.array([*self.ratings.values()])
         fits = {
             condition: {
@@ -227,28 +234,8 @@ class LineStudy:
             title=self.title,
             provenance=[*provenance, CALIBRATION_INPUT],
             tables=[
-                Table(
-                    title=title,
-                    columns=(*columns, *LEVELS),
-                    rows=[
-                        [*lead, *format_cells(conditions[main], k)] for k, lead in enumerate(leads)
-                    ],
-                ),
-                Table(
-                    title=f"R^2 of a line through the means, published {self.published_r_squared:g}"
-                    ": median sensor (worst to best)",
-                    columns=("condition", *LEVELS),
-                    rows=[
-                        [
-                            condition,
-                            *(
-                                f"{np.median(r):.3f} ({min(r):.3f} to {max(r):.3f})"
-                                for r in by_level.values()
-                            ),
-                        ]
-                        for condition, by_level in fits.items()
-                    ],
-                ),
+                _table_changes(conditions[main], *changes),
+                self._table_fits(fits),
             ],
             payload={
                 "origin": "twin",
@@ -261,6 +248,24 @@ class LineStudy:
                 },
             },
             figures={**(figures or {}), self.figure: lambda: self._draw(conditions[main])},
+        )
+
+    def _table_fits(self, fits: Mapping[str, Mapping[str, Sequence[float]]]) -> Table:
+        """Return a table of R^2, by condition and level."""
+        return Table(
+            title=f"R^2 of a line through the means, published {self.published_r_squared:g}: "
+            "median sensor (worst to best)",
+            columns=("condition", *LEVELS),
+            rows=[
+                [
+                    condition,
+                    *(
+                        f"{np.median(r):.3f} ({min(r):.3f} to {max(r):.3f})"
+                        for r in by_level.values()
+                    ),
+                ]
+                for condition, by_level in fits.items()
+            ],
         )
 
     def _draw(self, found: Settled) -> Figure:

@@ -22,7 +22,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.mechanics import object_force_n
-from palpate.twin.objects import FRICTION, TwinObject
+from palpate.twin.objects import FRICTION, ContactShape, TwinObject
 from palpate.twin.ranges import draw_log_uniform, draw_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
@@ -98,7 +98,7 @@ def draw_random_object(
     rng: np.random.Generator, *, size_mm: tuple[float, float], mass_g: float = 50.0
 ) -> TwinObject:
     """Draw an object of any stiffness, shape and strength."""
-    contact = "hertz" if rng.random() < 0.5 else "linear"
+    contact: ContactShape = "hertz" if rng.random() < 0.5 else "linear"
     force_at_1mm_n = draw_log_uniform(rng, STIFFNESS_N)
     relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_FRACTION else _OTHERS_RELAX
     yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
@@ -106,7 +106,7 @@ def draw_random_object(
     return TwinObject(
         name="thing",
         size_mm=draw_uniform(rng, size_mm),
-        contact="hertz" if contact == "hertz" else "linear",
+        contact=contact,
         force_at_1mm_n=force_at_1mm_n,
         relaxing_fractions=tuple(
             (rng.dirichlet((2.0, 2.0, 2.0)) * draw_uniform(rng, relaxing)).tolist()

@@ -20,6 +20,7 @@ from palpate.estimate.force_law import (
     standardise,
     with_curve,
 )
+from palpate_studies.rows import find_weighted_quantile
 
 #: Prior standard deviation over sensors of the constant and of each other weight (ln N, guesses),
 #: and the weight of the prior in contacts.
@@ -243,7 +244,5 @@ def _fit_noise(fit: _Fit, error: FloatArray) -> FloatArray:
     normal = weighed.T @ x + 1e-3 * weight.sum() * np.diag([0.0, 1.0, 1.0, 1.0])
     line = np.linalg.solve(normal, weighed.T @ np.log(error + 0.5 * _GOOD_ENOUGH))
     ratio = error / np.exp(x @ line)
-    order = np.argsort(ratio)
-    beyond = int(np.searchsorted(np.cumsum(weight[order]), _LEVEL * weight.sum()))
-    line[0] += np.log(ratio[order[min(beyond, len(order) - 1)]] / _AT_LEVEL)
+    line[0] += np.log(find_weighted_quantile(ratio, weight, _LEVEL) / _AT_LEVEL)
     return np.asarray(line)

@@ -25,7 +25,7 @@ from palpate_studies.force_learning import KnownContact, interval_quantile, lear
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import group
+from palpate_studies.rows import find_weighted_quantile, group
 
 LEVEL = 0.9
 FOLDS = 5
@@ -138,9 +138,7 @@ def split_folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
 
 def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
     errors = _pool(train, lambda press: np.abs(follow(press) - log_change(press)))
-    order, weight = np.argsort(errors), _weight(train)
-    below = np.cumsum(weight[order]) / weight.sum()
-    half = errors[order[min(int(np.searchsorted(below, LEVEL)), len(order) - 1)]]
+    half = find_weighted_quantile(errors, _weight(train), LEVEL)
     return lambda press: ((value := follow(press)), np.full(value.shape, half))
 
 

@@ -63,7 +63,7 @@ OutOption: TypeAlias = Annotated[
         callback=_check_folder,
     ),
 ]
-#: An option with the default False.
+#: Option of the studies with a second generator.
 SecondOption: TypeAlias = Annotated[
     bool,
     typer.Option("--second", help="Use the second generator, for which no estimator was designed."),

@@ -8,7 +8,7 @@ contain the data of a store and the twin's truth.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from uuid import UUID
@@ -97,11 +97,19 @@ def run_station(
     return bench.read_all(first, second)
 
 
-def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
-    """Draw at least `fewest` fruits, and more until every stage appears."""
-    drawn = [draw_avocado(rng) for _ in range(fewest)]
+def draw_labelled(
+    rng: np.random.Generator,
+    fewest: int,
+    *,
+    make: Callable[[Avocado, int], Avocado] = lambda fruit, number: fruit,
+) -> tuple[Avocado, ...]:
+    """Draw at least `fewest` fruits, and more until every stage appears.
+
+    `make`: from a drawn fruit and its number to the returned fruit.
+    """
+    drawn = [make(draw_avocado(rng), number) for number in range(fewest)]
     while drawn and {one.stage(day) for one in drawn for day in range(DAYS)} != set(AVOCADO_STAGES):
-        drawn.append(draw_avocado(rng))
+        drawn.append(make(draw_avocado(rng), len(drawn)))
     return tuple(drawn)
 
 

@@ -21,6 +21,7 @@ from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import StudyReport, Table
+from palpate_studies.ripeness_station import draw_labelled
 from palpate_studies.second.fruit import COURSES, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
@@ -156,7 +157,7 @@ def judge_days(
         Number of fruits to judge, on four days each.
     """
     rng = np.random.default_rng([sensor, 41])
-    labelled = _draw_labelled(make, rng)
+    labelled = draw_labelled(rng, LABELLED, make=make)
     others = [make(draw_avocado(rng), number) for number in range(fruits)]
     mornings = _MORNING_SD * rng.standard_normal(2 * DAYS)
     training_days = [
@@ -175,16 +176,6 @@ def judge_days(
             for count in range(DAYS)
         ]
     return found
-
-
-def _draw_labelled(
-    make: Callable[[Avocado, int], Avocado], rng: np.random.Generator
-) -> list[Avocado]:
-    """Draw fruit to label until every stage appears."""
-    drawn = [make(draw_avocado(rng), number) for number in range(LABELLED)]
-    while {one.stage(day) for one in drawn for day in range(DAYS)} != set(STAGES):
-        drawn.append(make(draw_avocado(rng), len(drawn)))
-    return drawn
 
 
 def _simulate_days(

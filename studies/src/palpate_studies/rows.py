@@ -1,4 +1,4 @@
-"""Rows of a study's JSON document, statistics that ignore missing values, running median."""
+"""Rows of a study's JSON document, simple statistics, and running median."""
 
 from __future__ import annotations
 
@@ -52,6 +52,19 @@ def median(values: ArrayLike, quantile: float = 0.5) -> float | None:
     """
     known = _finite(values)
     return float(np.quantile(known, quantile)) if known.size else None
+
+
+def find_weighted_quantile(values: FloatArray, weights: FloatArray, quantile: float = 0.5) -> float:
+    """Return the smallest value whose cumulative weight reaches a fraction of the total.
+
+    Examples
+    --------
+    >>> find_weighted_quantile(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 4.0]))
+    2.0
+    """
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, quantile * below[-1])])
 
 
 def _finite(values: ArrayLike) -> FloatArray:

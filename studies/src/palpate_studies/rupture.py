@@ -97,19 +97,7 @@ def report(
 
     Example: palpate study rupture --curves fruit.csv.gz --index fruit_index.csv
     """
-    if (test_curves is None) != (test_index is None):
-        raise InputError("--test-curves and --test-index belong together; give both or neither")
-    if second and curves is None and index is None:
-        closings = other_closings()
-    elif second or curves is None or index is None:
-        raise InputError("give either --curves and --index or --second")
-    else:
-        closings = read_closings(curves, index)
-    if test_curves is None or test_index is None:
-        splits, how = split_folds(closings), f"{FOLDS}-fold cross-validation"
-    else:
-        splits = [(closings, read_closings(test_curves, test_index))]
-        how = f"trained on {index}, tested on {test_index}"
+    splits, how = _choose_splits((curves, index), (test_curves, test_index), second=second)
     tested = [closing for _, test in splits for closing in test]
     methods = [apply_shipped_limit(splits, known=known) for known in (True, False)]
     methods += [apply_policy(policy, splits) for policy in (CAP, RULE, RIDGE)]
@@ -161,6 +149,28 @@ def report(
 
 
 command = as_command(report)
+
+
+def _choose_splits(
+    training: tuple[Path | None, Path | None],
+    test: tuple[Path | None, Path | None],
+    *,
+    second: bool,
+) -> tuple[Splits, str]:
+    """Return the splits of the given files, of curves and index each, and their description."""
+    (curves, index), (test_curves, test_index) = training, test
+    if (test_curves is None) != (test_index is None):
+        raise InputError("--test-curves and --test-index belong together; give both or neither")
+    if second and curves is None and index is None:
+        closings = other_closings()
+    elif second or curves is None or index is None:
+        raise InputError("give either --curves and --index or --second")
+    else:
+        closings = read_closings(curves, index)
+    if test_curves is None or test_index is None:
+        return split_folds(closings), f"{FOLDS}-fold cross-validation"
+    splits = [(closings, read_closings(test_curves, test_index))]
+    return splits, f"trained on {index}, tested on {test_index}"
 
 
 def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
 from palpate_studies.baselines.full_input_learners import fit_weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import mean, median
+from palpate_studies.rows import find_weighted_quantile, mean, median
 
 HORIZON_S = 20.0
 #: Intervals of log time in the features of the ridge, and candidates of its penalty.
@@ -94,7 +94,7 @@ Rule = Callable[[HoldFeatures], float]
 def fit_multiple(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
     """Fit a constant multiple of the last reading, with equal weights of the materials."""
     change = np.array([one.change for holds in others.values() for one in holds])
-    middle = _find_weighted_median(change, _equal_material_weights(others))
+    middle = find_weighted_quantile(change, _equal_material_weights(others))
     return lambda one: middle
 
 
@@ -105,7 +105,7 @@ def fit_scaled_log_law(others: Sequence[HoldFeatures]) -> Rule:
     known = np.abs(guess) > _TINY
     if not known.any():
         return lambda one: one.log_law
-    factor = _find_weighted_median(change[known] / guess[known], np.abs(guess[known]))
+    factor = find_weighted_quantile(change[known] / guess[known], np.abs(guess[known]))
     return lambda one: factor * one.log_law
 
 
@@ -136,12 +136,6 @@ def fit_ridge(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
 
 def _equal_material_weights(others: Mapping[str, Sequence[HoldFeatures]]) -> FloatArray:
     return np.concatenate([np.full(len(holds), 1 / len(holds)) for holds in others.values()])
-
-
-def _find_weighted_median(values: FloatArray, weights: FloatArray) -> float:
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
 #: Scores of shape (n_holds, 4): signed error in % of the settled value; whether the interval covers

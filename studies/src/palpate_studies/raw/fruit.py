@@ -25,7 +25,11 @@ def write_fruit(clone: Clone, out: Path) -> list[tuple[str, int]]:
     """Write `fruit_rupture.csv.gz` and its index; return the files with row counts."""
     curves, index = [], []
     number: dict[str, int] = {}
-    for fruit, time_s, closure_mm, force_n, rupture_n in _read_grasps(clone):
+    for fruit, time_s, closure_mm, force_n, rupture_n in (
+        *_read_bananas(clone),
+        *_read_kiwis(clone),
+        *_read_mangos(clone),
+    ):
         number[fruit] = number.get(fruit, 0) + 1
         name = f"{fruit}-{number[fruit]:02d}"
         index.append((name, fruit, len(force_n), round(rupture_n, 4)))
@@ -40,15 +44,9 @@ def write_fruit(clone: Clone, out: Path) -> list[tuple[str, int]]:
     return [(name, write_table(out / name, columns, rows)) for name, columns, rows in files]
 
 
-def _read_grasps(clone: Clone) -> Iterator[Grasp]:
-    yield from _read_bananas(clone)
-    yield from _read_kiwis(clone)
-    yield from _read_mangos(clone)
-
-
 def _read_bananas(clone: Clone) -> Iterator[Grasp]:
     names = clone.under(f"{BANANA}data_", ending=".npy")
-    for name in sorted(names, key=_number):
+    for name in sorted(names, key=lambda name: int(name.rsplit("_", 1)[-1].removesuffix(".npy"))):
         position, force_n = _load_array(clone, name)[:, :2].T
         label_name = name.replace("data_", "label_")
         if label_name not in clone.names:
@@ -94,7 +92,3 @@ def _load_array(clone: Clone, name: str) -> FloatArray:
             f"{clone.path}: {name}: {error}; fetch its content with git lfs"
         ) from error
     return np.asarray(loaded, dtype=float)
-
-
-def _number(name: str) -> int:
-    return int(name.rsplit("_", 1)[-1].removesuffix(".npy"))
