@@ -20,7 +20,14 @@ from urllib.parse import urlsplit
 import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import SIMULATED, TIMEOUT_MS, browser, run_server, serve_dashboard
+from tests.loop.test_dashboard import (
+    SIMULATED,
+    TIMEOUT_MS,
+    browser,
+    expect_fresh_link,
+    run_server,
+    serve_dashboard,
+)
 from tests.unit.test_json_schemas import faults
 
 __all__ = ["browser"]
@@ -150,6 +157,7 @@ def test_api_client_must_take_over_from_a_driver_on_the_page(
     page = browser.new_page()
     page.set_default_timeout(TIMEOUT_MS)
     page.goto(address)
+    expect_fresh_link(page)
     page.locator("#take-over").click()
     expect(page.locator("#who")).to_contain_text("you drive")
     status, refused = machine.ask("POST", "/grasp", {})
