@@ -1,9 +1,9 @@
 """The Velostat sheet: resistance of a pixel under a load history.
 
-A pixel's excess conductance x = G/G0 - 1 follows a static law of its load (a saturating power law
-above a threshold) with hysteresis (the load must fall by a ratio before the sheet follows) and
-creep. Creep is linear in a coordinate v(x), so responses to load steps superpose. It is a sum of
-exponential states, which allows exact integration:
+A pixel's excess conductance x = G/G0 - 1 follows a static law of its load, a saturating power law
+above a threshold. Hysteresis delays the sheet until the load has fallen by a ratio. Creep is linear
+in a coordinate v(x), so responses to load steps superpose. It is a sum of exponential states, which
+allows exact integration:
 
     v(t) = (1 - sum_k w_k (1 - exp(-20 s / tau_k))) V(t) + sum_k w_k z_k(t),   tau_k z_k' = V - z_k
 
