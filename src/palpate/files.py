@@ -180,8 +180,8 @@ def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
         with string keys, other such dataclasses, or unions of these with None.
     `stored`: plain values from a file.
     `where`: place of the values in the file, for messages; empty for the whole file.
-    Raises `InputError` if a name is missing or unknown, or a value has another type or is not finite.
-    Integers must be 0 or more. Booleans are not checked.
+    Raises `InputError` if a name is missing or unknown, or a value is infinite, NaN or of another
+    type. Integers must be 0 or more. Booleans are not checked.
 
     >>> from palpate.signal.circuit import Divider
     >>> load_dataclass(Divider, {"adc_bits": 12}).adc_bits

@@ -45,8 +45,8 @@ def test_protocol_1_packets_equal_the_examples_in_the_manual() -> None:
     # Ping of servo 1, and read of its position; the SDK adds header and checksum.
     assert PROTOCOL_1.build_request(1, 1, b"") == [0, 0, 1, 2, 1, 0]
     encode = PROTOCOL_1.encode_word
-    asked = encode(sts.PRESENT_POSITION.address) + encode(sts.PRESENT_POSITION.size)
-    assert PROTOCOL_1.build_request(1, 2, asked) == [0, 0, 1, 4, 2, 0x38, 2, 0]
+    requested = encode(sts.PRESENT_POSITION.address) + encode(sts.PRESENT_POSITION.size)
+    assert PROTOCOL_1.build_request(1, 2, requested) == [0, 0, 1, 4, 2, 0x38, 2, 0]
     assert PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], servo_id=1, size=2)
     assert not PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], servo_id=2, size=2)
     assert not PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 2, 0, 0xFC], servo_id=1, size=2)

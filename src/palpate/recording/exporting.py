@@ -74,7 +74,7 @@ def write_export(path: str | os.PathLike[str], tables: Iterable[Columns], *, to:
     `path`: written atomically.
     `tables`: column -> values.
     `to` ("csv" or "parquet"): file format.
-    Raises `MissingExtraError` if Parquet is asked for without pyarrow.
+    Raises `MissingExtraError` if Parquet is requested without pyarrow.
     """
     with atomic_path(path) as partial:
         if to == "csv":

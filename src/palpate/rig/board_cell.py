@@ -79,8 +79,8 @@ class BoardLoadCell:
                 if sample != before:
                     self._updated_s[cell] = now_s
         self._samples, self._checked_s = samples, now_s
-        alive = all(now_s - advanced_s < _SILENT_S for advanced_s in self._updated_s)
-        return found if alive else ()
+        are_updating = all(now_s - updated_s < _SILENT_S for updated_s in self._updated_s)
+        return found if are_updating else ()
 
     def _raise_silence(self) -> None:
         now_s = self._clock.now_s()
@@ -89,7 +89,7 @@ class BoardLoadCell:
                 f"no frame with load cells from {self._array.name} in {_SILENT_S:g} s; check its "
                 "cable and power, then run `palpate doctor`"
             )
-        ages_s = [now_s - advanced_s for advanced_s in self._updated_s]
+        ages_s = [now_s - updated_s for updated_s in self._updated_s]
         raise _silence_error(int(np.argmax(ages_s)))
 
 

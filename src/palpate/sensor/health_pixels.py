@@ -61,9 +61,9 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
     is_open, is_short = find_end_readings(np.median(mean_counts, axis=0), layout=layout)
     rest_ohm = np.where(is_open, np.inf, np.where(is_short, 0.0, np.median(ohm, axis=0)))
-    alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
-    safe_rest = np.where(alive, rest_ohm, 1.0)
-    change = relative_change_percent(ohm, rest_ohm=np.where(alive, rest_ohm, np.nan))
+    is_working = np.isfinite(rest_ohm) & (rest_ohm > 0)
+    safe_rest = np.where(is_working, rest_ohm, 1.0)
+    change = relative_change_percent(ohm, rest_ohm=np.where(is_working, rest_ohm, np.nan))
     change = np.where(np.isnan(change), 0.0, change)
     steps = np.abs(np.diff(change, axis=0))
     third = max(len(ohm) // 3, 1)
@@ -72,9 +72,9 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     noise = np.quantile(steps, 0.9, axis=0) / _Q90_OF_DIFFERENCES
     return PixelReadings(
         rest_ohm=rest_ohm,
-        noise_percent=np.where(alive, noise, np.nan),
-        drift_percent=np.where(alive, drift, np.nan),
-        count_percent=np.where(alive, count, np.nan),
+        noise_percent=np.where(is_working, noise, np.nan),
+        drift_percent=np.where(is_working, drift, np.nan),
+        count_percent=np.where(is_working, count, np.nan),
     )
 
 
@@ -95,8 +95,10 @@ def judge_pixels(
     nothing = np.zeros((layout.rows, layout.cols))
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
     yield "short", readings.rest_ohm == 0.0, "reads short: zero resistance", nothing
-    alive = np.isfinite(readings.noise_percent)
-    ratio = np.where(alive, readings.rest_ohm, 0.0) / _median_of_working_pixels(readings.rest_ohm)
+    is_working = np.isfinite(readings.noise_percent)
+    ratio = np.where(is_working, readings.rest_ohm, 0.0) / _median_of_working_pixels(
+        readings.rest_ohm
+    )
     yield "faint", ratio > _REST_RATIO, "reads {} times the resistance of the other pixels", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
@@ -107,7 +109,7 @@ def judge_pixels(
     yield "loose", loose, "drops out or jumps {} times", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
-    stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
+    stuck = _find_stuck(mean_counts, steps_per_count, sound=is_working & ~loose, layout=layout)
     yield "stuck", stuck, "is constant, despite the noise of the other pixels", nothing
     common = _median_of_working_pixels(readings.drift_percent)
     own = readings.drift_percent - common
@@ -172,13 +174,13 @@ def _count_drops_and_jumps(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count each pixel's drops to an end of the range and jumps within it."""
-    dead = np.logical_or(*find_end_readings(mean_counts, layout=layout))
+    at_end = np.logical_or(*find_end_readings(mean_counts, layout=layout))
     # A pixel near an end of the range reaches this end from noise alone, and is excluded.
     middle = np.median(mean_counts, axis=0)
     is_clear = (middle > 4) & (middle < layout.divider.full_scale - 5)
-    drops = np.where(is_clear, dead.sum(axis=0), 0.0)
+    drops = np.where(is_clear, at_end.sum(axis=0), 0.0)
     ohm = resistance_ohm(mean_counts, divider=layout.divider)
-    usable = ~dead & (ohm > 0)
+    usable = ~at_end & (ohm > 0)
     log_ohm = np.log(np.where(usable, ohm, 1.0))
     both = usable[1:] & usable[:-1]
     far = np.abs(np.diff(log_ohm, axis=0)) > math.log1p(_JUMP_PERCENT / 100.0)

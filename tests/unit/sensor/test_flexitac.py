@@ -74,8 +74,8 @@ def test_flexitac_frames_of_wrong_size_raise_an_error_that_names_rows_and_baud(
     board: SendingBoard, rows: int, garbage: bool
 ) -> None:
     if garbage:
-        heard = heard_at(marked(board.counts(0.0)), sent_baud=2_000_000, read_baud=115200)
-        board.spoil = lambda *_: heard
+        received = heard_at(marked(board.counts(0.0)), sent_baud=2_000_000, read_baud=115200)
+        board.spoil = lambda *_: received
     with pytest.raises(WireError, match=r"no frame of .* no marker .*check rows and baud"):
         board.array(FlexitacDecoder(rows=rows))
 

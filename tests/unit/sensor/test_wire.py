@@ -209,9 +209,9 @@ def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
     line = np.hstack([0 * ends, bits, ends]).ravel()
     for ratio in (0.096, 0.5, 2.0, 8.68):
         sampled = line[(np.arange(int(len(line) * ratio)) / ratio).astype(int)]
-        heard = np.packbits(sampled[: len(sampled) // 10 * 10].reshape(-1, 10)[:, 1:9], axis=1)
+        received = np.packbits(sampled[: len(sampled) // 10 * 10].reshape(-1, 10)[:, 1:9], axis=1)
         decoder = Decoder()
-        assert decoder.feed(heard.tobytes()) == []
+        assert decoder.feed(received.tobytes()) == []
 
 
 def test_decoder_ignores_zeros_between_packets() -> None:
