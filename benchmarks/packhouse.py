@@ -91,16 +91,16 @@ def watch(
 
     while read_link(address)["period_p99_s"] is None:
         time.sleep(REQUEST_PERIOD_S)
-    devices, p99_ms, asked_ms, turn = devices_of(pid), [], [], 0
+    devices, p99_ms, answers_ms, turn = devices_of(pid), [], [], 0
     before, cpu = read_link(address), {name: cpu_s(one) for name, one in _both(pid, devices)}
     began_s = time.monotonic()
     while time.monotonic() < began_s + seconds:
         time.sleep(REQUEST_PERIOD_S)
         turn += 1
         if ask is not None:
-            asked_s = time.perf_counter()
+            started_s = time.perf_counter()
             ask()
-            asked_ms.append(1e3 * (time.perf_counter() - asked_s))
+            answers_ms.append(1e3 * (time.perf_counter() - started_s))
         if turn % 10 == 0:
             p99_ms.append(1e3 * read_link(address)["period_p99_s"])
     now, took_s = read_link(address), time.monotonic() - began_s
@@ -109,7 +109,7 @@ def watch(
     }
     busy, answer_ms = (
         sum(cpu_percent.values()),
-        float(np.median(asked_ms)) if asked_ms else math.nan,
+        float(np.median(answers_ms)) if answers_ms else math.nan,
     )
     ratio = "" if base is None else f" ({busy / base[0]:.2f} x)"
     print(
@@ -119,8 +119,8 @@ def watch(
         f"devices {cpu_percent['devices']:.1f} %{ratio}; load {os.getloadavg()[0]:.1f}",
         flush=True,
     )
-    if asked_ms:
-        print_latency("  answer", asked_ms)
+    if answers_ms:
+        print_latency("  answer", answers_ms)
         if base is not None and not math.isnan(base[1]):
             print(f"  {answer_ms / base[1]:.2f} x HTTP's")
     return busy, answer_ms

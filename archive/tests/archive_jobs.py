@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy.linalg  # noqa: F401 - its library is what has threads
+import numpy.linalg  # noqa: F401 - loads the threaded library
 import pyarrow as pa
 import pyarrow.parquet
 from threadpoolctl import threadpool_info

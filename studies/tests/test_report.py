@@ -20,7 +20,7 @@ def test_out_option_naming_a_file_is_refused_before_the_study(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.delattr(table2, "measure_settled_readings")  # not even begun
+    monkeypatch.delattr(table2, "measure_settled_readings")  # The study would fail.
     file = tmp_path / "taken"
     file.write_text("mine")
     out = file / "report" if inside else file
@@ -48,7 +48,7 @@ def test_figure_options_without_effect_are_refused_before_the_study(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(table2, "measure_settled_readings")  # not even begun
+    monkeypatch.delattr(table2, "measure_settled_readings")  # The study would fail.
     assert run(build_app(), ["study", "table2", *options], name="palpate") == 2
     assert reason in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -98,9 +98,9 @@ class StandardGripper:
         is_stalled = found is not None and (
             not order.over.is_set() or found.outcome is Outcome.HELD
         )
-        short_mm = math.nan if hand.state is None else wanted_mm - hand.state.width_mm
+        remaining_mm = math.nan if hand.state is None else wanted_mm - hand.state.width_mm
         is_opening = isinstance(order, Moving)
-        has_reached = (short_mm if is_opening else -short_mm) <= _TOLERANCE_MM
+        has_reached = (remaining_mm if is_opening else -remaining_mm) <= _TOLERANCE_MM
         if goal.is_cancel_requested:
             goal.canceled()
         elif is_stalled or (is_opening and has_reached and not order.refusal):

@@ -14,7 +14,7 @@ from palpate_studies.twin_session import GAP_MM, STILL_S, Session, draw_named, g
 
 SENSORS, SMOOTH = 6, 3
 #: Duration of the noise measurement at rest, and the threshold in standard deviations: with normal
-#: noise at 15 Hz it gives about one false contact an hour.
+#: noise at 15 Hz it causes about one false contact per hour.
 REST_S, FALSE_SD = 30.0, 4.2
 #: Closing steps, mm, of one second each, on a soft face and on a soft ball.
 STEP_MM, STEPS, DWELL_S = 0.04, 45, 1.0

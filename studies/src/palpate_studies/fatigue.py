@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 CYCLES, CLOSED_S, OPEN_S = 2500, 10.0, 10.0
 SENSORS, FIRST_SENSOR = 2, 20
 OBJECT, CLOSURE_MM, OPENED_MM = "springs-8", 3.0, 12.0
-#: Mean room temperature, amplitude of its daily swing, and period: those of a laboratory.
+#: Mean room temperature, and amplitude and period of its swing: guesses for a laboratory.
 ROOM_C, ROOM_SWING_C, ROOM_PERIOD_S = 21.9, 1.5, 12 * 3600.0
 #: Closures of the force calibration before the first cycle, mm, and repeats of each.
 CALIBRATED_MM, CALIBRATED_TIMES = (0.8, 1.2, 1.7, 2.3, 3.0, 3.8), 3

@@ -28,7 +28,7 @@ from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
 from palpate_studies.stoppable import require_uninterrupted
 
-#: This many grasps share a sensor, a gripper and their calibration.
+#: Number of grasps that share a sensor, a gripper and their calibration.
 GRASPS_PER_SHEET = 4
 #: Largest relative error that counts as on target.
 NEAR = 0.1

@@ -154,9 +154,9 @@ def _fit_shared_slope(
     freedom = sum(len(x) for x, _ in centred) - len(centred) - 1
     variance = float(sum(np.sum((y - slope * x) ** 2) for x, y in centred)) / freedom
     x, y = own
-    away = x - x[given].mean()
-    value = y[given].mean() + slope * away
-    spread = variance * (1 + 1 / np.count_nonzero(given) + away**2 / squares)
+    offset = x - x[given].mean()
+    value = y[given].mean() + slope * offset
+    spread = variance * (1 + 1 / np.count_nonzero(given) + offset**2 / squares)
     return value, student_t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(spread)
 
 

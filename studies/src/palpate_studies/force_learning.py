@@ -177,8 +177,8 @@ def _fit_mean(fit: _Fit) -> None:
         if given is None or given == len(log_n) - 1:
             continue
         after, at = design[given + 1 :], design[given]
-        reach = scale_memory(population.spread, MEMORY_FRACTION) @ at
-        gain = (after @ reach) / (at @ reach + population.variance(at[None])[0])
+        memory = scale_memory(population.spread, MEMORY_FRACTION) @ at
+        gain = (after @ memory) / (at @ memory + population.variance(at[None])[0])
         rows.append(after - gain[:, None] * at)
         targets.append(log_n[given + 1 :] - gain * log_n[given] - (1 - gain) * population.mean[0])
         weights.append(weight[given + 1 :])

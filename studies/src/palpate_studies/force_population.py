@@ -23,7 +23,7 @@ from palpate_studies.report import StudyReport, Table, as_command
 Contact = TypeVar("Contact")
 
 #: Factor on the spread of gain and slope (guess): three ladders are too few to show the spread of
-#: sensors, and sheets of other makes are calibrated too.
+#: sensors, and sheets of other manufacturers are calibrated too.
 _WIDER = 2.0
 
 #: Training contacts per kind of recording, evenly over the file, so that all kinds count equally.

@@ -172,8 +172,8 @@ def _predict_by_law(
     )
     law = ForceLaw(population)
     log_n, sd = law.log_force(np.concatenate([_states(one, gain=gain) for one in tested]))
-    away = np.abs(log_n - np.log(_forces(tested)))
-    return np.exp(log_n), away <= interval_quantile(LEVEL) * sd
+    error = np.abs(log_n - np.log(_forces(tested)))
+    return np.exp(log_n), error <= interval_quantile(LEVEL) * sd
 
 
 def _predict_by_trees(

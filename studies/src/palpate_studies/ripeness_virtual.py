@@ -105,7 +105,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
 
 
 def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
-    """Return name -> function that makes a generator's fruit from the first generator's."""
+    """Return name -> function from a fruit of the first generator to this generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
     for course in COURSES:
         found[course] = _always(course)

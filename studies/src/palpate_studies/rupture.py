@@ -84,12 +84,14 @@ def report(
     curves: Annotated[
         Path | None, typer.Option(help="Closings until rupture.", metavar="CSV")
     ] = None,
-    index: Annotated[Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")] = None,
+    index: Annotated[
+        Path | None, typer.Option(help="Rupture forces of the closings.", metavar="CSV")
+    ] = None,
     test_curves: Annotated[
         Path | None, typer.Option(help="Test closings; by default 5 folds.", metavar="CSV")
     ] = None,
     test_index: Annotated[
-        Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")
+        Path | None, typer.Option(help="Rupture forces of the test closings.", metavar="CSV")
     ] = None,
     second: SecondOption = False,
 ) -> StudyReport:

@@ -94,10 +94,10 @@ def _simulate_event(level: str, *, sensor: int, trial: int, kind: str) -> tuple[
     world, array = session.world, TwinArray(session.world)
     event_s = world.clock.now_s() + float(rng.uniform(*HOLDS_S))
     frames, times = [], []
-    has_begun = False
+    has_started = False
     while world.clock.now_s() < event_s + AFTER_S:
-        if not has_begun and world.clock.now_s() + 1 / world.frame_rate_hz > event_s:
-            has_begun, pull = True, float(rng.uniform(*PULLS))
+        if not has_started and world.clock.now_s() + 1 / world.frame_rate_hz > event_s:
+            has_started, pull = True, float(rng.uniform(*PULLS))
             if kind == "removal":
                 world.place(None, time_s=event_s)
             else:

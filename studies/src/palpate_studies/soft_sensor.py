@@ -25,7 +25,7 @@ from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
-#: The recordings have no clock; their description gives about 22 Hz.
+#: The recordings have no clock; according to their description the rate is about 22 Hz.
 _PERIOD_S = 1 / 22
 #: Voltage without pressure, below the smallest of the training set, volt.
 _REST_V = 0.03

@@ -225,17 +225,17 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
             found.append(
                 NamedItem(level=level, method=NEAREST_MEAN, item=item, answer=answer, best=answer)
             )
-        asked = [
+        named = [
             (name_method(name, count), known, count)
             for name, known in learn_identifiers(training).items()
             for count in range(1, SORTED_GRASPS + 1)
         ]
         others = [one for one in crates if one.level == level and one.sensor != key["sensor"]]
         if others:
-            asked.append(
+            named.append(
                 ("ours, taught on other sensors", _learn_identifier(others), SORTED_GRASPS)
             )
-        for method, known, count in asked:
+        for method, known, count in named:
             for item in sorting:
                 touches = item_features([one.grasp for one in item.grasps[:count]])
                 identity = known.identify(touches) if touches else None

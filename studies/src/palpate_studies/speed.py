@@ -24,7 +24,7 @@ METHODS: dict[str, SettlingMethod] = {
     "exponential": Exponential(),
     "relaxation": Relaxation(),
 }
-#: Origins of the 2.5 s; the last one also gives the loading time to the methods.
+#: Origins of the 2.5 s; with the last, the methods also use the loading time.
 CLOCKS = ("start of actuation", "end of actuation", "end, loading time known")
 
 

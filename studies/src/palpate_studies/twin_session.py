@@ -226,7 +226,7 @@ def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
     """Yield holds of the mean relative change (percent), time 0 at the start of actuation.
 
     Each repeat uses another sensor. On each sensor every material is measured in turn: rest values
-    from 20 frames, then for each closure a hold of 20 s and a pause of 20 s with the fingers open.
+    from 21 frames, then for each closure a hold of 20 s and a pause of 20 s with the fingers open.
     Frames are read at 15 Hz through the divider and the 10-bit converter.
 
     Parameters
@@ -251,7 +251,7 @@ def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
                 yield Hold(
                     hold_id=f"{repeat}/{material}/{closure_mm:g}",
                     channel=None,
-                    # A common time grid lets predictors share computations between holds.
+                    # With a common time grid, predictors share computations between holds.
                     time_s=np.arange(1, len(values) + 1) / world.frame_rate_hz,
                     values=values,
                     unit="percent",

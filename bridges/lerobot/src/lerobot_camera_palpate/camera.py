@@ -124,12 +124,12 @@ class PalpateCamera(Camera):
         """
         self._require_connection()
         with self._news:
-            came = self._news.wait_for(
+            has_news = self._news.wait_for(
                 lambda: self._unread or self._failure is not None, timeout=timeout_ms / 1e3
             )
             if self._failure is not None:
                 raise self._failure
-            if not came or self._image is None:
+            if not has_news or self._image is None:
                 raise TimeoutError(f"{self}: no frame in {timeout_ms:g} ms; run `palpate doctor`")
             self._unread = False
             return self._image

@@ -150,9 +150,9 @@ class PadLoads:
             return np.zeros(self._pixel_mm.shape[2])
         pad, force_n, place_mm = zip(*touched, strict=True)
         within_mm = np.minimum(np.maximum(place_mm, -self._edge_mm), self._edge_mm)
-        away_mm = within_mm[:, :, None] - self._pixel_mm[pad, :]
-        away_mm *= away_mm
-        weight = np.maximum(reach_mm**2 - away_mm[:, 0] - away_mm[:, 1], 0.0)
+        offset_mm = within_mm[:, :, None] - self._pixel_mm[pad, :]
+        offset_mm *= offset_mm
+        weight = np.maximum(reach_mm**2 - offset_mm[:, 0] - offset_mm[:, 1], 0.0)
         load_n: FloatArray = (force_n / np.add.reduce(weight, axis=1)) @ weight
         return load_n
 

@@ -57,7 +57,7 @@ class Ratio:
         return self.times is not None and self.wanted is not None and self.times < self.wanted
 
 
-#: Ratios, and notes such as what is simulated or scaled.
+#: Ratios, and notes on simulation and scaling.
 Measured: TypeAlias = tuple[Sequence[Ratio], Sequence[str]]
 
 

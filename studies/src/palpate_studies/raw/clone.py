@@ -84,7 +84,7 @@ def write_table(
     lines += [",".join(_format_field(value) for value in row) for row in rows]
     text = ("\n".join(lines) + "\n").encode()
     with atomic_path(path) as partial:
-        # Without a time stamp, so that the same clone gives the same bytes.
+        # Without a time stamp, so that the output of a clone is reproducible.
         partial.write_bytes(gzip.compress(text, mtime=0) if path.suffix == ".gz" else text)
     return len(lines) - 1
 
