@@ -45,7 +45,7 @@ def print_card(
 ) -> None:
     """Print the card on standard output.
 
-    `truth`: true values of the simulated object; None on hardware.
+    `truth`: true values of the simulated object; None if unknown.
     `limited`: effect of a learned damage limit; None without a limit.
     """
     summary = verdict(result, target_force_n=target_force_n)

@@ -161,8 +161,8 @@ def _print_identity(
     item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
 ) -> None:
     console = Console(highlight=False, emoji=False)
-    chance = "" if identity.rejected else f" with {100 * identity.confidence:.0f} %"
-    title = escape(f"{item}: {identity.kind}{chance}")
+    confidence = "" if identity.rejected else f" with {100 * identity.confidence:.0f} %"
+    title = escape(f"{item}: {identity.kind}{confidence}")
     console.print(f"[bold]{title}[/bold]{' (simulated)' * simulated}")
     rows = [
         ("something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}")

@@ -132,7 +132,7 @@ def test_item_figures_omit_a_firmness_without_numbers(recording: Path, tmp_path:
 
 def test_unusable_item_store_is_reported_with_its_name(recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.sqlite"
-    broken.write_text("this is no database, whatever its name says" * 100)
+    broken.write_text("this is not a database" * 100)
     item_store = ItemStore(str(broken))
     item_store.sort_grasp(RESULT, item_id="berry-7", source=SOURCE, recording=recording)
     assert str(broken) in item_store.trouble
@@ -200,7 +200,7 @@ def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
     recording: Path, tmp_path: Path
 ) -> None:
     broken = tmp_path / "broken.sqlite"
-    broken.write_text("this is no database, whatever its name says" * 100)
+    broken.write_text("this is not a database" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
     placement = item_store.sort_grasp(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
     assert placement["bin"] is None
