@@ -62,7 +62,8 @@ def export(
         raise InputError(f"{files[1]}: only one recording can be exported, except with --lerobot")
     file, form = files[0], _choose_form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
-    check_new(target)
+    with RecordingReader(file):  # a file that is not a recording is refused first
+        check_new(target)
     if holds:
         try:
             cut = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)

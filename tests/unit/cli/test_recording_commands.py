@@ -72,6 +72,11 @@ def test_inspect_recover_completes_a_truncated_recording(recorded: Path, palpate
     assert "was already complete" in shown.err
 
 
+def test_export_of_a_table_is_refused_as_no_recording(tmp_path: Path, palpate: Command) -> None:
+    (tmp_path / "run.csv").write_text("time_s,ohm\n")
+    assert "not an MCAP recording" in palpate.refused("export", tmp_path / "run.csv")
+
+
 def test_settle_names_an_unreadable_recording_once(recorded: Path, palpate: Command) -> None:
     truncate(recorded, fraction=0.01)
     error = palpate.refused("settle", recorded)
