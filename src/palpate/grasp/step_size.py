@@ -101,7 +101,7 @@ def close_by(
 
 
 def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the step after which the force could be far above the target."""
+    """Return the largest step that keeps the force on a rigid object near the target."""
     if plan.target_force_n is None or not estimate.force_n > 0:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
@@ -110,7 +110,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
-    """Return the step that raises the force as planned, more far from target.
+    """Return the step for the planned rise of force, which is larger far from the target.
 
     The first steps after contact are fine. Later steps are limited relative to the squeeze depth,
     because the slope of the force is known only up to that depth.

@@ -94,6 +94,13 @@ def test_read_open_gripper_shows_rest_without_contact(idle: palpate.Rig) -> None
     assert readings[0].time_s < readings[1].time_s < readings[2].time_s
 
 
+@pytest.mark.parametrize("name", ["sim-rigid", "sim-soft"])
+def test_open_rig_simulated_reads_250_frames_per_second(name: str) -> None:
+    with palpate.open_rig(name) as rig:
+        first, second = (rig.array.read(timeout_s=1.0).time_s for _ in range(2))
+    assert second - first == pytest.approx(0.004)
+
+
 def test_grasp_records_every_frame_and_document_matches_command(tmp_path: Path) -> None:
     file = tmp_path / "grasp.mcap"
     with open_tomato() as rig:
