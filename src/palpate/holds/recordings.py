@@ -302,7 +302,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     Parameters
     ----------
     readings : Readings
-        In ohm, or in counts with a divider; an unknown unit is interpreted as ohm, even with one.
+        In ohm, or in counts with a divider. An unknown unit is counts with a divider, otherwise ohm.
     rest_s : tuple of float
         Start and end of a stretch without load, seconds of the recording.
     mean : bool
@@ -343,7 +343,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
 
 def _column_ohm(readings: Readings, name: str) -> NDArray[np.float64]:
     unit, values = readings.units[name], readings.columns[name]
-    if unit == "counts" and readings.divider is not None:
+    if unit in (None, "counts") and readings.divider is not None:
         return np.asarray(resistance_ohm(values, divider=readings.divider))
     if unit not in (None, "ohm"):
         remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""

@@ -42,10 +42,11 @@ def test_mean_change_excludes_open_pixel() -> None:
     assert mean[-1] == pytest.approx(-50.0, abs=0.1)
 
 
-def test_relative_readings_convert_counts_with_divider() -> None:
+@pytest.mark.parametrize("unit", ["counts", None])
+def test_relative_readings_convert_counts_with_divider(unit: str | None) -> None:
     counts = np.where(TIME_S > 2.0, 768.0, 512.0)
     divider = Divider(adc_bits=10, reference_ohm=4700.0, taxel_leg="upper")
-    readings = read_recording({"time_s": TIME_S, "a": counts}, unit="counts", divider=divider)
+    readings = read_recording({"time_s": TIME_S, "a": counts}, unit=unit, divider=divider)
     change = relative_readings(readings, rest_s=(0, 1.9), mean=False).columns["a"]
     assert change[-1] == pytest.approx(-66.7, abs=0.1)
 
