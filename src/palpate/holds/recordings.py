@@ -302,7 +302,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     Parameters
     ----------
     readings : Readings
-        In ohm, or in counts with a divider. An unknown unit is counts with a divider, otherwise ohm.
+        In ohm, or in counts with a divider. A column without a unit is in counts if there is one.
     rest_s : tuple of float
         Start and end of a stretch without load, seconds of the recording.
     mean : bool
