@@ -247,7 +247,7 @@ class LineStudy:
                     for condition, by_level in fits.items()
                 },
             },
-            figures={**(figures or {}), self.figure: lambda: self._draw(conditions[main])},
+            figures={**(figures or {}), self.figure: lambda: self._draw(conditions[main], main)},
         )
 
     def _table_fits(self, fits: Mapping[str, Mapping[str, Sequence[float]]]) -> Table:
@@ -268,7 +268,7 @@ class LineStudy:
             ],
         )
 
-    def _draw(self, found: Settled) -> Figure:
+    def _draw(self, found: Settled, condition: str) -> Figure:
         """Draw every grasp over the rating with each sensor's line, one panel per level."""
         from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 
@@ -289,7 +289,7 @@ class LineStudy:
                         label=f"sensor {sensor}: R² {r_squared(rating, mean):.2f}",
                     )
                 axis.set(xlabel=self.rated, ylabel=f"{self.reading} (%)")
-                axis.set_title(f"simulated, {level}")
+                axis.set_title(f"simulated, {level}, {condition}")
                 # Without printed values the legend entry still shows the published R².
                 printed = self.published_values
                 axis.plot(
