@@ -203,7 +203,8 @@ def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
         fault = " and ".join(
             text.format(", ".join(names)) for text, names in faults.items() if names
         )
-        raise InputError(f"{where or 'the file'} {fault}; units are part of the names")
+        hint = "; units are part of the names" if set(stored) - set(by_name) else ""
+        raise InputError(f"{where or 'the file'} {fault}{hint}")
     hints = get_type_hints(kind)
     return kind(
         **{name: _convert(hints[name], stored[name], _join_place(where, name)) for name in stored}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Callable
 from functools import partial
@@ -83,6 +84,7 @@ def serve(
     """
     with require_extra("the dashboard", extra="dashboard"):
         from palpate.dashboard.app_state import Settings
+        from palpate.dashboard.item_store import ItemStore
         from palpate.dashboard.server import serve as serve_page
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
@@ -103,6 +105,10 @@ def serve(
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),
     )
+    ItemStore(store).check_usable()
+    existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"--folder {folder}: {existing} is not a writable folder; choose another")
     serve_page(
         settings,
         # IPv6 addresses may be given in brackets.

@@ -293,6 +293,8 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return OUTCOMES[Outcome.HELD][1]
     if _is_damaged(grasped):
         return "Set this item aside"
+    if grasped.result.outcome is Outcome.HELD and devices.placement.get("bin", {}) is None:
+        return "Set this item aside: it has no bin"
     if headline.get("again"):
         return AGAIN_STEPS[1]
     return OUTCOMES[grasped.result.outcome][1]

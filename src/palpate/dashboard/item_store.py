@@ -208,6 +208,10 @@ class ItemStore:
         drawn["Ripening"] = self._read(lambda store: _ripening(store, page)) or ""
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
+    def check_usable(self) -> None:
+        """Raise `PalpateError` if the store can't be used; it may be missing."""
+        self._read(lambda store: None)
+
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
         if self.trouble == MISSING:

@@ -20,6 +20,8 @@ from tests.commands import Command
         (["--host", "[::]"], 2, "--host :: allows other machines to move the gripper"),
         (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
         (["--token", "short"], 2, "the token has 5 characters; use at least 8"),
+        (["--store", "none/items.sqlite"], 2, "the folder none does not exist; create it first"),
+        (["--folder", f"{__file__}/data"], 2, "test_serve_command.py is not a writable folder"),
     ],
 )
 def test_serve_invalid_options_are_refused_in_one_line(

@@ -445,3 +445,13 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
         }
         session.devices.placement = {"bin": given}
         assert document(session, generation=-1, after_s=0.0)["operator"]["next"].startswith(step)
+
+
+def test_operator_view_of_an_item_without_a_bin_asks_to_set_it_aside() -> None:
+    session = Session(send=lambda message: None)
+    session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD, force_n=FORCE))
+    session.devices.placement = {"bin": None, "why": "store items.sqlite: disk full"}
+    session.devices.activity = DeviceActivity.WATCHING
+    shown = document(session, generation=-1, after_s=0.0)
+    assert shown["verdict"]["why"] == "no bin: store items.sqlite: disk full"
+    assert shown["operator"]["next"] == "Set this item aside: it has no bin"
