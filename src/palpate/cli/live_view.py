@@ -132,6 +132,8 @@ class LiveView:
         age = f"[{color}]last frame {1e3 * reading.age_s:.0f} ms ago[/]"
         rest = "calibrated rest" if reading.calibrated else "rest from the first second"
         rate = "" if math.isnan(reading.rate_hz) else f"{reading.rate_hz:.1f} Hz  ·  "
+        if reading.is_stale:
+            rate = "[bold red]NO FRAMES[/]  ·  "
         return Text.from_markup(
             f"{rate}{reading.frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
         )
