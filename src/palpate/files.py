@@ -181,7 +181,7 @@ def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:
     `stored`: plain values from a file.
     `where`: place of the values in the file, for messages; empty for the whole file.
     Raises `InputError` if a name is missing or unknown, or a value is infinite, NaN or of another
-    type. Integers must be 0 or more. Booleans are not checked.
+    type. Integers must be 0 or more.
 
     >>> from palpate.signal.circuit import Divider
     >>> load_dataclass(Divider, {"adc_bits": 12}).adc_bits
@@ -239,6 +239,8 @@ def _convert(kind: Any, stored: Any, where: str) -> Any:
         raise InputError(f"{where} is {stored!r:.40}, not a count")
     if kind is str and not isinstance(stored, str):
         raise InputError(f"{where} is {stored!r:.40}, not text")
+    if kind is bool and not isinstance(stored, bool):
+        raise InputError(f"{where} is {stored!r:.40}, not true or false")
     return stored
 
 

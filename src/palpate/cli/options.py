@@ -275,6 +275,7 @@ CutoffOption: TypeAlias = Annotated[
 
 #: Setting of the paper's method -> option.
 _PAPER = {
+    "method": "--method",
     "step_mm": "--step-mm",
     "epsilon_percent": "--epsilon",
     "extra_mm": "--extra-mm",
@@ -288,16 +289,6 @@ def paper_settings(method: Method, **settings: float | None) -> Paper | None:
     `settings`: fields of `palpate.grasp.paper.Paper`; None means the field's default.
     Raises `InputError` if a setting is out of range, or given without the paper's method.
     """
-    from palpate.grasp.paper import Paper
+    from palpate.grasp.paper import read_settings
 
-    given: dict[str, Any] = {n: value for n, value in settings.items() if value is not None}
-    if method != "paper":
-        if given:
-            options = ", ".join(_PAPER[name] for name in given)
-            raise InputError(f"{options}: only with --method paper")
-        return None
-    try:
-        return Paper(**given)
-    except ValueError as error:
-        name, rule = str(error).split(" ", 1)
-        raise InputError(f"{_PAPER[name]} {rule}") from error
+    return read_settings(method, settings, names=_PAPER)

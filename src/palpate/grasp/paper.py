@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
-from palpate.errors import RecordingError
+from palpate.errors import InputError, RecordingError
 from palpate.estimate.line_law import LineForceLaw
 from palpate.files import load_dataclass
 
@@ -73,3 +75,31 @@ class Paper:
             raise RecordingError(
                 f"the recorded settings of the paper's method can't be read: {error}"
             ) from error
+
+
+def read_settings(
+    method: str, settings: Mapping[str, float | None], *, names: Mapping[str, str]
+) -> Paper | None:
+    """Return the settings of the paper's method; None for the default method.
+
+    `settings`: fields of `Paper`; None means the field's default.
+    `names`: names of the method and of the fields in messages.
+    Raises `InputError` if the method is unknown, or a setting is out of range or given without the
+    paper's method.
+
+    >>> read_settings("paper", {"extra_mm": 0.5, "step_mm": None}, names={}).extra_mm
+    0.5
+    """
+    given: dict[str, Any] = {n: value for n, value in settings.items() if value is not None}
+    if method not in ("palpate", "paper"):
+        raise InputError(f"method {method!r}: must be palpate or paper")
+    if method != "paper":
+        if given:
+            options = ", ".join(names.get(name, name) for name in given)
+            raise InputError(f"{options}: only with {names.get('method', 'method')} paper")
+        return None
+    try:
+        return Paper(**given)
+    except ValueError as error:
+        name, rule = str(error).split(" ", 1)
+        raise InputError(f"{names.get(name, name)} {rule}") from error

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from palpate.clock import Clock
 from palpate.errors import InputError, PalpateError
@@ -113,6 +113,11 @@ class Rig:
         damage: str | os.PathLike[str] | None = None,
         kind: str | None = None,
         record: str | os.PathLike[str] | None = None,
+        method: Literal["palpate", "paper"] = "palpate",
+        step_mm: float | None = None,
+        epsilon_percent: float | None = None,
+        extra_mm: float | None = None,
+        cutoff_s: float | None = None,
     ) -> Grip:
         """Grasp, and return once the object is held or the attempt has ended.
 
@@ -130,6 +135,11 @@ class Rig:
             With `damage`: kind of produce, if known.
         record : path, optional
             New .mcap file for every frame until release.
+        method : str
+            ``paper`` follows the paper's procedure: fixed steps to contact, an exponential fit, a
+            linear force law. It has neither a target force nor an expected size.
+        step_mm, epsilon_percent, extra_mm, cutoff_s : float, optional
+            Settings of the paper's method (`palpate.grasp.paper.Paper`).
 
         Raises
         ------
@@ -141,6 +151,8 @@ class Rig:
             If the recording exists or can't be created.
         """
         from palpate.estimate.damage_file import DamageFile
+        from palpate.grasp.paper import read_settings
+        from palpate.grasp.paper_method import use_paper_method
         from palpate.grasp.planning import plan_grasp
         from palpate.rig.grip import Grip
         from palpate.rig.recorded import GraspRecorder, record_grasp
@@ -149,6 +161,18 @@ class Rig:
             raise InputError("an object is already held; release it first (`Grip.release`)")
         if kind is not None and damage is None:
             raise InputError(f"kind {kind!r}: needs damage=FILE, which defines the kinds")
+        paper = read_settings(
+            method,
+            {
+                "step_mm": step_mm,
+                "epsilon_percent": epsilon_percent,
+                "extra_mm": extra_mm,
+                "cutoff_s": cutoff_s,
+            },
+            names={},
+        )
+        if paper is not None and (target_force_n is not None or expect_size_mm is not None):
+            raise InputError("method paper: omit target_force_n and expect_size_mm")
         file = None if damage is None else DamageFile.load(Path(damage))
         where = f"damage {damage}"
         known = "" if file is None or kind is None else file.check_kind(kind, where=where)
@@ -161,6 +185,8 @@ class Rig:
             kind=known,
             hold_s=math.inf,
         )
+        if paper is not None:
+            plan = use_paper_method(plan, paper, calibration=self.calibration)
         recorder: AbstractContextManager[GraspRecorder | None] = nullcontext()
         if record is not None:
             text = None if file is None else file.as_text()

@@ -41,6 +41,7 @@ def test_read_broker_resolves_certificate_paths_relative_to_its_folder(tmp_path:
         ('host = "hall"', 0o600, "the file lacks topic$"),
         ('host = "hall"\ntopic = "a"\nporte = 1', 0o600, "has unknown keys: porte"),
         ('host = "hall"\ntopic = "a"\nport = "many"', 0o600, "port is 'many', not a count"),
+        ('host = "hall"\ntopic = "a"\ntls = "no"', 0o600, "tls is 'no', not true or false"),
         ('host = ""\ntopic = "a"', 0o600, "host '' is not a valid host name or IP address"),
         ('host = " "\ntopic = "a"', 0o600, "host ' ' is not a valid host name or IP address"),
         (

@@ -77,6 +77,10 @@ def idle() -> Iterator[palpate.Rig]:
         ({"target_force_n": float("nan")}, "target_force_n nan"),
         ({"expect_size_mm": 0.0}, "expect_size_mm 0: must be at least 1 mm"),
         ({"kind": "kiwi"}, "needs damage=FILE, which defines the kinds"),
+        ({"method": "papers"}, "method 'papers': must be palpate or paper"),
+        ({"step_mm": 0.5}, "step_mm: only with method paper"),
+        ({"method": "paper", "cutoff_s": 0.1}, "cutoff_s must be from 0.8 to 60, not 0.1"),
+        ({"method": "paper", "target_force_n": 3.0}, "omit target_force_n and expect_size_mm"),
     ],
 )
 def test_grasp_invalid_options_are_refused(
@@ -92,6 +96,16 @@ def test_read_open_gripper_shows_rest_without_contact(idle: palpate.Rig) -> None
     assert [reading.contact for reading in readings] == [False] * 3
     assert np.abs(readings[-1].change_percent).max() < 3.0
     assert readings[0].time_s < readings[1].time_s < readings[2].time_s
+
+
+def test_grasp_with_paper_method_closes_in_its_steps_and_holds() -> None:
+    with open_tomato() as rig:
+        grip = rig.grasp(method="paper", step_mm=0.5)
+        assert grip.is_holding
+        assert grip.result.previous_width_mm is not None
+        assert grip.result.previous_width_mm % 0.5 == pytest.approx(0.0, abs=1e-6)
+        assert grip.stiffness_n_per_mm is None
+        assert grip.release().settled_percent is not None
 
 
 @pytest.mark.parametrize("name", ["sim-rigid", "sim-soft"])
