@@ -174,8 +174,9 @@ def _print_holds(document: ScoreTable, console: Console) -> None:
         which = f"{ROWS_SHOWN} of {which}, {first} first"
     units = {row.unit for row in rows}
     in_unit = f" in {units.pop()}" if len(units) == 1 and None not in units else ""
-    headings = ["hold", ">cut-off", ">predicted", *[">unit"] * (len(units) > 1), ">±"]
-    headings += [">interval"] * (console.width >= WIDE)
+    has_interval = any(np.isfinite(row.low) for row in rows)
+    headings = ["hold", ">cut-off", ">predicted", *[">unit"] * (len(units) > 1)]
+    headings += [">±"] * has_interval + [">interval"] * (has_interval and console.width >= WIDE)
     headings += [">settled", ">error"] * scored + [">status"]
     console.print(
         f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
@@ -184,11 +185,12 @@ def _print_holds(document: ScoreTable, console: Console) -> None:
     shown = [_row_cells(rows[index]) for index in (sorted(order) if every else order)]
     cells = [[row[heading.lstrip(">")] for heading in headings] for row in shown]
     print_table(headings, cells, console=console)
-    console.print(
-        f"[dim]±: half-width of the {document.level:.0%} interval, in % of the settled value, "
-        "or of the predicted value if that is unknown[/dim]",
-        highlight=False,
-    )
+    if has_interval:
+        console.print(
+            f"[dim]±: half-width of the {document.level:.0%} interval, in % of the settled value, "
+            "or of the predicted value if that is unknown[/dim]",
+            highlight=False,
+        )
 
 
 def _row_cells(row: Prediction) -> dict[str, str]:

@@ -147,7 +147,11 @@ class HoldSource:
         )
         for readings in recordings:
             if options.rest_s is not None:
-                readings = relative_readings(readings, rest_s=options.rest_s, mean=options.mean)
+                try:
+                    readings = relative_readings(readings, rest_s=options.rest_s, mean=options.mean)
+                except InputError as error:
+                    why = str(error).removeprefix(f"{file.stem}: ")
+                    raise InputError(f"{file}: {why}") from error
             remarks += readings.remarks
             columns = cut_columns(readings, cut=options.cut)
             if not any(column.holds for column in columns):

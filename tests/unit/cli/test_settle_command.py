@@ -212,6 +212,19 @@ def test_settle_out_does_not_overwrite_its_input(
     assert other.read_bytes() == before
 
 
+def test_method_without_intervals_has_no_column_of_them(holds_csv: Path, palpate: Command) -> None:
+    printed = palpate("settle", holds_csv, "--method", "recorded").out
+    assert "±" not in printed.splitlines()[1]
+    assert "half-width of" not in printed
+
+
+def test_refused_rest_names_the_file(tmp_path: Path, palpate: Command) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,ohm\n" + "".join(f"{t},{90 if t < 20 else 50}\n" for t in range(60)))
+    error = palpate.refused("settle", path, "--rest", "70:80")
+    assert error.startswith(f"palpate: {path}: ohm: 0 readings at rest")
+
+
 def test_scores_state_how_many_holds_they_are_from(holds_csv: Path, palpate: Command) -> None:
     assert " 6 of 8 " in palpate("settle", holds_csv).out
 
