@@ -125,11 +125,11 @@ def _print(
     console.print(
         f"{score.items} labelled items, {method}: {format_percent(score.right)} named "
         f"correctly when held out ({format_percent(score.right_by_chance)} for the most common "
-        f"label), overconfident by {100 * score.overconfidence:+.0f} points",
+        f"label); mean probability minus accuracy {100 * score.overconfidence:+.0f} points",
         markup=False,
     )
     print_table(
-        ("label", *(f">{label}" for label in labels)),
+        ("label \\ prediction", *(f">{label}" for label in labels)),
         [
             (escape(true), *(str(row.get(label, 0)) for label in labels))
             for true, row in score.confusion.items()
