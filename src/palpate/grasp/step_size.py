@@ -110,7 +110,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
-    """Return the step for the planned rise of force, which is larger far from the target.
+    """Return the step for the planned rise of force, larger far from the target.
 
     The first steps after contact are fine. Later steps are limited relative to the squeeze depth,
     because the slope of the force is known only up to that depth.
