@@ -92,7 +92,20 @@ _HEADS = {
     "strangers": "unknown items",
     "strangers_found": "unknown detected",
     "way": "method",
+    "within_10_percent": "within 10 %",
+    "within_10_percent_of_all": "within 10 %, all objects",
     "worst_mm": "largest error, mm",
+}
+#: Unit in a key -> unit in a column head.
+_UNITS = {
+    "n_per_mm": "N/mm",
+    "mm_per_s": "mm/s",
+    "percent": "%",
+    "kpa": "kPa",
+    "ohm": "ohm",
+    "mm": "mm",
+    "n": "N",
+    "s": "s",
 }
 #: Column head -> format string, or function of a row; see `Table.of`.
 Columns: TypeAlias = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
@@ -128,6 +141,21 @@ def as_command(report: Callable[..., StudyReport]) -> Callable[..., None]:
     vars(command)["__signature__"] = inspect.Signature(shown)
     command.__doc__ = report.__doc__
     return command
+
+
+def _column_head(key: str) -> str:
+    """Return the column head of a key, with its unit at the end.
+
+    >>> [_column_head(key) for key in ("way", "own_holds", "rms_n_loading", "true_n_per_mm", "n")]
+    ['method', 'own holds', 'rms loading, N', 'true, N/mm', 'n']
+    """
+    if key in _HEADS:
+        return _HEADS[key]
+    found = re.search(rf"_({'|'.join(_UNITS)})(?=_|$)", key)
+    if found is None:
+        return key.replace("_", " ")
+    name = key[: found.start()] + key[found.end() :]
+    return f"{name.replace('_', ' ')}, {_UNITS[found[1]]}"
 
 
 def _format_value(row: Mapping[str, Any], *, key: str) -> str:
@@ -196,17 +224,14 @@ class Table:
         --------
         >>> rows = [{"method": "a", "ratio": 0.51234, "size_mm": None}]
         >>> Table.of("T", rows).columns, Table.of("T", rows).rows
-        (('method', 'ratio', 'size mm'), [['a', '0.512', '-']])
+        (('method', 'ratio', 'size, mm'), [['a', '0.512', '-']])
         >>> Table.of("T", rows, {"method": "{method}", "%": "{ratio:.0p}"}).rows
         [['a', '51']]
         """
         if columns is None:
             columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
         if not isinstance(columns, Mapping):
-            columns = {
-                _HEADS.get(key, key.replace("_", " ")): partial(_format_value, key=key)
-                for key in columns
-            }
+            columns = {_column_head(key): partial(_format_value, key=key) for key in columns}
         cells = [[_format_cell(form, row) for form in columns.values()] for row in rows]
         return cls(title=title, columns=tuple(columns), rows=cells)
 

@@ -103,7 +103,7 @@ def report(
             "`palpate` is `palpate.ForceLaw` on the voltage above rest, scaled with the training "
             "set.",
         ),
-        tables=[Table.of("RMS error, N", summary)],
+        tables=[Table.of("RMS error", summary)],
         payload={"origin": "real", "summary": summary, "level": LEVEL},
     )
 
