@@ -213,7 +213,7 @@ def divider(
     d.wire((x, end[1] + 56), (x, 680), color=GROUND)
     d.dot(x, end[1], color=SIGNAL)
     d.dot(x, 680, color=GROUND)
-    d.text(x - 18, end[1] + 40, "R ref 4.7 kΩ", size=13, anchor="end")
+    d.text(x - 18, end[1] + 54, "R ref 4.7 kΩ", size=13, anchor="end")
 
 
 def legend(d: Drawing) -> None:
