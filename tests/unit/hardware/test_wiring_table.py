@@ -31,7 +31,7 @@ def wired(pins: str) -> str:
     ("firmware", "pins", "entry"),
     [
         (r"A0 \(divider\)", "A0", "divider"),
-        (r"A1 \(pressure\n// read-back\)", "A1", "pressure read back"),
+        (r"A1\n// \(pressure read-back\)", "A1", "pressure read back"),
         (r"L, 0 +// 49-46: row multiplexer select, low bit", "49, 48, 47, 46", "S0, S1, S2, S3"),
         (r"L, 4 +// 45-42: column multiplexer", "45, 44, 43, 42", "column select, low bit"),
         (r"E, 3 +// 5: pressure output", "5", "pressure, 0 to 5 V is 0 to 50 kPa"),
