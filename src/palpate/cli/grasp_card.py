@@ -112,10 +112,8 @@ def _timings(result: GraspResult) -> Text:
     parts = []
     if result.decision_time_s is not None:
         parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
-    force, peak_n = result.force_n, result.peak_force_n
-    # The paper's method measures no force during its extra closing, so its peak may be too low.
-    if peak_n is not None and (force is None or not force.has_value or peak_n >= force.middle):
-        parts.append(f"peak force {peak_n:.1f} N")
+    if result.peak_force_n is not None:
+        parts.append(f"peak force {result.peak_force_n:.1f} N")
     parts.append(f"{result.frames} frames, {result.frames_lost} lost")
     return Text("  ·  ".join(parts), style="dim")
 

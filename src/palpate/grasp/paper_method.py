@@ -138,11 +138,14 @@ def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | Non
         level=plan.level,
         status=Status(str(found.status)),
     )
+    force = _force_from_line(settled, plan)
+    if force is not None:
+        estimate.peak_force_n = max(estimate.peak_force_n, force.middle)
     state.result = replace(
         state.result,
         decision_time_s=round(estimate.now_s - state.first_contact_s, 6),
         settled_percent=settled,
-        force_n=_force_from_line(settled, plan),
+        force_n=force,
     )
     state.enter(Phase.HOLD, event="answer")
     return None

@@ -92,13 +92,14 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
     """
     gripper = ReplayGripper(source)
     plan = plan_of_recording(replace(source.info, paper=paper.as_text()), gripper=gripper)
-    state, closure, stops = GraspState(), math.nan, [0.0]
+    state, closure, stops, was_moving = GraspState(), math.nan, [0.0], False
     while not source.has_ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
         report = gripper.state()
         # A small step may begin and end between two frames, without a report of movement.
         before, closure = closure, gripper.limits.closure(report)
-        stepped = abs(closure - before) > plan.smallest_step / 2
+        stepped = not was_moving and abs(closure - before) > plan.smallest_step / 2
+        was_moving = report.moving
         report = replace(report, moving=report.moving or stepped)
         state.estimate.update(Observation(frame=frame, gripper=report), plan=plan)
         state.record_finger_events()

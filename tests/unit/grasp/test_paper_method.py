@@ -50,9 +50,9 @@ def test_paper_method_extra_closing_increases_force(palpate: Command) -> None:
     assert forces_n[1] > 1.2 * forces_n[0]
 
 
-def test_paper_method_shows_no_peak_force_below_its_grip_force(palpate: Command) -> None:
-    assert "peak force" in palpate("grasp", "--seed", "3").out
-    assert "peak force" not in palpate("grasp", "--seed", "3", "--method", "paper").out
+def test_paper_method_peak_force_includes_the_extra_closing(palpate: Command) -> None:
+    found = grasped(palpate, "--extra-mm", "0.5")
+    assert found["peak_force_n"] >= found["force_n"]["value"]
 
 
 def test_replay_grasp_repeats_recorded_paper_grasp(tmp_path: Path, palpate: Command) -> None:
