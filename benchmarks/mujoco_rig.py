@@ -20,11 +20,8 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig import open_rig
-from palpate.rig.simulated import open_simulated
 
 RIGS = ("sim-rigid", "mujoco")
-#: Frame rate of the MuJoCo rigs, Hz.
-RATE_HZ = 15.0
 QUANTITIES = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 #: Measured and true value of each quantity that was measured, and the outcome.
 Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
@@ -32,10 +29,7 @@ Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
 
 def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
     """Grasp the object of a seed."""
-    if rig_name == "sim-rigid":
-        rig = open_simulated(rig_name, object_name=None, seed=seed, rate_hz=RATE_HZ)
-    else:
-        rig = open_rig(rig_name, seed=seed)
+    rig = open_rig(rig_name, seed=seed)
     plan = plan_grasp(rig.calibration, gripper=rig.gripper)
     result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
     assert rig.truth is not None

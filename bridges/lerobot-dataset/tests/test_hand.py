@@ -12,8 +12,7 @@ from palpate.errors import DeviceTimeoutError, InputError
 from palpate.estimate.damage import fit_damage_model
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.strength import ClosingCurve
-from palpate.rig import Rig
-from palpate.rig.simulated import open_simulated
+from palpate.rig import Rig, open_rig
 from palpate.sensor.array import Frame
 from palpate_lerobot.hand import PolicyHand, read_learned_limit_n
 
@@ -24,8 +23,7 @@ OPEN = {"width_mm": 74.0, "rate_mm_per_s": 60.0}
 
 
 def rig_with(name: str) -> Rig:
-    """Return a rig at the rate of a policy's camera."""
-    return open_simulated("sim-rigid", object_name=name, seed=1, rate_hz=15.0)
+    return open_rig("sim-rigid", object_name=name, seed=1)
 
 
 def hand_of(rig: Rig, *, limit_n: float) -> PolicyHand:

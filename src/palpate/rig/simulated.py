@@ -62,14 +62,9 @@ _HOLDS_N: dict[GripperKind, tuple[tuple[float, ...], ...]] = {
 }
 #: Scatter of the sheets and grippers of the built-in rigs.
 _LEVEL = "lab"
-#: Frame rate of the built-in rigs, Hz: the default of a rig file for palpate's firmware. The
-#: paper's board sends 15.
-FRAME_RATE_HZ = 250.0
 
 
-def open_simulated(
-    name: str, *, object_name: str | None, seed: int, rate_hz: float = FRAME_RATE_HZ
-) -> Rig:
+def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
     """Open a simulated rig with an object between its fingers.
 
     `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft fingers, driven by
@@ -81,9 +76,7 @@ def open_simulated(
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     kind: GripperKind = "soft" if name == "sim-soft" else "rigid"
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
-    world = World(
-        obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind, frame_rate_hz=rate_hz
-    )
+    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind)
     by_firmware = name == "sim-firmware"
     return Rig(
         name=name,

@@ -108,13 +108,6 @@ def test_grasp_with_paper_method_closes_in_its_steps_and_holds() -> None:
         assert grip.release().settled_percent is not None
 
 
-@pytest.mark.parametrize("name", ["sim-rigid", "sim-soft"])
-def test_open_rig_simulated_reads_250_frames_per_second(name: str) -> None:
-    with palpate.open_rig(name) as rig:
-        first, second = (rig.array.read(timeout_s=1.0).time_s for _ in range(2))
-    assert second - first == pytest.approx(0.004)
-
-
 def test_grasp_records_every_frame_and_document_matches_command(tmp_path: Path) -> None:
     file = tmp_path / "grasp.mcap"
     with open_tomato() as rig:
