@@ -298,7 +298,7 @@ def test_dynamixel_setup_replaces_a_time_based_profile(world: World, bus: ServoB
 
 def test_dynamixel_in_reverse_mode_is_refused(world: World, bus: ServoBus) -> None:
     bus.set(x.DRIVE_MODE, x.REVERSE | x.TIME_BASED)
-    with pytest.raises(DeviceError, match=r"turns in reverse \(DRIVE_MODE 5\).*Wizard"):
+    with pytest.raises(DeviceError, match=r"runs in reverse \(DRIVE_MODE 5\).*Wizard"):
         open_servo(world, bus)
     assert bus.value(x.TORQUE_ENABLE) == 0
 

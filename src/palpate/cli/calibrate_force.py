@@ -175,7 +175,7 @@ class WeightSeries:
         return self._law.known >= MIN_LOADS and max(self.after.values()) <= self._tolerance_percent
 
     @property
-    def next_n(self) -> float:
+    def next_load_n(self) -> float:
         """The load that is expected to narrow the intervals most."""
         return most_useful_n(self._law)
 
@@ -189,7 +189,7 @@ class WeightSeries:
         advice = (
             "within the tolerance"
             if self.is_within_tolerance
-            else f"most useful next: {self.next_n:g} N"
+            else f"most useful next: {self.next_load_n:g} N"
         )
         print_message(f"{load_n:g} N measured; half-width of the interval: {each}; {advice}")
 
@@ -265,8 +265,8 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
     loads_n: list[float] = []
     while not series.is_within_tolerance:
         ask = (
-            f"place about {series.next_n:g} N on the pad; type its weight in newtons, then wait "
-            "20 s (Enter: done)"
+            f"place about {series.next_load_n:g} N on the pad; type its weight in newtons, then "
+            "wait 20 s (Enter: done)"
         )
         typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
         if not typed:

@@ -60,7 +60,7 @@ def export(
         raise InputError("--task and --fps require --lerobot DIR")
     if len(files) > 1:
         raise InputError(f"{files[1]}: only one recording can be exported, except with --lerobot")
-    file, form = files[0], _choose_form(to, out)
+    file, form = files[0], _choose_format(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     with RecordingReader(file):  # a file that is not a recording is refused first
         check_new(target)
@@ -80,7 +80,7 @@ def export(
     print_message(f"{target}: {what}{rows} rows")
 
 
-def _choose_form(to: ExportForm | None, out: Path | None) -> ExportForm:
+def _choose_format(to: ExportForm | None, out: Path | None) -> ExportForm:
     """Return the format set by --to or the ending of --out, which must agree."""
     if out is None:
         return to or "csv"

@@ -166,7 +166,10 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
 
 
 def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
-    """Store a person's label of an item, linked to its latest grasp."""
+    """Store a label that a person gave to an item.
+
+    The label is linked to the item's latest grasp.
+    """
     grasps = store.grasps_of(item_id)
     store.add_verdict(
         Verdict(
@@ -201,7 +204,7 @@ def _export(
     from palpate.produce.store.export import export_grasps, export_verdicts, require_parquet
 
     if path.suffix != ".parquet":
-        raise InputError(f"--export {path}: the file must end in .parquet")
+        raise InputError(f"--export {path}: the file name must end in .parquet")
     check_writable(path)
     require_parquet()
     since, until = period or (None, None)

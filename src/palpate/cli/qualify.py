@@ -125,7 +125,7 @@ Document = dict[str, Any]
 
 
 def qualification_document(
-    found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
+    agreement: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
 ) -> Document:
     """Return the JSON of a qualification, with null for unknown values."""
     return {
@@ -137,14 +137,14 @@ def qualification_document(
         "limits": list(demand.limits),
         "figures": {
             name: {end: finite_or_none(getattr(figure, end)) for end in ("value", "low", "high")}
-            for name, figure in found.figures.items()
+            for name, figure in agreement.figures.items()
         },
-        "line": {"slope": found.slope, "offset": found.offset},
+        "line": {"slope": agreement.slope, "offset": agreement.offset},
         "scatter": {
             name: {end: finite_or_none(getattr(scatter, end)) for end in ("between", "within")}
-            for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
+            for name, scatter in (("reference", agreement.reference), ("grasp", agreement.grasp))
         },
-        "confusion": count_grades(found, demand.limits).tolist(),
+        "confusion": count_grades(agreement, demand.limits).tolist(),
         "reference_readings_needed": effort.reference_readings,
         "grasps_needed": effort.grasps,
         "mismatch": effort.mismatch,

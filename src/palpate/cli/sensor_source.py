@@ -58,7 +58,8 @@ class SensorSource:
     def find_calibration(self) -> Calibration | None:
         """Return the sensor's calibration; None if there is none yet.
 
-        Raises `CalibrationError` if the file can't be read or has another layout.
+        Raises `CalibrationError` if the file can't be read or is for a sensor with a different
+        layout.
         """
         calibration, layout = self.calibration, self.array.layout
         if calibration is None and self.calibration_path and self.calibration_path.exists():

@@ -253,7 +253,10 @@ def make_divider(
             "a positive resistance"
         )
     if unit not in (None, "counts"):
-        raise InputError(f"--unit {unit}: --adc-bits requires counts; omit one of the options")
+        raise InputError(
+            f"--adc-bits can only be used with --unit counts, not {unit}; omit one of the two "
+            "options"
+        )
     return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg)
 
 
@@ -273,7 +276,7 @@ def parse_cut(text: str) -> CutAt:
 
 
 def parse_rest(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
-    """Parse the interval of --rest; None without one."""
+    """Parse the --rest interval; return None if it was not given."""
     if text is None:
         if mean:
             raise InputError("--mean requires --rest START:END, an interval without load")

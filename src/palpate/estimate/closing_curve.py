@@ -258,11 +258,11 @@ def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _
 def _contact_equations(
     curve: ClosingSteps, compliance: Compliance, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the contact position of each step, and the design matrix of the unknowns.
+    """Return the contact position at each step and the design matrix of the unknowns.
 
-    Shapes (gains, shapes, scales, steps), and the same with a last axis of 5. At each step, width,
-    gripper deflection and deformation add up to the size. The columns of the design matrix belong
-    to size, gain, exponent, lag and compliance.
+    Shapes: (gains, shapes, scales, steps); the design matrix has an additional last axis of length
+    5. At each step, width, gripper deflection and deformation add up to the size. The columns of
+    the design matrix belong to size, gain, exponent, lag and compliance.
     """
     samples = curve.samples
     log_n = np.log(samples.read_n) + _gains(curve)[:, None]

@@ -120,14 +120,14 @@ class SoftFingerCompliance:
         )
         if not np.ptp(block) > _APART_MM:
             raise CalibrationError(
-                "fingers driven by pressure: close them on rigid blocks of two sizes, at least "
+                "pressure-driven fingers: close them on rigid blocks of two sizes, at least "
                 f"{_APART_MM:g} mm apart; one block can't relate pressure to width"
             )
         design = np.column_stack([np.ones_like(force), -block, force, np.sqrt(force)])
         per_mm = float(np.linalg.lstsq(design, pressure, rcond=None)[0][1])
         if not per_mm > 0:
             raise CalibrationError(
-                "fingers driven by pressure: a smaller block must be touched at a higher pressure"
+                "pressure-driven fingers: a smaller block must be touched at a higher pressure"
             )
         compliance = Compliance.fit(force, width_mm=-pressure / per_mm, block_mm=block)
         return cls(mm_per_kpa=1.0 / per_mm, compliance=compliance)

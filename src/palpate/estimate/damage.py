@@ -142,19 +142,19 @@ def fit_damage_model(
         strengths[kind] = fit_strength(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
-        low_fractions[kind] = _low_fraction([paths[i] for i in chosen], limits_n[chosen])
+        low_fractions[kind] = _lower_bound_fraction([paths[i] for i in chosen], limits_n[chosen])
     return DamageModel(strengths=strengths, low_fractions=low_fractions, rate=rate)
 
 
-def _low_fraction(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
+def _lower_bound_fraction(closings: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
     """Return the lower bound as a fraction of the prediction at half load, cross-validated."""
     fractions = []
-    for inside, outside in _folds(len(paths)):
+    for inside, outside in _folds(len(closings)):
         strength = fit_strength(
-            [paths[i] for i in inside], rupture_force_n=limits_n[inside].tolist()
+            [closings[i] for i in inside], rupture_force_n=limits_n[inside].tolist()
         )
         for i in outside:
-            for state in paths[i]:
+            for state in closings[i]:
                 predicted_n = strength.predict_n(state)
                 if state.force_n >= predicted_n / 2:
                     fractions.append(limits_n[i] / predicted_n)
@@ -164,6 +164,10 @@ def _low_fraction(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float
 
 
 def _folds(count: int) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Split by position, so that similar neighbours in a file are in different folds."""
+    """Return training and test indices of each fold.
+
+    Closings are assigned to folds in turn by position, so that neighbouring, similar closings are
+    in different folds.
+    """
     fold = np.arange(count) % FOLDS
     return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(FOLDS)]

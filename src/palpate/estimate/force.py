@@ -44,7 +44,7 @@ class StaticLaw(Protocol):
 
     @property
     def residual_sd(self) -> float:
-        """Scatter of the calibration about the law, of ln force."""
+        """Scatter of ln force about the law in the calibration."""
         ...
 
     def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
@@ -235,10 +235,10 @@ class PowerForceLaw:
         )
 
     def force_n(self, excess: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
-        """Return the force of each excess conductance, of any shape; see `ForceEstimate`.
+        """Return the force for each excess conductance (array of any shape).
 
-        Without a response (excess of 0 or less) the force is 0, with the weakest force of the
-        calibration as upper limit.
+        See `ForceEstimate`. With no response (excess 0 or less) the force is 0, and its upper limit
+        is that at the smallest calibrated reading.
         """
         x = np.asarray(excess, dtype=float)
         responds = x > 0

@@ -52,7 +52,10 @@ class ForceLaws(NamedTuple):
 
 
 class ContactGains(NamedTuple):
-    """Gain of the present contact relative to each of the two laws; None if unknown."""
+    """Gain of the present contact relative to the early law and to the settled law.
+
+    None if unknown.
+    """
 
     early: Gain | None = None
     settled: Gain | None = None

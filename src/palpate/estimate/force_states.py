@@ -81,7 +81,7 @@ class ForceStates:
         else:
             elapsed_s = time_s - self._time_s
             if elapsed_s < 0:
-                raise ValueError(f"time runs backwards: {time_s} s after {self._time_s} s")
+                raise ValueError(f"time runs backwards: from {self._time_s} s to {time_s} s")
             fraction = -np.expm1(-elapsed_s / self._tau_s)
             self._copies += fraction * (reading - self._copies)
             self._peak = max(reading, self._peak + float(fraction[-1]) * (reading - self._peak))

@@ -89,8 +89,8 @@ class CurrentLaw:
         slope, zero, noise_ma = _fit_line(pairs, gears)
         if slope <= 0:
             raise CalibrationError(
-                "current calibration: the current must rise with the force; does the servo report "
-                "the current of the fingers' drive, with the sign of closing?"
+                "current calibration: the current must rise with the force; check that the servo "
+                "reports its motor current, positive when closing"
             )
         if gears is None:
             usual_ma = _TYPICAL_FRACTION * abs(zero)

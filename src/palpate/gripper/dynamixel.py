@@ -35,7 +35,7 @@ class DynamixelGripper(BusServoGripper):
     line : ServoLine
         An open line.
     clock : Clock
-        Clock for the times of states.
+        Clock that timestamps the states.
     fingers : CrankFingers
         Converts the servo angle to the width.
     limits : GripperLimits
@@ -52,7 +52,7 @@ class DynamixelGripper(BusServoGripper):
     InputError
         If a limit is out of the servo's range. No limit is changed silently.
     DeviceError
-        If the servo does not answer, is an unknown model, turns in reverse, or does not store its
+        If the servo does not answer, is an unknown model, runs in reverse, or does not store its
         settings.
     """
 
@@ -157,8 +157,8 @@ class DynamixelGripper(BusServoGripper):
         drive_mode = line.read(x.DRIVE_MODE)
         if drive_mode & x.REVERSE:
             raise DeviceError(
-                f"{line.name} turns in reverse (DRIVE_MODE {drive_mode}): closing would open. "
-                "Clear bit 0 of DRIVE_MODE with DYNAMIXEL Wizard"
+                f"{line.name} runs in reverse (DRIVE_MODE {drive_mode}): a close command would "
+                "open the gripper. Clear bit 0 of DRIVE_MODE with DYNAMIXEL Wizard"
             )
         persistent = {
             x.DRIVE_MODE: drive_mode & ~x.TIME_BASED,

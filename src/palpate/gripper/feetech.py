@@ -21,14 +21,14 @@ _FASTEST_MM_PER_S = 60.0
 
 
 class FeetechGripper(BusServoGripper):
-    """A `Gripper` on a line of Feetech servos.
+    """A `Gripper` driven by a Feetech bus servo.
 
     Parameters
     ----------
     line : ServoLine
         An open line, Protocol 1.
     clock : Clock
-        Clock for the times of states.
+        Clock that timestamps the states.
     jaw : HingedJaw
         Converts the servo angle to the width.
     limits : GripperLimits

@@ -126,7 +126,8 @@ class HobbyServoGripper:
             if age_s > STALE_S:
                 raise DeviceTimeoutError(
                     f"the last servo pulse is {age_s:.2f} s old; check the board's cable. The "
-                    "board holds the fingers in place 0.5 s after the last command"
+                    "board stops the fingers and holds them in place if it receives nothing for "
+                    "0.5 s"
                 )
             if newest.status & BoardStatus.CEILING_TRIPPED:
                 self._target_us = self._travel.open_us
@@ -181,12 +182,12 @@ class HobbyServoGripper:
     def close(self) -> None:
         """Do nothing: the board holds the fingers in place."""
 
-    def _extrapolate_pulse(self, frame_us: int, now_s: float) -> float:
+    def _extrapolate_pulse(self, reported_us: int, now_s: float) -> float:
         """Return the pulse width now, from the newest frame, which can be 70 ms old."""
         elapsed_s = max(now_s - max(self._board.newest_s, self._commanded_s), 0.0)
-        remaining_us = self._target_us - frame_us
+        remaining_us = self._target_us - reported_us
         step_us = min(abs(remaining_us), self._rate * elapsed_s)
-        return frame_us + math.copysign(step_us, remaining_us)
+        return reported_us + math.copysign(step_us, remaining_us)
 
     def _check_status(self, status: int, servo_us: int) -> None:
         if status & BoardStatus.CEILING_TRIPPED:

@@ -125,7 +125,7 @@ class ServoLine:
         self._exchange(_REBOOT, b"", answer_size=0)
 
     def read_errors(self) -> HardwareError:
-        """Return the hardware errors; 0 without errors."""
+        """Return the hardware errors; 0 if there are none."""
         return HardwareError(self.read(HARDWARE_ERROR))
 
     def close(self) -> None:

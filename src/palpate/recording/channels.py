@@ -140,7 +140,9 @@ def _decode_frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
         raise ValueError("a count is out of range")
     oversampling = _require_int64(fields["oversampling"])
     if not 1 <= oversampling <= _MAX_OVERSAMPLING:
-        raise ValueError(f"oversampling is {oversampling}, not 1 to {_MAX_OVERSAMPLING}")
+        raise ValueError(
+            f"oversampling is {oversampling}; it must be from 1 to {_MAX_OVERSAMPLING}"
+        )
     return Frame(
         time_s=float(fields["time_s"]),
         sequence=_require_int64(fields["sequence"]),

@@ -219,7 +219,7 @@ def cut_recorded_holds(
     change = relative_change_percent(ohm, rest_ohm=_measure_rest_ohm(recording, ohm))
     values = change if unit == "percent" else ohm
     holds: list[Hold] = []
-    for number, (start_s, end_s) in enumerate(_find_still_stretches(recording, change), start=1):
+    for number, (start_s, end_s) in enumerate(_find_still_intervals(recording, change), start=1):
         frames = _select_increasing(recording.time_s, start_s, end_s)
         touched = len(frames) >= _MIN_FRAMES and (
             np.median(largest_change(change[frames[len(frames) // 2 :]])) <= CONTACT_PERCENT
@@ -247,7 +247,7 @@ def _measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
         ) from error
 
 
-def _find_still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
+def _find_still_intervals(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
     """Return start and end of each rest after a movement, or of each contact.
 
     Contacts are used if no movement was recorded.

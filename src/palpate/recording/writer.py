@@ -71,9 +71,9 @@ def register_channels(writer: Writer) -> dict[str, int]:
 class RecordingWriter:
     """Writer of one recording; also a context manager.
 
-    Every half second of recorded time is passed to the system as one complete chunk, so `kill -9`
-    loses less than a second. Syncing to disk, which protects against power loss, runs in parallel:
-    a slow card never delays a control loop.
+    Every half second of recorded time is handed to the operating system as one complete chunk, so
+    `kill -9` loses less than a second. Syncing to disk, which protects against power loss, runs in
+    parallel: a slow card never delays a control loop.
 
     Parameters
     ----------

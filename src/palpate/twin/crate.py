@@ -93,7 +93,7 @@ class CrateItem:
     seed: int
 
     def side(self, turn: int) -> TwinObject:
-        """Return the item after `turn` turns, with the diameter and stiffness of that side.
+        """Return the item turned to side number `turn`, with that side's diameter and stiffness.
 
         >>> item = draw_crate(["kiwi"], seed=1)[0]
         >>> item.side(0) == item.side(0), item.side(0) == item.side(1)

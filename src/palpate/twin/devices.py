@@ -155,7 +155,7 @@ class TwinGripper:
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a command, clamped to the limits, and return the sent command."""
+        """Send a command, clamped to the limits; return the command sent."""
         limits = self.limits
         # Targets are rounded to the step of the servo's encoder or the regulator's converter.
         step = _WIDTH_STEP_MM if limits.drive == "width" else _PRESSURE_STEP_KPA

@@ -56,7 +56,7 @@ def object_force_n(
 
 
 def _force_law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
-    """Return the function from deformation to force and slope of one object."""
+    """Return an object's force law: a function that maps deformation to force and slope."""
     scale = _RUPTURED_FORCE_FRACTION if ruptured else 1.0
     yield_n, undamaged = obj.yield_n, _elastic_law(obj)
 
@@ -73,7 +73,7 @@ def _force_law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[fl
 
 
 def _elastic_law(obj: TwinObject) -> Callable[[float], tuple[float, float]]:
-    """Return the function from deformation to force and slope of an undamaged object."""
+    """Return an undamaged object's force law; see `_force_law`."""
     if obj.curve is not None:
         return partial(_interpolate_curve, obj.curve)
     at_1mm_n, exponent = obj.force_at_1mm_n, obj.exponent

@@ -79,9 +79,7 @@ def test_find_layout_invalid_pitch_is_refused(pitch_mm: float) -> None:
         find_layout("3x3", pitch_mm=pitch_mm)
 
 
-def test_init_writes_options_that_the_board_opener_accepts(
-    tmp_path: Path, palpate: Command
-) -> None:
+def test_init_writes_only_parameters_of_open_board(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "/dev/no-such-port")
     table = tomllib.loads(path.read_text())["array"]

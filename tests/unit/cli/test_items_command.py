@@ -247,7 +247,7 @@ def test_items_say_option_stores_a_label(palpate: Command) -> None:
         (("A17", "--say", "taste=good"), "NAME is one of ripeness, bruise, identity, bin"),
         (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
         (("--day", "yesterday"), "--day yesterday: not a date; use the form 2026-05-01"),
-        (("--export", "all.csv"), "--export all.csv: the file must end in .parquet"),
+        (("--export", "all.csv"), "--export all.csv: the file name must end in .parquet"),
         (("--export", "no/all.parquet"), "the folder no does not exist; create it first"),
         (("--store", "none.sqlite"), "no such file"),
     ],

@@ -59,7 +59,7 @@ def test_sort_on_a_terminal_shows_a_progress_bar(
     assert "sorting" not in out
 
 
-def test_progress_preserves_output_printed_meanwhile(tmp_path: Path) -> None:
+def test_progress_leaves_printed_output_on_stdout(tmp_path: Path) -> None:
     script = (
         "from palpate.cli.output import progress\n"
         "with progress('counting') as show:\n"

@@ -163,7 +163,7 @@ def test_settle_cutoff_combines_with_until_half_width(holds_csv: Path, palpate: 
     assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
 
 
-def test_settle_out_writes_equal_json_csv_and_parquet(
+def test_settle_out_writes_same_results_to_json_csv_and_parquet(
     holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     found = document(palpate, holds_csv, "--out", tmp_path / "all.json")

@@ -50,7 +50,7 @@ def test_current_pairs_of_unequal_length_are_refused() -> None:
         CurrentPairs(force_n=(1.0,), current_ma=(float("nan"),))
 
 
-def test_current_pairs_with_missing_or_unequal_columns_are_refused() -> None:
+def test_current_pairs_with_short_widths_or_without_movements_are_refused() -> None:
     with pytest.raises(CalibrationError, match="force_n has 2 values, but width_mm has 1"):
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
     with pytest.raises(CalibrationError, match="give both"):

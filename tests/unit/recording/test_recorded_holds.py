@@ -84,7 +84,7 @@ def test_cut_recorded_holds_position_step_between_states_is_movement(tmp_path: P
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
-def test_cut_recorded_holds_without_gripper_begin_at_contacts(tmp_path: Path) -> None:
+def test_cut_recorded_holds_without_gripper_uses_contact_as_hold(tmp_path: Path) -> None:
     recording = load_recording(
         write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
     )
@@ -162,7 +162,7 @@ def test_exported_csv_escapes_spreadsheet_formulas(tmp_path: Path) -> None:
     assert parquet.read_table(tmp_path / "run.parquet")["events"][0].as_py() == "=1+1"
 
 
-def test_exported_parquet_columns_without_values_have_types(tmp_path: Path) -> None:
+def test_exported_parquet_columns_without_values_keep_their_types(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
     with RecordingReader(path) as reader:

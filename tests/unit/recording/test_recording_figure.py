@@ -29,7 +29,7 @@ def test_recording_figure_has_one_line_per_pixel_in_kilohm(recording):
     assert first == pytest.approx(solve_resistance_ohm(recording)[:, 0, 0] / 1000)
 
 
-def test_recording_figure_draws_gripper_load_cells_and_events(recording):
+def test_recording_figure_draws_width_force_and_events(recording):
     figure = recording_figure(recording, title="run")
     assert "width (mm)" in _labels(figure)
     assert any("load cell" in label or label == "force (N)" for label in _labels(figure))

@@ -242,7 +242,9 @@ def test_writer_existing_file_is_refused(recorded: Path, info: RecordingInfo) ->
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000)])
-def test_reader_refuses_other_files_in_one_line(tmp_path: Path, content: bytes) -> None:
+def test_reader_and_recover_refuse_files_that_are_not_recordings(
+    tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "other.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):

@@ -20,7 +20,7 @@ ALL = {**TRAINED_KINDS, **UNTRAINED_KINDS}
 
 
 @pytest.mark.parametrize("kind", ALL)
-def test_crate_item_sides_are_within_ranges_and_gripper(kind: str) -> None:
+def test_crate_item_sizes_are_within_kind_range_and_gripper_opening(kind: str) -> None:
     ranges = ALL[kind]
     for item in draw_crate([kind] * 20, seed=1):
         assert ranges.size_mm[0] <= item.mean.size_mm <= ranges.size_mm[1]

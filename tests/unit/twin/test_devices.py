@@ -43,7 +43,7 @@ def test_twin_array_queues_unread_frames_in_order() -> None:
     assert frames[-1].counts.mean() > frames[0].counts.mean() + 20
 
 
-def test_twin_array_slow_rate_raises_timeout() -> None:
+def test_twin_array_read_before_next_scan_raises_timeout_error() -> None:
     setting = make_world(frame_rate_hz=2.0)
     array = TwinArray(setting)
     with pytest.raises(DeviceTimeoutError, match=r"scans every 0\.5 s"):

@@ -207,7 +207,7 @@ def test_world_environment_affects_ohm_more_than_relative_change() -> None:
     assert warm.truth().settled_percent == pytest.approx(cool.truth().settled_percent, abs=3.0)
 
 
-def test_world_environment_can_change_during_run() -> None:
+def test_world_environment_change_scales_resistance_and_is_reversible() -> None:
     steady, changed = make_held_world(2.5), make_held_world(2.5)
     cool, warm = Environment(), Environment(temperature_c=31.9)
     changed.set_environment(warm, time_s=5.0)
