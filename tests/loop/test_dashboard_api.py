@@ -115,7 +115,8 @@ def test_api_grasp_with_an_outdated_stop_count_is_refused(machine: Machine) -> N
     known = machine.ask("GET", "/state")[1]["stops"]
     assert machine.ask("POST", "/stop") == (200, {"stopped": True})
     status, refused = machine.ask("POST", "/grasp", {"stops": known})
-    assert (status, refused["detail"].partition(":")[0]) == (409, "refused because of a newer stop")
+    reason = "refused: a stop has occurred since you last read the state"
+    assert (status, refused["detail"].partition(";")[0]) == (409, reason)
     state = machine.ask("GET", "/state")[1]
     assert (state["activity"], state["stops"]) == ("watching", known + 1)
     assert machine.ask("POST", "/grasp", {"stops": state["stops"]})[0] == 202

@@ -220,8 +220,8 @@ class AppState:
             with self.session.stop_lock:
                 if stops is not None and stops < self.session.stops:
                     raise CommandRefusedError(
-                        "refused because of a newer stop: read the state, then send the command "
-                        "again"
+                        "refused: a stop has occurred since you last read the state; read it "
+                        "again, then resend the command"
                     )
                 self._run_for_driver(driver, partial(self.session.order, driver, order))
             return order.recording.name

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.dashboard.messages import FrameSource
-from palpate.dashboard.panel_html import panel_svg
+from palpate.dashboard.panel_html import draw_panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
@@ -198,7 +198,7 @@ class ItemStore:
         from palpate.plots.item_history import history_figure
 
         drawn = {
-            caption: panel_svg(partial(history_figure, page, name, label=unit), label=caption)
+            caption: draw_panel_svg(partial(history_figure, page, name, label=unit), label=caption)
             for name, (caption, unit) in _FIGURES.items()
             if any(
                 name in grasp.measurements and grasp.measurements[name].value is not None
@@ -294,7 +294,7 @@ def _ripening(store: Store, page: ItemHistory) -> str:
         return ""
     from palpate.plots.ripeness import item_figure
 
-    return panel_svg(
+    return draw_panel_svg(
         partial(item_figure, history, ripeness, rule=rule),
         label=f"Ripening of {item_id} with its forecast",
     )

@@ -92,7 +92,7 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Record the frames between orders to a new file; None ends the recording."""
+    """Order to record the frames received while no order runs; `file` None ends the recording."""
 
     file: Path | None
 
@@ -327,7 +327,7 @@ class CalibrationRenewed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A finished grasp; on simulated rigs with the twin's true values."""
+    """A finished grasp, with the twin's true values on a simulated rig."""
 
     #: The controller's result.
     result: GraspResult

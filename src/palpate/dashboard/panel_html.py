@@ -81,7 +81,7 @@ _WIDTH_IN = 3.5
 _DRAWING = Lock()
 
 
-def panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float = 2.3) -> str:
+def draw_panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float = 2.3) -> str:
     """Draw a figure and return it as SVG; `label` is the text for screen readers.
 
     Raises

@@ -17,7 +17,7 @@ from palpate.dashboard.messages import (
     CalibrationRenewed,
     Examine,
 )
-from palpate.dashboard.panel_html import panel_html, panel_svg
+from palpate.dashboard.panel_html import draw_panel_svg, panel_html
 from palpate.dashboard.session import CalibrationFailure
 from palpate.dashboard.viewer import Viewer, add_heading, add_paragraph
 from palpate.errors import InputError, PalpateError
@@ -146,7 +146,7 @@ def _force_html(text: str) -> str:
     from palpate.plots.force_calibration import force_calibration_figure
 
     age = age_text(made.made_at) if made.made_at else ""
-    figure = panel_svg(
+    figure = draw_panel_svg(
         partial(force_calibration_figure, made),
         label="Current force calibration and its errors",
         height_in=3.6,

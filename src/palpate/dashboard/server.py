@@ -1,4 +1,4 @@
-"""The web server: pages, polled document, API and STOP route."""
+"""The web server: pages, live-state endpoint polled by the pages, API and STOP route."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
 
 
 def _add_pages(outer: FastAPI, app_state: AppState) -> None:
-    """Add the pages, the polled document and the downloads to the outer application."""
+    """Add the pages, the live-state endpoint and the downloads to the outer application."""
     from nicegui import ui
 
     _add_page_routes(app_state)
@@ -135,7 +135,7 @@ def _add_pages(outer: FastAPI, app_state: AppState) -> None:
 
 
 def _add_page_routes(app_state: AppState) -> None:
-    """Add the pages, the polled document and the downloads to NiceGUI's application."""
+    """Add the pages, the live-state endpoint and the downloads to NiceGUI's application."""
     from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
 

@@ -112,7 +112,7 @@ def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 
 def _replace_implausible(reading: Measurement, *, now: float) -> Measurement:
-    """Return the forecast, or the present reading if the forecast is implausible."""
+    """Return the forecast, or the current reading if the forecast is implausible."""
     least, most = now / SETTLE.max_change_ratio, now * SETTLE.max_change_ratio
     if now <= 0 or least <= reading.middle <= most:
         return reading
@@ -342,7 +342,7 @@ def sheet_forces_n(
 
 
 def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
-    """Return the steps from two before the first hint of contact; none without a hint.
+    """Return the steps, starting two before the first hint of contact; empty without a hint.
 
     More steps before the hint are excluded, because drift can resemble a weak contact.
     """

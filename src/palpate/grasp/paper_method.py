@@ -46,7 +46,7 @@ def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> P
     """
     pressure = plan.gripper.drive == "pressure"
     if pressure and (paper.step_mm, paper.extra_mm) != (Paper().step_mm, Paper().extra_mm):
-        raise InputError("this gripper is driven by pressure: omit --step-mm and --extra-mm")
+        raise InputError("this gripper is pressure-driven: omit --step-mm and --extra-mm")
     try:
         line = fit_settled_line(calibration.force, horizon_s=HORIZON_S)
     except CalibrationError:

@@ -85,8 +85,9 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
 def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
     """Evaluate a recorded grasp with the paper's method and the recorded movements.
 
-    Contact is the first standstill at which the mean change passes the threshold. The prediction
-    uses the readings up to the cutoff after the last movement. The recorded extra closing is used.
+    Contact is the first stop of the hand at which the mean change passes the threshold. The
+    prediction uses the readings up to the cutoff after the last movement. The recorded extra
+    closing is used.
 
     Raises `RecordingError` or `CalibrationError` as `replay_grasp`.
     """

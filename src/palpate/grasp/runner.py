@@ -230,7 +230,7 @@ def run_grasp(
             state.estimate.sent = hand.send(command, now_s=now_s)
 
     try:
-        with _signals_as_flag(requests.stop):
+        with _set_flag_on_signal(requests.stop):
             while not state.has_ended:
                 # Requests do not interrupt an opening.
                 if state.phase is not Phase.RELEASE:
@@ -310,7 +310,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
 
 
 @contextmanager
-def _signals_as_flag(requested: threading.Event) -> Iterator[None]:
+def _set_flag_on_signal(requested: threading.Event) -> Iterator[None]:
     """Set a flag on Ctrl-C or SIGTERM, so that no device transfer is interrupted.
 
     The first signal restores the old handlers, so that a second one interrupts.

@@ -1,4 +1,4 @@
-"""Settle phase: prediction of the settled force, and its corrections up or down."""
+"""Settle phase: predict the settled force, and correct it up or down."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def scale_of(name: str) -> float:
 
 
 def _split_prefix(name: str) -> tuple[Unit, float] | None:
-    """Return the unit and factor of the last prefixed unit in a name, if any."""
+    """Return unit and factor of the last SI-prefixed unit in a name, if any."""
     found = list(_PREFIXED.finditer(re.sub(r"([a-z])([A-Z])", r"\1 \2", name)))
     if not found:
         return None
@@ -134,8 +134,8 @@ def _split_prefix(name: str) -> tuple[Unit, float] | None:
 def find_readings(names: Sequence[str]) -> list[str]:
     """Return the names of the columns with sensor readings.
 
-    Columns with a usual name of readings take precedence; without such columns, every column
-    without another known meaning counts. Counts are omitted if the same pixel has a column in ohm.
+    Columns with common names for readings take precedence; if there are none, every column without
+    another known meaning is used. Counts are omitted if the same pixel has a column in ohm.
 
     >>> find_readings(["resistance_ohm", "force_n"]), find_readings(["left", "right", "temp_c"])
     (['resistance_ohm'], ['left', 'right'])

@@ -179,7 +179,8 @@ def _add_rows(
             _check_text(column, cells.get(column, ""), where=where)
         if loading_s < 0:
             raise InputError(
-                f"{where}: loading_s {loading_s:g} is negative; use seconds, or 0 if unknown"
+                f"{where}: loading_s {loading_s:g} is negative; give the loading time in seconds, "
+                "or 0 if unknown"
             )
         channels[label] = _Channel(unit=cells.get("unit") or None, loading_s=loading_s)
     channel = channels[label]

@@ -151,7 +151,9 @@ def _read_text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> It
                     for column, kind in kinds.items()
                     if kind != "text"
                 }
-                yield _check_cells(cells, numbers, kinds, name=name, word="line", places=lines)
+                yield _check_cells(
+                    cells, numbers, kinds, table_name=name, row_word="line", row_numbers=lines
+                )
             if odd is not None:
                 raise InputError(
                     f"{name} line {places[odd]}: {len(rows[odd])} fields, but the header has "
@@ -189,7 +191,9 @@ def _read_parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) ->
                 else:
                     numbers[column] = piece.columns[column].astype(np.float64)
                     numbers[column][~is_usable(numbers[column])] = np.nan
-            yield _check_cells(cells, numbers, kinds, name=name, word="row", places=piece.numbers)
+            yield _check_cells(
+                cells, numbers, kinds, table_name=name, row_word="row", row_numbers=piece.numbers
+            )
 
 
 def _check_cells(
@@ -197,11 +201,11 @@ def _check_cells(
     numbers: Mapping[str, FloatArray],
     kinds: Mapping[str, Kind],
     *,
-    name: str,
-    word: str,
-    places: Sequence[int],
+    table_name: str,
+    row_word: str,
+    row_numbers: Sequence[int],
 ) -> Table:
-    """Return cells as a table; refuse the first row with an invalid number."""
+    """Return the cells as a table; raise `InputError` for the first invalid number."""
     faults: list[tuple[int, str]] = []
     for column, values in numbers.items():
         wrong = np.flatnonzero(np.isnan(values)).tolist()
@@ -215,8 +219,8 @@ def _check_cells(
         if isinstance(cell, str):
             found, remedy = f"{cell[:40]!a}", "fix or remove the line"
         raise InputError(
-            f"{name} {word} {places[row]}: {column} is {found}, not a finite number up to "
-            f"{LARGEST_NUMBER:g}; {remedy}"
+            f"{table_name} {row_word} {row_numbers[row]}: {column} is {found}, not a finite "
+            f"number up to {LARGEST_NUMBER:g}; {remedy}"
         )
     texts = {n: np.array(cells[n], dtype=object) for n in kinds if n not in numbers}
-    return Table(name=name, columns={**texts, **numbers}, numbers=places, word=word)
+    return Table(name=table_name, columns={**texts, **numbers}, numbers=row_numbers, word=row_word)

@@ -258,7 +258,7 @@ def detect_layout(rows: Sequence[Sequence[str]], *, separator: str | None = None
 
 
 def _score_row(row: Sequence[str]) -> int:
-    """Return the count of numbers and times minus texts; 0 means no data."""
+    """Return the excess of number and time fields over text fields; 0 if not data."""
     number = text = missing = 0
     for field in row:
         stripped = field.strip()
@@ -291,7 +291,7 @@ def _parse_header(above: Sequence[Sequence[str]], width: int) -> list[str]:
 def gather_rows(
     pieces: Iterable[NumberedRows], layout: Layout, *, name: str, word: str = "line"
 ) -> Table:
-    """Return rows as a table that reports its omissions.
+    """Gather rows into a table that lists its skipped rows and its non-numeric fields.
 
     A column is text if at least half of its first piece is text.
 

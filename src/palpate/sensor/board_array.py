@@ -118,7 +118,7 @@ def _make_grid(name: str, *, fingers: int, max_lines: int) -> ArrayLayout:
 def check_rate(rate_hz: float) -> None:
     """Raise `InputError` if a frame rate is not positive and finite."""
     if not 0 < rate_hz < math.inf:
-        raise InputError(f"a rate of {rate_hz:g} Hz: give frames per second above 0, such as 250")
+        raise InputError(f"frame rate {rate_hz:g} Hz: must be positive and finite, e.g. 250")
 
 
 def open_board(

@@ -1,4 +1,4 @@
-"""Commands to a board and its answers, over a byte stream."""
+"""Commands to a board and its replies, over a byte stream."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class BoardLink:
         return bool(self._pending)
 
     def start_commands(self, commands: Sequence[Command]) -> None:
-        """Start to send commands, each after the answer to the previous command."""
+        """Start sending commands, each after the board's reply to the previous one."""
         self._commands = commands
         self._pending = list(commands)
         self.was_reset = False
@@ -172,7 +172,7 @@ class BoardLink:
             )
         return DeviceTimeoutError(
             f"{name}: no answer from the board in {waited_s:g} s. Check its power, then "
-            "put palpate's firmware on it with `palpate flash`."
+            "flash palpate's firmware with `palpate flash`."
         )
 
 

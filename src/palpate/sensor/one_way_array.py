@@ -173,7 +173,7 @@ class OneWayArray(PortArray):
             )
         return DeviceTimeoutError(
             f"{self.name}: no data in {timeout_s:g} s. Check the board's power, and that its "
-            "firmware sends readings without a request."
+            "firmware streams readings without being polled."
         )
 
 

@@ -25,9 +25,9 @@ from palpate.produce.bruise.model import (
     REFERENCES,
     BruiseModel,
     Side,
+    build_contrast_tables,
     default_model,
     load_simulated_sides,
-    table_sides,
 )
 from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape
 from palpate.produce.learning import LabelledTable, make_pipeline
@@ -376,7 +376,7 @@ def compare_areas(ours: ScoredSides, baseline: ScoredSides) -> Difference:
 
 def table_contrasts(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
     """Return the labelled contrasts of the tested sides to each reference."""
-    return table_sides(
+    return build_contrast_tables(
         [(str(number), one.is_bruised, one.side()) for number, one in enumerate(examined)]
     )
 

@@ -130,7 +130,7 @@ def test_bounded_connection_with_an_incomplete_request_is_closed_after_the_time_
     assert asyncio.run(hold()) is not (before != b"" and part == b"")
 
 
-def test_websocket_stays_open_beyond_time_limit_and_maximum_number_of_connections(
+def test_websocket_stays_open_after_request_timeout_and_at_the_connection_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.05)

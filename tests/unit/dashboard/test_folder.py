@@ -1,4 +1,4 @@
-"""The folder of recordings: no access to files outside of the folder."""
+"""The folder of recordings: no access to files outside the folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ OUTSIDE = ["../secret.mcap", "/etc/passwd", "notes.txt", "link.mcap", "..", "", 
 
 
 @pytest.mark.parametrize("name", [*OUTSIDE, "one.mcap/../../secret.mcap", "one.mcap\0"])
-def test_find_recording_outside_of_the_folder_is_refused(folder: Path, name: str) -> None:
+def test_recording_outside_the_folder_is_refused(folder: Path, name: str) -> None:
     for act in (
         find_recording,
         delete_recording,

@@ -173,7 +173,7 @@ def test_entry_html_of_a_damaged_object_shows_the_damage(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])
-def test_check_name_refuses_names_outside_of_the_folder(name: str) -> None:
+def test_check_name_refuses_names_outside_the_folder(name: str) -> None:
     with pytest.raises(InputError):
         check_name(name)
 

@@ -116,7 +116,7 @@ def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(
 
 
 @pytest.mark.slow
-def test_item_figures_omit_a_firmness_without_numbers(recording: Path, tmp_path: Path) -> None:
+def test_item_figures_omit_firmness_known_only_as_a_bound(recording: Path, tmp_path: Path) -> None:
     bound = Measurement(
         value=None, low=36.0, high=97.0, unit="index", status=Status.AT_LEAST, reason="soft hand"
     )

@@ -110,7 +110,7 @@ def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
 
 
-def test_live_finger_forces_have_the_grip_force_as_mean() -> None:
+def test_live_finger_forces_average_to_the_grip_force() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
     )

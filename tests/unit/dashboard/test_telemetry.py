@@ -29,7 +29,9 @@ def telemetry() -> Telemetry:
     return telemetry
 
 
-def test_telemetry_add_frame_with_a_stalled_page_is_fast_and_bounded(telemetry: Telemetry) -> None:
+def test_telemetry_with_a_stalled_page_keeps_only_the_last_1000_frames(
+    telemetry: Telemetry,
+) -> None:
     for sequence in range(30_000):
         telemetry.add_frame(frame(sequence), None)
     update = telemetry.update()

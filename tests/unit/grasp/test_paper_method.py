@@ -46,7 +46,9 @@ def test_paper_method_on_pressure_driven_fingers_has_no_size(palpate: Command) -
     assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
 
 
-def test_paper_method_through_the_firmware_holds_the_object(palpate: Command) -> None:
+def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
+    palpate: Command,
+) -> None:
     if not (BUILD / "libpalpate_board.so").exists():
         pytest.skip("no firmware simulator")
     found = grasped(palpate, "--rig", "sim-firmware", "--object", "strawberry")
@@ -130,7 +132,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
         (["--method", "paper", "--epsilon", "10"], "between -100 and 0"),
         (["--method", "paper", "--cutoff", "nan"], "--cutoff must be"),
         (["--method", "paper", "--target-force-n", "3"], "combined with --target-force-n"),
-        (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "driven by pressure"),
+        (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "pressure-driven"),
     ],
 )
 def test_paper_setting_out_of_range_is_refused(

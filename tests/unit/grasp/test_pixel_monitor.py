@@ -92,7 +92,9 @@ def test_pixel_monitor_one_saturated_pixel_raises_no_alarm(plan: Plan) -> None:
     assert "pixel R0 C0 is loaded beyond its measuring range" in str(watch.saturation_warning)
 
 
-def test_pixel_monitor_most_loaded_pixels_saturated_raise_alarm(plan: Plan) -> None:
+def test_pixel_monitor_saturation_of_four_of_six_loaded_pixels_raises_force_limit_alarm(
+    plan: Plan,
+) -> None:
     found = alarms(plan, climbing(4), step_mm=0.3)[-1]
     assert found.danger is Danger.FORCE_LIMIT
 

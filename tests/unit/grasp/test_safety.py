@@ -32,7 +32,7 @@ def test_reaction_to_each_danger_matches_table(
 
 
 @pytest.mark.parametrize("danger", [Danger.SENSOR_LOST, Danger.STOPPED])
-def test_reaction_during_release_is_open(danger: Danger) -> None:
+def test_reaction_to_sensor_loss_or_stop_during_release_is_to_open(danger: Danger) -> None:
     assert reaction(danger, phase=Phase.RELEASE) is Reaction.OPEN
 
 

@@ -135,7 +135,7 @@ def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
 
 
 @pytest.mark.parametrize("ceiling_n", [15.0, 7.0])
-def test_return_takes_safe_steps_and_ends_below_its_start(
+def test_return_after_easing_ends_at_a_wider_opening_than_before(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
     """One movement with a high ceiling, several with a low one."""

@@ -409,7 +409,7 @@ def test_settle_excel_without_extra_names_the_extra(
     assert "pip install 'palpate[data]'" in run_refused(path, palpate)
 
 
-def test_settle_fit_on_accepts_recordings(tmp_path: Path, palpate: Command) -> None:
+def test_settle_fit_on_option_accepts_a_recording(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "r.csv"
     path.write_text(FORMATS["plain.csv"])
     assert "3 holds last 20 s" in run_settle(path, palpate, "--fit-on", path)[2]

@@ -167,14 +167,16 @@ def test_examine_item_without_reference_raises_with_remedy(
 
 def test_examine_item_without_pixel_data_raises(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="apple"))
-    with pytest.raises(InputError, match=r"'B1': no completed grasp of it has pixel data"):
+    with pytest.raises(
+        InputError, match=r"'B1': no completed grasp with width-driven fingers has pixel data"
+    ):
         judge(store, model, "B1")
 
 
 def test_examine_item_reference_unknown_to_model_raises(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels()))
     store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
-    with pytest.raises(InputError, match="has none of the references"):
+    with pytest.raises(InputError, match="has no reference that the model was trained on"):
         judge(store, model)
 
 

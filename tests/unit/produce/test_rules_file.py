@@ -76,11 +76,15 @@ def test_read_rules_accepts_the_example_file() -> None:
         ("[0, 45]", "[45, 0]", r"line 6: size_mm is \[45, 0\], not \[from, to\]"),
         ("[0, 45]", "45", "line 6: size_mm is 45"),
         ("bruised = false", 'bruised = "no"', "line 12: bruised is 'no', not true or false"),
-        ("confidence = 0.9", "confidence = 1", "line 13: confidence is 1, not a number from 0.5"),
+        (
+            "confidence = 0.9",
+            "confidence = 1",
+            "line 13: confidence is 1, not a number of at least 0.5",
+        ),
         (
             "confidence = 0.9",
             "confidence = 0.4",
-            "line 13: confidence is 0.4, not a number from 0.5",
+            "line 13: confidence is 0.4, not a number of at least 0.5",
         ),
         ('["kiwi", "lime"]', "[1]", r"line 5: class is \[1\], not a name"),
         ('bin = "small"', "bin = 3", "line 4: bin is 3, not a name"),

@@ -90,7 +90,7 @@ def test_sorting_hand_measures_item_and_accepts_expected_size(
     assert not table.is_damaged()
 
 
-def test_sorting_hand_fast_approach_ends_before_a_thicker_side(
+def test_sorting_hand_with_known_size_approaches_fast_only_outside_the_clearance(
     table: CrateTable, hand: SortingHand
 ) -> None:
     with_size = RecordingGripper(table)

@@ -185,13 +185,13 @@ def test_open_read_only_with_leftover_wal_file_raises(without_root: Path) -> Non
         Store.open(path, create=False)
 
 
-def test_open_in_read_only_folder_raises(without_root: Path) -> None:
+def test_store_open_in_read_only_folder_raises(without_root: Path) -> None:
     without_root.chmod(0o555)
     with pytest.raises(StoreError, match="can't be opened; check the folder and its permissions"):
         Store.open(without_root / "items.sqlite")
 
 
-def test_write_on_full_disk_raises_and_store_stays_readable(path: Path) -> None:
+def test_store_write_to_full_disk_raises_and_store_stays_readable(path: Path) -> None:
     engine = make_engine(store_url(path))
 
     def limit_pages(connection: Any, record: object) -> None:
@@ -270,7 +270,7 @@ def test_server_without_answer_raises_one_line_without_password(tmp_path: Path) 
     assert "\n" not in str(away.value)
 
 
-def test_read_only_server_raises(postgresql_url: str) -> None:
+def test_store_write_to_read_only_server_raises(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     separator = "%20-c%20default_transaction_read_only=on"
     with pytest.raises(StoreError, match="read-only; name the primary server"):

@@ -74,7 +74,7 @@ def test_press_check_reports_swapped_pixels() -> None:
     ]
 
 
-def test_press_check_reports_a_pixel_without_response() -> None:
+def test_press_check_reports_an_unresponsive_pixel_as_silent() -> None:
     assert summarize(press_all(lambda pixel: pixel, unresponsive=(2, 1))) == [
         ("silent", "R2 C1", "did not respond when pressed")
     ]

@@ -67,7 +67,7 @@ def decode_sequences(decoder: Decoder, data: bytes) -> list[int]:
     return [message.sequence for message in frames_in(decoder.feed(data))]
 
 
-def test_encoded_packets_equal_the_examples_in_the_protocol_page() -> None:
+def test_encoded_packets_match_the_examples_on_the_protocol_page() -> None:
     text = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
     example = FrameMessage(
         sequence=258,
@@ -116,7 +116,7 @@ def test_decoder_ignores_an_answer_older_than_the_last_frame() -> None:
     assert decoder.counters == LinkCounters(frames=4)
 
 
-def test_decoder_ignores_an_answer_without_a_stream() -> None:
+def test_decoder_ignores_the_stream_number_0_of_an_ack() -> None:
     decoder = Decoder()
     decode_sequences(decoder, encode_frames(3) + encode_ack(0, stream=0) + encode_frames(4))
     assert decoder.counters == LinkCounters(frames=2)

@@ -20,7 +20,7 @@ from palpate.produce.bruise.model import (
     SOUND,
     BruiseModel,
     Side,
-    table_sides,
+    build_contrast_tables,
 )
 from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape, pixel_contrast
 from palpate.produce.learning import LabelledTable
@@ -135,10 +135,10 @@ def examine_item(
     grasps = usable_grasps(store.grasps_of(item_id))
     if not grasps:
         raise InputError(
-            f"item {item_id!r}: no completed grasp of it has pixel data; grasp it again with "
-            "fingers driven by width"
+            f"item {item_id!r}: no completed grasp with width-driven fingers has pixel data; "
+            "grasp it again with width-driven fingers"
         )
-    sound = sound_grasps(store, kind=item.kind, without=item_id)
+    sound = sound_grasps(store, kind=item.kind, excluded_item_id=item_id)
     visits = group_visits(grasps)
     measured = [(grasp, _side(grasp, visits=visits, sound=sound)) for grasp in visits[-1]]
     measured = [one for one in measured if one[1].against]
@@ -219,7 +219,7 @@ def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     for item_id, label in _labels(store, kind=kind).items():
         grasps = usable_grasps(store.grasps_of(item_id))
         visits = group_visits(grasps)
-        sound = sound_grasps(store, kind=kind, without=item_id)
+        sound = sound_grasps(store, kind=kind, excluded_item_id=item_id)
         if label.text == BRUISED:
             chosen = [one for one in grasps if one.grasp_id == label.grasp_id]
             chosen = chosen or [one for one in grasps if one.taken_at <= label.given_at][-1:]
@@ -229,7 +229,7 @@ def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
             known = [visit for visit in visits if visit[0].taken_at <= grasp.taken_at]
             side = _side(grasp, visits=known, sound=sound)
             sides.append((item_id, label.text == BRUISED, side))
-    return table_sides(sides)
+    return build_contrast_tables(sides)
 
 
 def usable_grasps(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
@@ -254,13 +254,13 @@ def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
     return visits
 
 
-def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
+def sound_grasps(store: Store, *, kind: str | None, excluded_item_id: str) -> list[Grasp]:
     """Return usable grasps of items labelled sound; none without a kind."""
     found: list[Grasp] = []
     if kind is None:
         return found
     for item_id, label in reversed(_labels(store, kind=kind).items()):
-        if label.text == SOUND and item_id != without and len(found) < _MOST_SOUND:
+        if label.text == SOUND and item_id != excluded_item_id and len(found) < _MOST_SOUND:
             found += usable_grasps(store.grasps_of(item_id))
     return found
 

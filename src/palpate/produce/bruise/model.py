@@ -56,8 +56,8 @@ class BruiseModel:
     def learn(cls, known: Mapping[str, LabelledTable], *, learned_on: str) -> BruiseModel:
         """Learn from labelled sides.
 
-        `known`: table for each reference, see `table_sides`; references with fewer than ten bruised
-            or ten sound sides are skipped.
+        `known`: table for each reference, see `build_contrast_tables`; references with fewer than
+            ten bruised or ten sound sides are skipped.
         `learned_on`: description of the sides.
         Raises `InputError` if no reference remains; `MissingExtraError` if scikit-learn is not
         installed.
@@ -85,7 +85,7 @@ class BruiseModel:
             if name in side.against and name in self.learners:
                 return name
         raise InputError(
-            "the side has none of the references of the model "
+            "the side has no reference that the model was trained on "
             f"({', '.join(self.learners)}); grasp another side, or sound items of the same kind"
         )
 
@@ -102,7 +102,7 @@ class BruiseModel:
         return float(bruised - sound)
 
 
-def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTable]:
+def build_contrast_tables(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTable]:
     """Return the contrasts of labelled sides to each available reference.
 
     `sides`: item, whether the side is bruised, and the side.

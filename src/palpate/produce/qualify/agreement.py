@@ -225,7 +225,7 @@ def _fraction(values: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """Number of readings, grasps and items required by a demand.
+    """Number of readings, grasps and items needed to meet a demand.
 
     Attributes
     ----------
@@ -250,7 +250,7 @@ class Effort:
 def estimate_effort(
     found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float
 ) -> Effort:
-    """Return the number of readings, grasps and items required by a demand.
+    """Return the number of readings, grasps and items needed to meet a demand.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def read_labelled_histories(
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
     """Yield the firmness history of each labelled item, with a label per day.
 
-    `verdicts`: labels by people; the latest label near a day applies to that day.
+    `verdicts`: manually assigned labels; the latest label near a day applies to that day.
     """
     by_item: dict[str, list[Verdict]] = {}
     for verdict in verdicts:

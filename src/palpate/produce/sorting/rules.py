@@ -23,7 +23,7 @@ CONFIDENCE, MOST_GRASPS = 0.8, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """One rule."""
+    """A sorting rule: the bin of items that meet its conditions with the required confidence."""
 
     #: Bin of the items that meet the rule.
     bin: str

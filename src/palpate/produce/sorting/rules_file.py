@@ -67,7 +67,7 @@ def read_rules(path: str | Path) -> RuleBook:
 
 
 def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Path) -> None:
-    """Refuse a rule for a kind without enough labels, which would never apply.
+    """Refuse a rule that names a kind with too few labelled items to be identified.
 
     Raises `InputError` with the rule's line and the known kinds.
     """
@@ -189,7 +189,7 @@ def _read_name(stated: Any) -> str:
 
 def _read_confidence(stated: Any) -> float:
     if not isinstance(stated, float | int) or not 0.5 <= stated < 1:
-        raise ValueError("a number from 0.5 to below 1")
+        raise ValueError("a number of at least 0.5 and less than 1")
     return float(stated)
 
 

@@ -60,7 +60,7 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     (0.5, 200.0)
     """
     if not placed:
-        raise ValueError("there is no sorted item to score")
+        raise ValueError("there are no sorted items to score")
     by_rule = [one for one in placed if one.bin != book.default_bin]
     known = [one for one in by_rule if one.true_bin is not None]
     bins = {

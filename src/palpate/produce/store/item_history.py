@@ -55,12 +55,12 @@ class ItemHistory:
         return any(grasp.is_simulated for grasp in self.grasps)
 
     def latest(self, name: str) -> Measurement | None:
-        """Return the latest measurement with this name; None without one."""
+        """Return the latest measurement with this name, or None if there is none."""
         found = (grasp.measurements.get(name) for grasp in reversed(self.grasps))
         return next((measured for measured in found if measured is not None), None)
 
     def latest_verdict(self, about: About) -> Verdict | None:
-        """Return the latest verdict about a subject; None without one."""
+        """Return the latest verdict on a subject, or None if there is none."""
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
 
@@ -94,7 +94,7 @@ def read_item_history(store: Store, item_id: str) -> ItemHistory:
 
 
 def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
-    """Return the latest firmness measured with a kind of gripper; None without one."""
+    """Return the latest firmness measured with this drive, or None if there is none."""
     same_drive = (grasp for grasp in reversed(grasps) if grasp.drive == drive)
     found = (grasp.measurements.get("firmness") for grasp in same_drive)
     return next((measured.middle for measured in found if measured is not None), None)
