@@ -42,7 +42,7 @@ class Approach:
     """Closing at speed, and the touch that ends it.
 
     overrun_steps : 1 to 3 steps, twin.
-        Travel from contact until the hand stops; sets the speed of `start_sweep`.
+        Allowed travel from contact until the hand stops; sets the speed of a sweep.
     lookahead_frames : 1.25 to 4 frames, guess.
         How far ahead of the hand a command is, in frame periods.
     lookahead_s : 0.01 to 0.05 s, guess. Added to the lookahead in frames.
@@ -173,7 +173,7 @@ class Guards:
     residual_fraction : 0.6 to 0.85 1, guess.
         Fraction of the contact's force still read after opening: sheet failed.
     fall_fraction : 0.005 to 0.03 1, study faults.
-        Fall of the reading at a closing step that counts as wrong.
+        Fall at a closing step, relative to the largest reading, that counts as wrong.
     fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
     rise_fraction : 0.05 to 0.2 1, study faults.
         Rise of the reading while opening that raises the alarm.

@@ -41,8 +41,7 @@ class GraspController:
     def step(self, observation: Observation) -> GripperCommand | None:
         """Process one observation; return the command to send, if any.
 
-        The safety filter limits every command to `safety.largest_step`, and is the only place that
-        does.
+        `filter_command` limits every closing command to `safety.largest_step`.
         """
         self.state.estimate.update(observation, plan=self.plan)
         self.state.record_finger_events()

@@ -19,7 +19,8 @@ class Danger(StrEnum):
     GRIPPER_FAULT = "gripper_fault"
     FORCE_LIMIT = "force_limit"
     STOPPED = "stopped"
-    #: The gripper exerts more force than the sheet shows: the sheet has failed.
+    #: The gripper exerts more force than the sheet shows, because the sheet has failed or the
+    #: object yields.
     UNSEEN_FORCE = "unseen_force"
     SLIPPED = "slipped"
     TIMED_OUT = "timed_out"

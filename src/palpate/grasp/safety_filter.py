@@ -45,6 +45,7 @@ def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
     safe = largest_step(
         force_high_n=estimate.force_high_n,
         steepest_n=plan.steepest_n,
+        # `filter_command` adds the travel during the latency.
         rate=0.0,
         damage_low_n=estimate.damage_low_n,
         limits=plan.safety,

@@ -332,13 +332,13 @@ def test_force_ceiling_is_15_newtons() -> None:
     assert SafetyLimits().force_ceiling_n == 15.0
 
 
-@pytest.mark.parametrize(("share", "opens"), [(0.99, False), (1.01, True)])
-def test_force_ceiling_is_defined_in_documented_module(
-    plan: Plan, bench: Any, share: float, opens: bool
+@pytest.mark.parametrize(("fraction", "opens"), [(0.99, False), (1.01, True)])
+def test_controller_opens_hand_only_above_force_ceiling(
+    plan: Plan, bench: Any, fraction: float, opens: bool
 ) -> None:
     estimate = ContactEstimate(
         rest_ohm=plan.rest_ohm,
-        force_n=share * plan.safety.force_ceiling_n,
+        force_n=fraction * plan.safety.force_ceiling_n,
         force_high_n=2 * plan.safety.force_ceiling_n,
     )
     controller = GraspController(plan, GraspState(phase=Phase.HOLD, estimate=estimate))
