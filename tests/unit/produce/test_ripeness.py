@@ -217,7 +217,10 @@ def test_course_learn_items_with_too_few_days_raises() -> None:
         ]
         for _ in range(5)
     ]
-    with pytest.raises(InputError, match="0 items were grasped on 3 days or more, 4 are needed"):
+    with pytest.raises(
+        InputError,
+        match="0 items were grasped on 3 days or more, but a course of ripening requires 4",
+    ):
         Course.learn(constant)
 
 

@@ -67,8 +67,8 @@ class Course:
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_COURSES:
             raise InputError(
-                f"{len(useful)} items were grasped on {FEWEST_DAYS} days or more, the course of "
-                f"ripening requires {FEWEST_COURSES}; grasp some items daily until they are soft"
+                f"{len(useful)} items were grasped on {FEWEST_DAYS} days or more, but a course "
+                f"of ripening requires {FEWEST_COURSES}; grasp some items daily until they are soft"
             )
         firmness = np.concatenate([[day.firmness for day in item] for item in useful])
         low, high = (float(level) for level in np.quantile(firmness, [0.05, 0.95]))
