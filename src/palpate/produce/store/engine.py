@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,8 @@ DEFAULT_STORE = "palpate-items.sqlite"
 #: Maximum wait of a writer for other writers, seconds. A write takes milliseconds.
 LOCK_TIMEOUT_S = 10.0
 _CONNECT_TIMEOUT_S = 5
+#: Interval of attempts to get a lock, seconds.
+_LOCK_RETRY_S = 0.01
 
 #: Start of SQLite's error name -> whether a later retry may help; cause and remedy.
 _SQLITE_FAULTS: Mapping[str, tuple[bool, str]] = {
@@ -202,8 +205,22 @@ def _prepare_sqlite(connection: Any, record: object) -> None:
     # Disable the driver's implicit transactions; `_begin_sqlite` begins them.
     connection.isolation_level = None
     # WAL allows readers during a write; FULL protects committed records from a power failure.
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+    _execute_unlocked(connection, "PRAGMA journal_mode = WAL")
+    for pragma in ("synchronous = FULL", "foreign_keys = ON"):
         connection.execute(f"PRAGMA {pragma}")
+
+
+def _execute_unlocked(connection: Any, statement: str) -> None:
+    """Execute a statement for whose lock SQLite itself does not wait."""
+    until_s = time.monotonic() + LOCK_TIMEOUT_S
+    while True:
+        try:
+            connection.execute(statement)
+            return
+        except sqlite3.OperationalError as error:
+            if "locked" not in str(error) or time.monotonic() > until_s:
+                raise
+        time.sleep(_LOCK_RETRY_S)
 
 
 def _begin_sqlite(connection: sa.Connection) -> None:
