@@ -145,7 +145,7 @@ class ContactEstimate(HandMotion):
     rest_frames : tuple of ndarray
         Resistances of the frames before the first movement.
     touches : tuple of Touch
-        Readings since the end of the last movement; after 20 s the older ones are thinned.
+        Readings since the end of the last movement, the older ones thinned (`MOST_TOUCHES`).
     strongest_reading : float
         Largest reading since the end of the last movement.
     frame_forces : tuple of pairs of float

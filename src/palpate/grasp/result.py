@@ -17,9 +17,9 @@ class Outcome(StrEnum):
     """
 
     #: The hold is over; release was requested after the force was measured (`controller`); or the
-    #: paper's method has measured a recorded grasp (`replay_grasp`).
+    #: paper's method has found a contact in a recorded grasp (`replay_grasp`).
     HELD = "held"
-    #: No contact in any of the planned attempts (`approach`), or no measurement with the paper's
+    #: No contact in any of the planned attempts (`approach`), or no contact with the paper's
     #: method in a recording (`replay_grasp`).
     NOTHING_THERE = "nothing_there"
     #: The reading of the hold has disappeared (`monitors`).
