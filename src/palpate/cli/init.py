@@ -144,6 +144,8 @@ def _prompt_for_gripper(kind: str | None, port: str | None) -> dict[str, str | f
     """Prompt for the gripper; return the [gripper] table, empty without a gripper."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
     chosen = _prompt(f"Gripper ({kinds}, or module:function of an opener)", kind, _NO_GRIPPER)
+    if port is not None and chosen != "dynamixel":
+        raise InputError(f"--gripper-port is for --gripper dynamixel, not for {chosen}")
     if chosen == _NO_GRIPPER:
         return {}
     if chosen == "dynamixel":

@@ -54,12 +54,13 @@ def qualify(
         opt("--limit", "Limit between two grades, in the reference's unit; repeat for more."),
     ] = None,
     cost: Annotated[
-        tuple[float, float],
+        tuple[float, float] | None,
         opt(
             "--cost HIGH LOW",
-            "With --limit: cost of grading an item one grade too high, and too low.",
+            "With --limit: cost of grading an item one grade too high, and too low. "
+            "[default: 1 1]",
         ),
-    ] = (1.0, 1.0),
+    ] = None,
     unit: Annotated[str, opt("--unit", "Unit of the reference, for display.")] = "",
     grasp_s: Annotated[float, opt("--grasp-s SECONDS", "Time of one grasp.", min=0.0)] = 15.0,
     handling_s: Annotated[
@@ -83,8 +84,11 @@ def qualify(
     limits = tuple(limit or ())
     if any(later <= earlier for earlier, later in pairwise(limits)):
         raise InputError(f"--limit {limits[-1]:g}: give the limits in increasing order")
-    if min(cost) < 0:
-        raise InputError(f"--cost {cost[0]:g} {cost[1]:g}: costs must not be negative")
+    if cost is not None and not limits:
+        raise InputError("--cost requires --limit: costs are those of wrong grades")
+    cost_high, cost_low = cost or (1.0, 1.0)
+    if min(cost_high, cost_low) < 0:
+        raise InputError(f"--cost {cost_high:g} {cost_low:g}: costs must not be negative")
     if report is not None:
         check_new(report, option="--report")
     pairs = read_pairs(readings)
@@ -96,7 +100,7 @@ def qualify(
         if not tolerance > 0:
             raise InputError(f"{readings}: all readings of the reference are equal")
     demand = Demand(
-        tolerance=tolerance, limits=limits, level=level, cost_high=cost[0], cost_low=cost[1]
+        tolerance=tolerance, limits=limits, level=level, cost_high=cost_high, cost_low=cost_low
     )
     found = measure_agreement(pairs, demand)
     effort = estimate_effort(found, demand, grasp_s=grasp_s, handling_s=handling_s)

@@ -454,10 +454,13 @@ class AppState:
         if key == self._predicted_for:
             return
         self._predicted_for = key
+        # A client that sees the answer reads the bin at the same time.
+        devices.is_placing = "bin" not in devices.placement
 
         def show(placement: asyncio.Future[dict[str, Any]]) -> None:
             """Show the bin, unless the grasp has ended in the meantime."""
             if devices.live.generation == key[0] and devices.grasped is None:
+                devices.is_placing = False
                 devices.placement = placement.result()
 
         place = partial(self.item_store.sort_grasp, answer, item_id=order.item_id, source=source)

@@ -37,7 +37,7 @@ def state_document(session: Session) -> dict[str, object]:
     return {
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
-        "answered": running is not None and running.decided,
+        "answered": running is not None and running.decided and not session.devices.is_placing,
         "bin": (session.devices.placement.get("bin") or {}).get("name"),
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.is_simulated,

@@ -83,6 +83,8 @@ class DeviceState:
         self.grasped: Grasped | None = None
         #: `bin` and `item` of the shown grasp; empty without rules and item.
         self.placement: Mapping[str, Any] = {}
+        #: Whether the bin of the held object is being determined.
+        self.is_placing = False
         #: Item of the shown grasp; empty without a name.
         self.item_id = ""
         self.calibrated: CalibrationRenewed | None = None
@@ -167,7 +169,7 @@ class DeviceState:
         if isinstance(order, OpenHand):
             self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placement = None, {}
+            self.grasped, self.placement, self.is_placing = None, {}, False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             self.live.clear_curve()
 

@@ -68,7 +68,7 @@ class PneumaticGripper:
         if age_s > STALE_S:
             raise DeviceTimeoutError(
                 f"the last pressure is {age_s:.2f} s old; check the board's cable. The board vents "
-                "the fingers 0.5 s after the last command"
+                "the fingers 0.5 s after it last received a command"
             )
         # Frames from before the last pressure command can still report an earlier silence.
         is_pressed = (

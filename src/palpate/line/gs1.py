@@ -40,7 +40,9 @@ def read_label(text: str) -> str:
         else:
             found = GS1Message.parse(text[3:])
     except ParseError as error:
-        raise InputError(f"label {text!r}: {error}") from error
+        raise InputError(
+            f"label {text!r} is not a complete GS1 label; scan it again ({error})"
+        ) from error
     elements = {element.ai.ai: element for element in found.element_strings}
     for element in elements.values():
         if (fault := element.gtin_error or element.sscc_error) is not None:

@@ -140,6 +140,7 @@ def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate:
         (["rig.toml", "--baud", "0"], "greater than or equal to 1"),
         (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),
         (["rig.toml", "--gripper", "claw"], "module:function"),
+        (["rig.toml", "--gripper", "servo", "--gripper-port", "/dev/x"], "not for servo"),
         (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
     ],
 )

@@ -64,6 +64,7 @@ def test_qualify_report_does_not_overwrite_an_existing_file(
         (("--limit", "15", "--limit", "13"), "increasing order"),
         (("--tolerance", "0"), "--tolerance"),
         (("--limit", "14", "--cost", "1", "-1"), "costs must not be negative"),
+        (("--cost", "5", "1"), "--cost requires --limit"),
     ],
 )
 def test_qualify_invalid_input_is_refused_in_one_line(

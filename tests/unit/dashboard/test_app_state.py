@@ -1,4 +1,4 @@
-"""Application state: confirmed stops, and the list of recordings."""
+"""Application state: confirmed stops, the bin of a held object, and the list of recordings."""
 
 from __future__ import annotations
 
@@ -7,15 +7,37 @@ import os
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.dashboard import folder as folder_module
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import LISTED_RECORDINGS, RecordingList
-from palpate.dashboard.messages import LinkStatus, StopConfirmed, Update
+from palpate.dashboard.grasp_progress import GraspProgress
+from palpate.dashboard.messages import (
+    FrameSource,
+    GraspOrder,
+    LinkStatus,
+    OrderStarted,
+    StopConfirmed,
+    Update,
+)
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.gripper.interface import GripperLimits
+from palpate.produce.sorting.conditions import Within
+from palpate.produce.sorting.rules import Rule, RuleBook
+from palpate.sensor.array import RIGID_LAYOUT
 
 
-def app_state_of(folder: Path) -> AppState:
+RULES = RuleBook(
+    rules=(Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),),
+    default_bin="by hand",
+    most_grasps=1,
+)
+
+
+def app_state_of(folder: Path, rules: RuleBook | None = None) -> AppState:
     return AppState(
         Settings(
             rigs=("sim-rigid",),
@@ -25,6 +47,7 @@ def app_state_of(folder: Path) -> AppState:
             object_name=None,
             seed=0,
             speed=1.0,
+            rules=rules,
         )
     )
 
@@ -48,6 +71,44 @@ def test_app_state_stop_waits_for_the_confirmation_of_the_device_process(tmp_pat
         return [unconfirmed, early, await second]
 
     assert asyncio.run(command()) == [False, False, True]
+
+
+def test_app_state_answers_with_rules_only_when_the_bin_is_known(tmp_path: Path) -> None:
+    size = Measurement(value=40.0, low=39.5, high=40.5, unit="mm")
+    source = FrameSource(
+        name="sim-rigid",
+        layout=RIGID_LAYOUT,
+        rest_ohm=np.full((4, 2), 9000.0),
+        gripper=GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0),
+        origin="twin",
+    )
+    held = GraspProgress(
+        time_s=1.0,
+        phase="hold",
+        rest_ohm=None,
+        began_s=0.0,
+        force_n=1.0,
+        settled=None,
+        answer=GraspResult(outcome=Outcome.STOPPED, size_mm=size),
+        decided=True,
+    )
+    start = OrderStarted(order=GraspOrder(target_force_n=None, recording=tmp_path / "new.mcap"))
+
+    async def grasp() -> list[dict[str, object]]:
+        app_state = app_state_of(tmp_path, RULES)
+        app_state.loop = asyncio.get_running_loop()
+        app_state.receive_update(Update(notes=(source, start), link=LinkStatus()))
+        app_state.receive_update(Update(notes=(), link=LinkStatus(), progress=held))
+        seen: list[dict[str, object]] = []
+        async with asyncio.timeout(60.0):
+            while not seen or not seen[-1]["answered"]:
+                await asyncio.sleep(0)
+                seen.append({key: app_state.state()[key] for key in ("answered", "bin")})
+        return seen
+
+    first, *_, last = asyncio.run(grasp())
+    assert first == {"answered": False, "bin": None}
+    assert last == {"answered": True, "bin": "small"}
 
 
 def names_in(folder: Path) -> list[str]:

@@ -33,6 +33,7 @@ def test_read_label_returns_the_item_identifier(scanned: str, item: str) -> None
         ("]C1010401234500001721A17", "check digit"),
         ("]C1010401234500001610B7", "not an item"),
         ("]C1AB", "Application Identifier"),
+        ("(01)0401234500001(21)A17", "not a complete GS1 label; scan it again"),
         ("https://id.gs1.org/01/4012345/21/A17", "label"),
     ],
 )
