@@ -38,12 +38,14 @@ from palpate.twin.world import World
 #: As in the rig file of `palpate init --gripper servo`.
 TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 TWIN, _LEVEL = "twin", "lab"
+#: Frame rate of all rigs, Hz: that of the paper.
+RATE_HZ = 15.0
 
 
 def open_board_rig(board: str, *, seed: int) -> Rig:
     """Return the rig of `sim-rigid` with this seed, connected to a board's firmware."""
     obj = draw_object(np.random.default_rng([seed, 10]), None)
-    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL)
+    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, frame_rate_hz=RATE_HZ)
     calibration = calibrate_twin(seed=seed, level=_LEVEL, apart_from=obj.name)
     machine = FirmwareBoard(board, seed=seed)
     divider = world.layout.divider
@@ -71,7 +73,10 @@ def open_board_rig(board: str, *, seed: int) -> Rig:
 
 def grasp_once(seed: int, *, board: str) -> dict[str, Any]:
     """Grasp once with a board or "twin"; return outcome, peak force, times and losses."""
-    rig = open_rig("sim-rigid", seed=seed) if board == TWIN else open_board_rig(board, seed=seed)
+    if board == TWIN:
+        rig = open_rig("sim-rigid", seed=seed, rate_hz=RATE_HZ)
+    else:
+        rig = open_board_rig(board, seed=seed)
     with rig:
         begin_s = rig.clock.now_s()
         plan = plan_grasp(rig.calibration, gripper=rig.gripper)

@@ -22,6 +22,8 @@ from palpate.grasp.runner import run_grasp
 from palpate.rig import open_rig
 
 RIGS = ("sim-rigid", "mujoco")
+#: Frame rate of the MuJoCo rigs, Hz.
+RATE_HZ = 15.0
 QUANTITIES = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 #: Measured and true value of each quantity that was measured, and the outcome.
 Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
@@ -29,7 +31,7 @@ Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
 
 def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
     """Grasp the object of a seed."""
-    rig = open_rig(rig_name, seed=seed)
+    rig = open_rig(rig_name, seed=seed, rate_hz=RATE_HZ if rig_name == "sim-rigid" else None)
     plan = plan_grasp(rig.calibration, gripper=rig.gripper)
     result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
     assert rig.truth is not None

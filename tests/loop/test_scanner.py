@@ -6,6 +6,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 from tests.loop.test_dashboard import (
+    STRAWBERRY,
     TIMEOUT_MS,
     browser,
     drive,
@@ -17,7 +18,7 @@ from tests.loop.test_dashboard_api import Machine
 
 __all__ = ["browser"]
 
-FAST = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed", "20")
+FAST = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "20", "--rate", "15")
 SCANS = 20
 
 

@@ -196,8 +196,8 @@ def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:
         else:
             assert str(kind.value_type) == "float"
             assert kind.list_size == feature["shape"][0] == len(feature["names"])
-    assert info["fps"] == 15
-    assert frames["timestamp"] == pytest.approx(frames["frame_index"] / 15, abs=1e-5)
+    assert info["fps"] == 250
+    assert frames["timestamp"] == pytest.approx(frames["frame_index"] / 250, abs=1e-5)
     assert frames["index"].tolist() == list(range(info["total_frames"]))
     assert np.flatnonzero(frames["frame_index"] == 0).tolist() == [
         0,
@@ -244,20 +244,20 @@ def test_statistics_cover_all_frames_and_each_episode(dataset: Path) -> None:
 
 def test_lower_fps_selects_nearest_frames(recorded: Path, tmp_path: Path) -> None:
     track = read_grasp(recorded / "gentle.mcap")
-    assert track.rate_hz == pytest.approx(15.0)
-    assert track.at_rate(5)[:5].tolist() == [0, 3, 6, 9, 12]
+    assert track.rate_hz == pytest.approx(250.0)
+    assert track.at_rate(5)[:5].tolist() == [0, 50, 100, 150, 200]
     folder = tmp_path / "slow"
     file = recorded / "gentle.mcap"
     assert palpate("export", file, "--lerobot", folder, "--fps", 5, "--task", "Touch.") == 0
     assert info_of(folder)["fps"] == 5
-    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::3], rel=1e-6)
+    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::50], rel=1e-6)
     assert pd.read_parquet(folder / "meta/tasks.parquet").index.tolist() == ["Touch."]
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["gentle.mcap", "--lerobot", "new", "--fps", "30"], "lower --fps"),
+        (["gentle.mcap", "--lerobot", "new", "--fps", "300"], "lower --fps"),
         (["gentle.mcap", "cut.mcap", "--lerobot", "new"], "cut.mcap: the recomputed grasp ends"),
         (
             ["gentle.mcap", "pad.mcap", "--lerobot", "new"],

@@ -23,7 +23,8 @@ OPEN = {"width_mm": 74.0, "rate_mm_per_s": 60.0}
 
 
 def rig_with(name: str) -> Rig:
-    return open_rig("sim-rigid", object_name=name, seed=1)
+    """Return a rig at the rate of a policy's camera."""
+    return open_rig("sim-rigid", object_name=name, seed=1, rate_hz=15.0)
 
 
 def hand_of(rig: Rig, *, limit_n: float) -> PolicyHand:

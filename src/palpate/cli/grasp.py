@@ -47,6 +47,7 @@ def grasp(
     rig: option.RigOption = "",
     object_name: option.ObjectOption = None,
     seed: option.SeedOption = 0,
+    rate_hz: option.SimulatedRateOption = None,
     target_force_n: option.TargetForceOption = None,
     expect_size_mm: Annotated[
         float | None,
@@ -129,7 +130,7 @@ def grasp(
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
-        devices = open_rig(rig, object_name=object_name, seed=seed)
+        devices = open_rig(rig, object_name=object_name, seed=seed, rate_hz=rate_hz)
         if calibration is not None:
             devices = replace_calibration(devices, calibration)
         stack.callback(devices.close)

@@ -224,6 +224,17 @@ SeedOption: TypeAlias = Annotated[
     int, opt("--seed", "Simulated rigs: seed of the random numbers.", min=0)
 ]
 
+#: Requires the default None.
+SimulatedRateOption: TypeAlias = Annotated[
+    float | None,
+    opt(
+        "--rate HZ",
+        "Simulated rigs: frames per second, such as 15 of the paper's board. [default: 250]",
+        min=1.0,
+        max=1000.0,
+    ),
+]
+
 # Options of verbs that read a sensor: a rig, or a board on a port. Require the default None.
 SensorOption: TypeAlias = Annotated[
     str | None,

@@ -57,8 +57,7 @@ def qualify(
         tuple[float, float] | None,
         opt(
             "--cost HIGH LOW",
-            "With --limit: cost of grading an item one grade too high, and too low. "
-            "[default: 1 1]",
+            "With --limit: cost of grading an item one grade too high, and too low. [default: 1 1]",
         ),
     ] = None,
     unit: Annotated[str, opt("--unit", "Unit of the reference, for display.")] = "",

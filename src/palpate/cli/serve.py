@@ -14,7 +14,7 @@ from palpate.cli.options import opt, parse_address
 from palpate.cli.output import print_message
 from palpate.errors import DeviceError, InputError, require_extra
 from palpate.estimate.damage_file import DamageFile
-from palpate.rig import rig_names
+from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def serve(
     rig: option.RigOption = "",
     object_name: option.ObjectOption = None,
     seed: option.SeedOption = 0,
+    rate_hz: option.SimulatedRateOption = None,
     speed: Annotated[
         float, opt("--speed", "Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,
@@ -91,6 +92,8 @@ def serve(
         raise InputError(
             f"no rig {rig!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
         )
+    if rate_hz is not None and rig not in BUILT_IN:
+        raise InputError(f"--rate is for {', '.join(BUILT_IN)}, not for {rig}")
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     settings = Settings(
@@ -101,6 +104,7 @@ def serve(
         object_name=object_name,
         seed=seed,
         speed=speed,
+        rate_hz=rate_hz,
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),

@@ -81,6 +81,8 @@ class Settings:
     object_name: str | None
     seed: int
     speed: float
+    #: Frame rate of simulated rigs, Hz; None for their own.
+    rate_hz: float | None = None
     #: Learned damage limits of the grasps, and their file.
     damage: DamageFile | None = None
     damage_path: Path | None = None
@@ -182,6 +184,7 @@ class AppState:
             object_name=settings.object_name,
             seed=settings.seed,
             speed=settings.speed,
+            rate_hz=settings.rate_hz,
         )
         while self._last_message_s is None:  # set by the first update, or by the process's end
             await asyncio.sleep(_POLL_S)

@@ -281,7 +281,9 @@ class DeviceProcess:
 
     def _open(self, order: OpenRig) -> None:
         self._close_rig()
-        rig = open_rig_or_sensor(order.name, object_name=order.object_name, seed=order.seed)
+        rig = open_rig_or_sensor(
+            order.name, object_name=order.object_name, seed=order.seed, rate_hz=order.rate_hz
+        )
         paced = isinstance(rig.clock, ManualClock)
         self._context = context = JobContext(
             rig=rig,

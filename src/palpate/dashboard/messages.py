@@ -32,12 +32,17 @@ _MAX_TIME_S = sys.float_info.max
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenRig:
-    """Close the open rig and open another; `speed` is simulated seconds per real second."""
+    """Close the open rig and open another.
+
+    `speed` is simulated seconds per real second. `rate_hz` is the frame rate of a simulated rig;
+    None for its own.
+    """
 
     name: str
     object_name: str | None = None
     seed: int = 0
     speed: float = 1.0
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

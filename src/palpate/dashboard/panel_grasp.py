@@ -11,6 +11,7 @@ from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
+from palpate.rig import BUILT_IN
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: Value of the object choice "random"; no object has this name.
@@ -180,6 +181,7 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
                 # A fractional seed is passed unchanged and refused by the session.
                 seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
                 speed=speed.value or (requested.speed if requested else 1.0),
+                rate_hz=settings.rate_hz if name.value in BUILT_IN else None,
             )
         )
 

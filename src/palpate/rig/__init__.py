@@ -236,7 +236,13 @@ def rig_names() -> tuple[str, ...]:
     return (*BUILT_IN, *(name for name in others if name not in BUILT_IN))
 
 
-def open_rig(name: str = DEFAULT_RIG, *, object_name: str | None = None, seed: int = 0) -> Rig:
+def open_rig(
+    name: str = DEFAULT_RIG,
+    *,
+    object_name: str | None = None,
+    seed: int = 0,
+    rate_hz: float | None = None,
+) -> Rig:
     """Open a rig.
 
     Parameters
@@ -247,22 +253,30 @@ def open_rig(name: str = DEFAULT_RIG, *, object_name: str | None = None, seed: i
         Object between the fingers of a simulated rig; drawn with the seed by default.
     seed : int
         Seed of all random variation of a simulated rig.
+    rate_hz : float, optional
+        Frame rate of a built-in simulated rig; 250 by default, as with palpate's firmware.
 
     Raises
     ------
     InputError
-        If the rig or the object is unknown, or the rig file is invalid.
+        If the rig or the object is unknown, the rig file is invalid, or `rate_hz` is given for
+        another rig.
     DeviceError
         If the equipment or its simulator is not available.
     """
+    if name in BUILT_IN:
+        from palpate.rig.simulated import open_simulated
+
+        return open_simulated(name, object_name=object_name, seed=seed, rate_hz=rate_hz)
+    if rate_hz is not None:
+        raise InputError(
+            f"a frame rate can be given for {', '.join(BUILT_IN)} only; the rate of {name} is "
+            "that of its rig file or its board"
+        )
     if name.endswith(".toml"):
         from palpate.rig.file import open_file
 
         return open_file(Path(name), object_name=object_name, seed=seed)
-    if name in BUILT_IN:
-        from palpate.rig.simulated import open_simulated
-
-        return open_simulated(name, object_name=object_name, seed=seed)
     for point in entry_points(group=ENTRY_POINTS):
         if point.name == name:
             rig: Rig = point.load()(object_name=object_name, seed=seed)

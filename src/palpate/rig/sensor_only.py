@@ -40,12 +40,14 @@ class SensorRig:
         self.array.close()
 
 
-def open_rig_or_sensor(name: str, *, object_name: str | None = None, seed: int) -> Rig | SensorRig:
+def open_rig_or_sensor(
+    name: str, *, object_name: str | None = None, seed: int, rate_hz: float | None = None
+) -> Rig | SensorRig:
     """Open a rig, or only the sensor of a rig file without a gripper."""
     path = Path(name)
     stated = read_rig_table(path) if name.endswith(".toml") else {"use": name}
     if "use" in stated or "gripper" in stated:
-        return open_rig(name, object_name=object_name, seed=seed)
+        return open_rig(name, object_name=object_name, seed=seed, rate_hz=rate_hz)
     array: PressureArray = open_device(path, "array", stated.get("array"))
     file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:

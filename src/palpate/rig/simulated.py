@@ -17,6 +17,7 @@ from palpate.errors import DeviceError, InputError
 from palpate.estimate.force import PowerForceLaw
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
+from palpate.sensor.board_array import check_rate
 from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, join_currents
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware import open_firmware_array
@@ -62,9 +63,12 @@ _HOLDS_N: dict[GripperKind, tuple[tuple[float, ...], ...]] = {
 }
 #: Scatter of the sheets and grippers of the built-in rigs.
 _LEVEL = "lab"
+#: Default frame rate of the built-in rigs, Hz: that of palpate's firmware. The paper's board
+#: sends 15.
+_FRAME_RATE_HZ = 250.0
 
 
-def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
+def open_simulated(name: str, *, object_name: str | None, seed: int, rate_hz: float | None) -> Rig:
     """Open a simulated rig with an object between its fingers.
 
     `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft fingers, driven by
@@ -74,9 +78,13 @@ def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
     """
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
+    rate_hz = _FRAME_RATE_HZ if rate_hz is None else rate_hz
+    check_rate(rate_hz)
     kind: GripperKind = "soft" if name == "sim-soft" else "rigid"
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
-    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind)
+    world = World(
+        obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind, frame_rate_hz=rate_hz
+    )
     by_firmware = name == "sim-firmware"
     return Rig(
         name=name,

@@ -29,7 +29,6 @@ from palpate.produce.sorting.conditions import Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.sensor.array import RIGID_LAYOUT
 
-
 RULES = RuleBook(
     rules=(Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),),
     default_bin="by hand",

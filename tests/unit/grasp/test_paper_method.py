@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.commands import Command
-from tests.factories import draw
 
 from palpate.errors import RecordingError
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import use_paper_method
-from palpate.grasp.planning import plan_grasp
-from palpate.grasp.runner import run_grasp
-from palpate.rig import open_rig
-from palpate.rig.recorded import record_grasp
-from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.firmware import BUILD
-from palpate.twin.world import World
 
 pytestmark = pytest.mark.slow
 
@@ -82,31 +73,6 @@ def test_evaluate_with_paper_method_matches_its_own_grasp(tmp_path: Path, palpat
     assert read["size_mm"]["value"] == pytest.approx(live["size_mm"]["value"], abs=0.1)
     settled = live["settled_percent"]["value"]
     assert read["settled_percent"]["value"] == pytest.approx(settled, rel=0.1)
-
-
-def test_evaluate_with_paper_method_matches_a_fast_recording(
-    tmp_path: Path, palpate: Command
-) -> None:
-    """At 250 frames/s the reports show the movement of each step, unlike at 15."""
-    rig = open_rig("sim-rigid", object_name="dragonskin-10", seed=3)
-    world = World(
-        draw("dragonskin-10", 3, 10), seed=3, sheet_seed=3, level="lab", frame_rate_hz=250.0
-    )
-    fast = replace(rig, array=TwinArray(world), gripper=TwinGripper(world), clock=world.clock)
-    plan = plan_grasp(rig.calibration, gripper=fast.gripper)
-    plan = use_paper_method(plan, Paper(extra_mm=0.5), calibration=rig.calibration)
-    file = tmp_path / "run.mcap"
-    with record_grasp(file, rig=fast, plan=plan, damage=None) as recorder:
-        live = run_grasp(
-            plan,
-            array=fast.array,
-            gripper=fast.gripper,
-            clock=fast.clock,
-            subscribers=[recorder],
-        )
-    assert live.size_mm is not None
-    read = palpate("replay", file, "--method", "paper", "--json").document
-    assert read["size_mm"]["value"] == pytest.approx(live.size_mm.value, abs=0.1)
 
 
 def test_evaluate_with_paper_method_accepts_any_recorded_grasp(

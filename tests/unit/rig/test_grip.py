@@ -90,7 +90,7 @@ def test_grasp_invalid_options_are_refused(
     with pytest.raises(palpate.InputError, match=message):
         idle.grasp(**options)  # type: ignore[arg-type]
     # No frame was read in between.
-    assert idle.read().time_s - before_s == pytest.approx(1 / 15)
+    assert idle.read().time_s - before_s == pytest.approx(0.004)
 
 
 def test_read_open_gripper_shows_rest_without_contact(idle: palpate.Rig) -> None:
@@ -108,6 +108,25 @@ def test_grasp_with_paper_method_closes_in_its_steps_and_holds() -> None:
         assert grip.result.previous_width_mm % 0.5 == pytest.approx(0.0, abs=1e-6)
         assert grip.stiffness_n_per_mm is None
         assert grip.release().settled_percent is not None
+
+
+@pytest.mark.parametrize("name", ["sim-rigid", "sim-soft"])
+@pytest.mark.parametrize(("rate_hz", "period_s"), [(None, 0.004), (15.0, 1 / 15)])
+def test_open_rig_simulated_reads_at_the_rate_of_the_firmware_or_the_given_one(
+    name: str, rate_hz: float | None, period_s: float
+) -> None:
+    with palpate.open_rig(name, rate_hz=rate_hz) as rig:
+        first, second = (rig.array.read(timeout_s=1.0).time_s for _ in range(2))
+    assert second - first == pytest.approx(period_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_hz", "message"),
+    [("mujoco", 15.0, "for sim-rigid, sim-soft, sim-firmware only"), ("sim-rigid", 0.0, "0 Hz")],
+)
+def test_open_rig_refuses_a_rate_it_cannot_set(name: str, rate_hz: float, message: str) -> None:
+    with pytest.raises(palpate.InputError, match=message):
+        palpate.open_rig(name, rate_hz=rate_hz)
 
 
 def test_grasp_records_every_frame_and_document_matches_command(tmp_path: Path) -> None:
