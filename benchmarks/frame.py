@@ -115,6 +115,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=250.0)
     parser.add_argument("--grasps", type=int, default=10)
     parser.add_argument("--hand", choices=("rigid", "soft"), default="rigid")
+    parser.add_argument("--target-force-n", type=float, help="by default a gentle squeeze")
     options = parser.parse_args()
     calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind=options.hand)
     palpate_s, twin_s, simulated_s = list[float](), 0.0, 0.0
@@ -126,7 +127,7 @@ def main() -> None:
         watch = Stopwatch()
         gripper = TimedGripper(TwinGripper(world), watch)
         run_grasp(
-            plan_grasp(calibration, gripper=gripper),
+            plan_grasp(calibration, gripper=gripper, target_force_n=options.target_force_n),
             array=DecodedArray(TwinArray(world), watch),
             gripper=gripper,
             clock=world.clock,

@@ -132,14 +132,17 @@ class CurrentLaw:
         gears_ma = self.gears.mean_current_ma(np.asarray(width_mm, dtype=float))
         force_n = (np.asarray(current_ma, dtype=float) - gears_ma) / self.ma_per_n
         noise_n, movement_n = self.noise_ma / self.ma_per_n, self.gears.movement_ma / self.ma_per_n
-        alike = np.equal.outer(np.asarray(movement), np.asarray(movement))
+        movements = np.equal.outer(np.asarray(movement), np.unique(movement))
         design = np.column_stack([fraction, 1.0 - fraction])
         end_n = 0.0
         # Two iterations, because the scatter of friction depends on the force.
         for _ in range(2):
             moved_n = movement_n * (1.0 + self._load_fraction(end_n) * fraction)
-            scatter = noise_n**2 * np.eye(fraction.size) + alike * np.outer(moved_n, moved_n)
-            weighed = np.linalg.solve(scatter, design)
+            moved = movements * moved_n[:, np.newaxis]
+            # Inverse of the covariance noise_n**2 * I + moved @ moved.T (Sherman-Morrison): a
+            # solution with the matrix itself takes seconds for the readings of a long squeeze.
+            shared = moved.T @ design / (noise_n**2 + np.sum(moved**2, axis=0))[:, np.newaxis]
+            weighed = (design - moved @ shared) / noise_n**2
             covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _THRESHOLD_N**2]))
             end_n = float((covariance @ (weighed.T @ force_n))[0])
         mean_sd_n = self.gears.mean_sd_ma / self.ma_per_n

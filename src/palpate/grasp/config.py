@@ -78,9 +78,9 @@ class TouchDetection:
 
     baseline_s : 0.4 to 1 s, twin. Span of the readings compared with.
     window_s : 0.004 to 0.07 s, guess. Span of the readings averaged for the current value.
-    steady_s : 0.3 to 0.6 s, twin. Time until the rise of a movement is constant.
+    steady_s : 0.3 to 0.6 s, twin.
+        Time after a start, or after slowing down, until the rise of a movement is constant.
     level_s : 0.1 to 0.4 s, guess. Span in which the level of a movement is measured.
-    slowdown_s : 0.2 to 0.4 s, twin. Time after slowing down in which readings are not compared.
     threshold_sd : 4 to 8 sd, twin.
         Change that counts as contact, in standard deviations of the noise.
     min_change : 0.004 to 0.02 1, twin.
@@ -92,7 +92,6 @@ class TouchDetection:
     window_s: float = 0.016
     steady_s: float = 0.4
     level_s: float = 0.2
-    slowdown_s: float = 0.25
     threshold_sd: float = 6.0
     min_change: float = 0.008
     friction_error_fraction: float = 0.15

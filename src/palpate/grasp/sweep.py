@@ -30,9 +30,9 @@ def blind_s(period_s: float) -> float:
     `period_s`: frame period.
 
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
-    (0.51, 0.36)
+    (0.66, 0.51)
     """
-    return TOUCH.slowdown_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.window_s)
+    return TOUCH.steady_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.window_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +110,7 @@ class Sweep:
         now = time_s > time_s[-1] - TOUCH.window_s
         before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
-            before &= time_s > self.since_s + TOUCH.slowdown_s
+            before &= time_s > self.since_s + TOUCH.steady_s
         if current is not None and self._is_servo_pulling(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + TOUCH.steady_s)

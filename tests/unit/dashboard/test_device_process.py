@@ -55,7 +55,7 @@ from palpate.twin.devices import TwinGripper
 
 #: Speed of the simulation; higher than required, so that real time does not slow down the tests.
 FAST = 500.0
-RIG = OpenRig(name="sim-rigid", object_name="strawberry", seed=3, speed=FAST)
+RIG = OpenRig(name="sim-rigid", object_name="strawberry", seed=3, speed=FAST, rate_hz=15.0)
 
 
 class Page:

@@ -9,7 +9,7 @@ from palpate.errors import CalibrationError
 from palpate.estimate.compliance import SoftFingerCompliance
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
+from palpate.estimate.servo_force import _THRESHOLD_N, CurrentLaw, GearFriction
 from palpate.sensor.calibration import CurrentPairs
 
 
@@ -55,6 +55,33 @@ def test_current_pairs_with_short_widths_or_without_movements_are_refused() -> N
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
     with pytest.raises(CalibrationError, match="give both"):
         CurrentPairs(force_n=(1.0,), current_ma=(5.0,), width_mm=(1.0,))
+
+
+def test_current_law_measure_equals_the_solution_with_the_whole_covariance_matrix() -> None:
+    rng = np.random.default_rng(6)
+    movement = np.repeat([0, 1, 2], [40, 3, 17])
+    fraction = np.sort(rng.uniform(0.1, 1.0, movement.size))
+    current_ma = 40.0 + 80.0 * fraction + rng.normal(0.0, 6.0, movement.size)
+    law = geared(movement_ma=9.0)
+    found = law.measure(
+        current_ma, fraction=fraction, width_mm=30.0 - 5.0 * fraction, movement=movement
+    )
+    assert found is not None
+    force_n = (current_ma - law.gears.mean_ma) / law.ma_per_n
+    design = np.column_stack([fraction, 1.0 - fraction])
+    end_n = 0.0
+    for _ in range(2):
+        moved_n = law.gears.movement_ma / law.ma_per_n
+        moved_n = moved_n * (1.0 + law._load_fraction(end_n) * fraction)
+        scatter = (law.noise_ma / law.ma_per_n) ** 2 * np.eye(movement.size)
+        scatter += np.equal.outer(movement, movement) * np.outer(moved_n, moved_n)
+        weighed = np.linalg.solve(scatter, design)
+        prior = np.diag([0.0, 1.0 / _THRESHOLD_N**2])
+        covariance = np.linalg.inv(design.T @ weighed + prior)
+        end_n = float((covariance @ (weighed.T @ force_n))[0])
+    assert found.force_n == pytest.approx(end_n, rel=1e-9)
+    mean_sd_n = law.gears.mean_sd_ma / law.ma_per_n
+    assert found.sd_n == pytest.approx(np.hypot(np.sqrt(covariance[0, 0]), mean_sd_n), rel=1e-9)
 
 
 def geared(*, movement_ma: float) -> CurrentLaw:
