@@ -40,10 +40,10 @@ def camera(rig: str, **settings: object):  # type: ignore[no-untyped-def]
 
 @pytest.fixture(scope="module")
 def images() -> list[np.ndarray]:
-    """Return images of the twin until its object is squeezed."""
+    """Return images of the twin, at 250 per second, until its object is squeezed."""
     found: list[np.ndarray] = []
     with camera("sim-rigid", width=8, height=16) as touch:
-        while len(found) < 600 and (not found or found[-1].max() < 80):
+        while len(found) < 10_000 and (not found or found[-1].max() < 80):
             found.append(touch.async_read(timeout_ms=2000))
     return found
 
