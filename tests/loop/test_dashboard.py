@@ -29,7 +29,7 @@ CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
 STRAWBERRY = ("--object", "strawberry", "--seed", "3")
 #: Few frames a second, because simulated time runs faster than real time.
-SIMULATED = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "10", "--rate", "15")
+SIMULATED = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "10", "--rate-hz", "15")
 SERVE = (sys.executable, "-W", "error", "-c", "from palpate.cli import main; main()", "serve")
 #: Timeout of the pages, milliseconds; an idle machine requires one or two seconds.
 TIMEOUT_MS = 60_000
@@ -558,7 +558,7 @@ OVERLAP_WITH_PADS = """() => {
 def test_soft_gripper_page_shows_the_held_object_and_fits_the_screen(
     open_page: Callable[..., Page], tmp_path: Path, width: int
 ) -> None:
-    rig = ("--rig", "sim-soft", *STRAWBERRY, "--speed", "10", "--rate", "15")
+    rig = ("--rig", "sim-soft", *STRAWBERRY, "--speed", "10", "--rate-hz", "15")
     with serve_dashboard(tmp_path, *rig) as address:
         page = open_page(address, viewport={"width": width, "height": 768})
         expect_fresh_link(page)

@@ -167,7 +167,7 @@ def test_foxglove_labels_simulated_data_in_server_name_and_link(session: Session
     links = [message.content for message in messages_of(session, "/link")]
     assert len(links) > 2
     assert all(one["simulated"] and one["source"] == "sim-rigid" for one in links)
-    assert links[-1]["rate_hz"] == pytest.approx(15.0, abs=0.5)
+    assert links[-1]["rate_hz"] == pytest.approx(250.0, abs=0.5)
     assert (links[-1]["lost"], links[-1]["corrupt"]) == (0, 0)
 
 

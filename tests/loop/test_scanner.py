@@ -18,7 +18,7 @@ from tests.loop.test_dashboard_api import Machine
 
 __all__ = ["browser"]
 
-FAST = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "20", "--rate", "15")
+FAST = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "20", "--rate-hz", "15")
 SCANS = 20
 
 

@@ -228,7 +228,7 @@ SeedOption: TypeAlias = Annotated[
 SimulatedRateOption: TypeAlias = Annotated[
     float | None,
     opt(
-        "--rate HZ",
+        "--rate-hz HZ",
         "Simulated rigs: frames per second, such as 15 of the paper's board. [default: 250]",
         min=1.0,
         max=1000.0,

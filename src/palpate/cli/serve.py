@@ -93,7 +93,7 @@ def serve(
             f"no rig {rig!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
         )
     if rate_hz is not None and rig not in BUILT_IN:
-        raise InputError(f"--rate is for {', '.join(BUILT_IN)}, not for {rig}")
+        raise InputError(f"--rate-hz is for {', '.join(BUILT_IN)}, not for {rig}")
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     settings = Settings(

@@ -15,7 +15,7 @@ from tests.commands import Command
     ("options", "status", "message"),
     [
         (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; available: sim-rigid"),
-        (["--rig", "mujoco", "--rate", "15"], 2, "--rate is for sim-rigid"),
+        (["--rig", "mujoco", "--rate-hz", "15"], 2, "--rate-hz is for sim-rigid"),
         (["--object", "moon"], 2, "no simulated object 'moon'; available: ecoflex-10"),
         (["--host", "0.0.0.0"], 2, "set --token"),
         (["--host", "[::]"], 2, "--host :: allows other machines to move the gripper"),
