@@ -171,8 +171,11 @@ class _Hand:
             self._tracking = CommandTracking.start(
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
-            # Commands in quicker succession than the hand can move are checked together.
-            self._unchecked = self._unchecked or self._tracking
+            # Commands in quicker succession than the hand can move are checked together, unless
+            # the later one cancels the movement.
+            earlier = self._unchecked
+            if earlier is None or not earlier.is_continued_by(sent):
+                self._unchecked = self._tracking
         # Grippers clamp and round commands.
         return closure_of(sent.target, self._plan)
 

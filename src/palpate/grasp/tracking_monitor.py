@@ -102,6 +102,18 @@ class CommandTracking:
         every_s = safety.overshoot_mm / self.rate
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
+    def is_continued_by(self, later: GripperCommand) -> bool:
+        """Return whether a later command leads at least as far in the same direction.
+
+        >>> tracking = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> [
+        ...     tracking.is_continued_by(GripperCommand(target=mm, rate=20.0))
+        ...     for mm in (28.0, 30.0, 39.0)
+        ... ]
+        [True, True, False]
+        """
+        return (later.target - self.target) * (self.target - self.begin) >= 0
+
     def is_idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
         """Return whether the hand has not moved; None if the expected travel is too small.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.errors import DeviceTimeoutError
+from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
@@ -18,9 +18,10 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.rest import explain_implausible_rest
 from palpate.grasp.result import Outcome
+from palpate.grasp.runner import _Hand
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger, SafetyLimits
 from palpate.grasp.state import GraspState
-from palpate.gripper.interface import GripperLimits, GripperState
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import Frame
 
 PERIOD_S = 1 / 15
@@ -282,6 +283,32 @@ def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: A
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "did not move after 4 commands" in result.faults[0]
     assert len(sent) <= 6
+
+
+@pytest.mark.parametrize(("is_cancelled", "is_refused"), [(True, False), (False, True)])
+def test_hand_without_movement_fails_unless_its_commands_were_cancelled(
+    plan: Plan, bench: Any, is_cancelled: bool, is_refused: bool
+) -> None:
+    """The guard of the force stops a hand before it moves: the hand is not blocked."""
+    hand, limits = _Hand(bench, plan=plan), plan.gripper
+    state = hand.state()
+    reported = limits.drive_reading(state)
+    bench.command = lambda wanted: wanted
+    close = GripperCommand(target=reported - 2.0, rate=10.0)
+
+    def send_often() -> None:
+        for number in range(6):
+            hand.send(close, now_s=0.5 * number)
+            if is_cancelled:
+                hand.send(
+                    GripperCommand(target=reported, rate=60.0), now_s=0.5 * number + PERIOD_S / 16
+                )
+
+    if is_refused:
+        with pytest.raises(DeviceError, match="did not move after 4 commands"):
+            send_often()
+    else:
+        send_often()
 
 
 def test_gripper_without_movement_still_receives_open_command(plan: Plan, bench: Any) -> None:
