@@ -189,14 +189,14 @@ def main() -> None:
                 watched(address, pid, what="OPC UA requests", ask=ask, base=base)
             with modbus_requester(modbus) as ask:
                 watched(address, pid, what="Modbus TCP requests", ask=ask, base=base)
-            broker.hang()
+            broker.suspend()
             ask = http_requester(address)
             watched(address, pid, what="the broker hangs, HTTP requests", ask=ask, base=base)
             print_latency(
                 "POST /api/stop",
                 [time_request_ms(address, "/stop", method="POST") for _ in range(100)],
             )
-            broker.go_on()
+            broker.resume()
         time_results(broker.port, folder, count=500)
         broker.kill()
 

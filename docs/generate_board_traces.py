@@ -2,7 +2,7 @@
 
     python docs/generate_board_traces.py
 
-Needs `make -C firmware`, `make -C firmware/sim` and Debian's arduino-core-avr (the boot loader).
+Needs `make -C firmware`, `make -C firmware/sim` and Debian's arduino-core-avr (the bootloader).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from palpate.sensor.wire_messages import (
 from palpate.twin.firmware import FirmwareBoard
 
 OUT = Path(__file__).resolve().parent / "images" / "board-traces.svg"
-BOOT_LOADER = Path(
+BOOTLOADER = Path(
     "/usr/share/arduino/hardware/arduino/avr/bootloaders/stk500v2/stk500boot_v2_mega2560.hex"
 )
 _STEP_S = 0.005
@@ -51,7 +51,7 @@ _ARM: tuple[Command, ...] = (
 
 def main() -> None:
     """Run the events once and draw the traces."""
-    board = FirmwareBoard(boot_loader=BOOT_LOADER)
+    board = FirmwareBoard(bootloader=BOOTLOADER)
     actions = {
         1.5: board.reset,
         3.0: lambda: _send(board, *_ARM),

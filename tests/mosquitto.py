@@ -1,4 +1,4 @@
-"""A private MQTT broker for the tests, and a subscriber that keeps what it hears."""
+"""A private MQTT broker for the tests, and a subscriber that keeps received messages."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ TIMEOUT_S = 60.0
 
 
 class BrokerProcess:
-    """Mosquitto on a free loopback port, which can be killed, restarted and paused."""
+    """Mosquitto on a free loopback port, which can be killed, restarted and suspended."""
 
     def __init__(self, folder: Path, *, options: str = "allow_anonymous true") -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self._folder = folder
-        # Subscriptions are saved as they change: a killed broker that had forgotten who listens
-        # would take a message before its listener is back.
+        # Subscriptions are saved as they change: without them, a killed broker would accept a
+        # message before its subscriber has reconnected, and would not deliver it.
         (folder / "mosquitto.conf").write_text(
             f"listener {self.port} 127.0.0.1\nuser root\npersistence true\n"
             "autosave_on_changes true\nautosave_interval 1\n"
@@ -58,15 +58,15 @@ class BrokerProcess:
         self._process.wait()
         self._log.close()
 
-    def hang(self) -> None:
+    def suspend(self) -> None:
         self._process.send_signal(signal.SIGSTOP)
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         self._process.send_signal(signal.SIGCONT)
 
 
 class Subscriber:
-    """Hears everything below a topic, over a session that the broker keeps."""
+    """Receives all messages below a topic, in a session that the broker keeps."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Subscriber:
         username: str | None = None,
         password: str | None = None,
     ) -> None:
-        self.heard: Queue[tuple[str, Any, bool]] = Queue()
+        self.received: Queue[tuple[str, Any, bool]] = Queue()
         self._subscribed: Queue[None] = Queue()
         self._client = paho.Client(
             CallbackAPIVersion.VERSION2, client_id="listener", clean_session=False
@@ -88,29 +88,29 @@ class Subscriber:
         self._client.reconnect_delay_set(1, 1)
         self._client.on_connect = lambda client, *_: client.subscribe(f"{topic}/#", qos=1)
         self._client.on_subscribe = lambda *_: self._subscribed.put(None)
-        self._client.on_message = self._hear
+        self._client.on_message = self._receive
         self._client.connect_async("127.0.0.1", port)
         self._client.loop_start()
         self._subscribed.get(timeout=TIMEOUT_S)
 
-    def _hear(self, client: object, data: object, message: paho.MQTTMessage) -> None:
+    def _receive(self, client: object, data: object, message: paho.MQTTMessage) -> None:
         name = message.topic.rpartition("/")[2]
-        self.heard.put((name, json.loads(message.payload), message.retain))
+        self.received.put((name, json.loads(message.payload), message.retain))
 
     def until(self, name: str, fits: Callable[[Any], bool] = lambda document: True) -> Any:
         """Return the next document of a topic that fits."""
         while True:
-            heard, document, _ = self.heard.get(timeout=TIMEOUT_S)
-            if heard == name and fits(document):
+            topic, document, _ = self.received.get(timeout=TIMEOUT_S)
+            if topic == name and fits(document):
                 return document
 
     def all(self, name: str) -> list[Any]:
-        """Return what else was heard of a topic so far."""
+        """Return the remaining documents of a topic received so far."""
         found = []
         try:
             while True:
-                heard, document, _ = self.heard.get_nowait()
-                found += [document] if heard == name else []
+                topic, document, _ = self.received.get_nowait()
+                found += [document] if topic == name else []
         except Empty:
             return found
 

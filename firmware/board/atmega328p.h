@@ -3,7 +3,7 @@
 #include "pins.h"
 
 // Change a pin here: port letter and bit. The input of the converter is A0 (divider); the servo pin
-// is fixed by its timer. Do not use pin 13, which the boot loader toggles. Rows as on the Mega:
+// is fixed by its timer. Do not use pin 13, which the bootloader toggles. Rows as on the Mega:
 // multiplexer or direct lines.
 #define ROW_SELECT D, 2       // 2-3: row multiplexer select, low bit first
 #define COLUMN_SELECT D, 4    // 4-5: column multiplexer select, low bit first

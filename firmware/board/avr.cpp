@@ -31,7 +31,7 @@ constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD *
 
 // State that survives resets: number of the last stream, whether the watchdog has reset the board,
 // a trip of the ceiling, and the time since the watchdog was last served. The last replaces the
-// reset cause, which boot loaders clear.
+// reset cause, which bootloaders clear.
 struct Kept {
   uint16_t magic;
   volatile uint8_t unfed_ticks;  // of 1.024 ms
@@ -352,8 +352,8 @@ void first_thing() {
   wdt_disable();
 }
 
-// The first time-out of the watchdog restarts the program without the boot loader, because an old
-// boot loader does not disable the watchdog and would reset forever. If interrupts are off, the
+// The first time-out of the watchdog restarts the program without the bootloader, because an old
+// bootloader does not disable the watchdog and would reset forever. If interrupts are off, the
 // second time-out resets the processor. All peripheral registers are set to their values after a
 // reset, and pending flags are cleared by writing ones.
 ISR(WDT_vect, ISR_NAKED) {

@@ -6,7 +6,7 @@
 
 // Change a pin here: port letter and bit. The inputs of the converter are A0 (divider) and A1
 // (pressure read-back); the servo and pressure pins are fixed by their timers. Do not use pin 13,
-// which the boot loader toggles. Rows are connected either to the row multiplexer (idle rows float)
+// which the bootloader toggles. Rows are connected either to the row multiplexer (idle rows float)
 // or to the direct lines (idle rows are grounded, the selected row is high); both sets of pins are
 // always driven.
 #define ROW_SELECT L, 0       // 49-46: row multiplexer select, low bit first

@@ -314,7 +314,7 @@ board_t *board_open(const char *chip, const char *elf, uint32_t baud, uint64_t s
   return board;
 }
 
-/* Loads a boot loader (Intel hex) and starts it, now and after every reset, like the fuses of a
+/* Loads a bootloader (Intel hex) and starts it, now and after every reset, like the fuses of a
  * purchased board. Returns 0, or -1 if the file can't be read or does not fit the flash. */
 int board_load_boot(board_t *board, const char *hex) {
   ihex_chunk_p chunks = NULL;

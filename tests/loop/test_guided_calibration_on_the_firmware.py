@@ -128,7 +128,9 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench.stream.close()
 
 
-def calibrate(folder: Path, *more: str, step: Callable[..., None] = calibrate_force.force) -> int:
+def calibrate(
+    folder: Path, *more: str, step: Callable[..., None] = calibrate_force.calibrate_force
+) -> int:
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
     app.command()(step)
     arguments = ("--rig", str(folder / "rig.toml"), "--out", str(folder / "pad.json"), *more)
@@ -185,7 +187,7 @@ def test_three_weights_narrow_the_interval_and_a_load_cell_replaces_the_calibrat
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert calibrate(tmp_path, step=calibrate_rest.rest) == 0
+    assert calibrate(tmp_path, step=calibrate_rest.calibrate_rest) == 0
     bench.plug_in_again()
     loads = tmp_path / "loads.csv"
     loads.write_text("load_n\n1.5\n4\n9\n")

@@ -39,7 +39,7 @@ def broker(tmp_path: Path) -> Iterator[BrokerProcess]:
     folder.mkdir()
     running = BrokerProcess(folder)
     yield running
-    running.go_on()
+    running.resume()
     running.kill()
 
 
@@ -155,7 +155,7 @@ def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
     ) as address:
         machine = Machine(address)
         recordings = []
-        for number, trouble in enumerate((broker.hang, broker.kill, broker.start)):
+        for number, trouble in enumerate((broker.suspend, broker.kill, broker.start)):
             machine.ready()
             if number == 2:
                 trouble()
@@ -199,7 +199,7 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
 ) -> None:
     first = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     subscriber.until("online")
-    broker.hang()
+    broker.suspend()
     for number in range(3):
         first.publish_result({"number": number})
     first.close()

@@ -25,7 +25,7 @@ from palpate.sensor.calibration import Calibration, join_currents
 _UP_TO_N, _REPEATS = 15.0, 3
 
 
-def compliance(
+def calibrate_compliance(
     block_mm: Annotated[
         float, opt("--block-mm MM", "Thickness of the rigid block including the load cell.")
     ] = 40.0,

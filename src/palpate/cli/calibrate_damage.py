@@ -28,7 +28,7 @@ from palpate.sensor.rest_calibration import format_now
 _MIN_CLOSINGS = 12
 
 
-def damage(
+def calibrate_damage(
     curves: Annotated[
         Path, opt("--curves CSV", "Closings: columns grasp_id, closure_mm, force_n.")
     ],

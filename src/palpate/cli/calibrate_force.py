@@ -45,7 +45,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.sensor.rest_calibration import format_now, replace_rest
 
 
-def force(
+def calibrate_force(
     rig: option.RigOption = "",
     loads: Annotated[
         Path | None,
@@ -285,7 +285,7 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
 _MIN_COUNTS = 1000.0
 
 
-def cell(
+def calibrate_cell(
     rig: Annotated[str, opt("--rig TOML", "Rig file of a board.")],
     known_n: Annotated[float, opt("--known-n NEWTONS", "Known weight, newtons (kg * 9.81).")],
     cell: Annotated[int, opt("--cell N", "Load cell of the board, 0 or 1.", min=0, max=1)] = 0,

@@ -20,7 +20,7 @@ from palpate.sensor.rest_calibration import compute_rest, replace_rest
 from palpate.terminal_table import print_table
 
 
-def rest(
+def calibrate_rest(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     out: option.CalibrationOption = None,

@@ -20,7 +20,7 @@ from palpate.rig.file import read_rig_file
 _MIN_HOLD_S, _TOLERANCE_S = 20.0, 0.5
 
 
-def settling(
+def calibrate_settling(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recordings or holds files, or folders of them.")
     ],
@@ -71,7 +71,9 @@ def get_holds_path(rig: str) -> Path:
     """
     path = Path(rig)
     if path.suffix != ".toml":
-        raise InputError(f"--rig {rig}: name a rig file (.toml); simulated rigs have no holds file")
+        raise InputError(
+            f"--rig {rig}: must be a rig file (.toml), because simulated rigs have no holds file"
+        )
     calibration = read_rig_file(path).calibration
     return calibration.with_name(f"{calibration.stem}-settling.csv")
 

@@ -98,8 +98,8 @@ _EXPLANATIONS = (
     ),
     (
         _NO_ANSWER,
-        "the boot loader does not answer: wrong `--board`, a charge-only cable, or a clone without "
-        "a boot loader. Press reset just before trying again.",
+        "the bootloader does not answer: wrong `--board`, a charge-only cable, or a clone without "
+        "a bootloader. Press reset just before trying again.",
     ),
 )
 
@@ -121,14 +121,14 @@ def avrdude_path() -> str:
 def write_image(image: Path, *, board: str, port: str) -> None:
     """Write an image to the board on a port, and verify it.
 
-    `board`: key of `palpate.firmware_image.BOARDS`; the board's boot loaders are tried in turn.
+    `board`: key of `palpate.firmware_image.BOARDS`; the board's bootloaders are tried in turn.
     Raises `InputError` if the image is not an Intel hex file; `DeviceError` with a one-line reason
     if avrdude is missing or fails.
     """
     _check_intel_hex(image)
-    for programmer, baud in BOARDS[board].boot_loaders:
+    for programmer, baud in BOARDS[board].bootloaders:
         command = [avrdude_path(), "-p", BOARDS[board].chip, "-c", programmer]
-        # -D skips the chip erase, which the boot loader does not support.
+        # -D skips the chip erase, which the bootloader does not support.
         command += ["-P", port, "-b", str(baud), "-D", "-U", f"flash:w:{image}:i"]
         try:
             done = subprocess.run(
@@ -163,7 +163,7 @@ def explain_failure(output: str, *, board: str = "mega2560") -> str:
     if signature is not None:
         chip = signature[1].replace(" ", "").lower()
         if chip in ("000000", "ffffff"):
-            return "the chip returned no signature: no power, or a damaged boot loader"
+            return "the chip returned no signature: no power, or a damaged bootloader"
         if not chip.startswith(about.signature):
             name = _SIGNATURES.get(chip[:6], f"a chip with signature 0x{chip}")
             article = "an " if name.startswith("ATmega") else ""

@@ -50,7 +50,7 @@ class Limit:
 
 
 def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
-    """Load the requested damage limit; None without a file.
+    """Load the requested damage limit; return None if no file is given.
 
     Raises `InputError` if a kind is given without a file, or the file lacks the kind;
     `CalibrationError` if the file is unusable.

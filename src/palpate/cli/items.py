@@ -95,7 +95,7 @@ def items(
             if as_json:
                 print_json(items_document(pages))
             else:
-                _print_list(pages, more=len(found) > limit)
+                _print_items(pages, has_more=len(found) > limit)
 
 
 @contextmanager
@@ -229,10 +229,10 @@ def _export(
     print_message(f"Written: {path} (grasps: {rows}), {verdicts_path} (verdicts: {verdict_rows})")
 
 
-def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
+def _print_items(histories: Sequence[ItemHistory], *, has_more: bool) -> None:
     """Print one line per item."""
     console = Console(highlight=False, emoji=False)
-    if not pages:
+    if not histories:
         console.print("no items; `palpate grasp --item NAME` adds one")
         return
     columns = (
@@ -248,23 +248,23 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     )
     rows = [
         (
-            Text(page.item.item_id, style="bold"),
-            Text(page.item.kind or "-"),
-            Text(page.item.batch or "-"),
-            format_time(page.grasps[-1].taken_at) if page.grasps else "-",
-            f"{len(page.grasps)}{f' {_MARK}' if page.is_simulated else '  '}",
-            _value(page.latest("size_mm"), 1),
-            _value(page.latest("firmness"), 0),
-            _value(page.latest("stiffness_n_per_mm"), 2),
-            Text(", ".join(v.text for a in About if (v := page.latest_verdict(a))) or "-"),
+            Text(history.item.item_id, style="bold"),
+            Text(history.item.kind or "-"),
+            Text(history.item.batch or "-"),
+            format_time(history.grasps[-1].taken_at) if history.grasps else "-",
+            f"{len(history.grasps)}{f' {_MARK}' if history.is_simulated else '  '}",
+            _value(history.latest("size_mm"), 1),
+            _value(history.latest("firmness"), 0),
+            _value(history.latest("stiffness_n_per_mm"), 2),
+            Text(", ".join(v.text for a in About if (v := history.latest_verdict(a))) or "-"),
         )
-        for page in pages
+        for history in histories
     ]
     print_table(columns, rows, console=console)
-    if any(page.is_simulated for page in pages):
+    if any(history.is_simulated for history in histories):
         console.print(f"{_MARK} simulated on the twin", style="dim")
-    if more:
-        console.print(f"the latest {len(pages)} items; --limit shows more", style="dim")
+    if has_more:
+        console.print(f"the latest {len(histories)} items; --limit shows more", style="dim")
 
 
 def _print_page(page: ItemHistory) -> None:

@@ -123,7 +123,7 @@ class HoldSource:
         yield from holds
 
     def recordings(self) -> list[Path]:
-        """Return the tables that are cut into holds; .mcap and holds files are not."""
+        """Return the tables to cut into holds: all files except .mcap and holds files."""
         return [file for file in self.files() if not (self._is_holds(file) or _is_mcap(file))]
 
     def _is_holds(self, file: Path) -> bool:

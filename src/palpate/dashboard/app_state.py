@@ -22,7 +22,7 @@ from palpate.dashboard.folder import (
     RecordingList,
     delete_recording,
     make_entry,
-    new_recording,
+    make_recording_path,
     rename_recording,
 )
 from palpate.dashboard.headline import outcome_kind
@@ -308,7 +308,7 @@ class AppState:
             damage.check_kind(kind, where="the damage file")
         return GraspOrder(
             target_force_n=target_force_n,
-            recording=new_recording(self.settings.folder, "grasp"),
+            recording=make_recording_path(self.settings.folder, "grasp"),
             item_id=item_id,
             damage=None if damage is None else damage.as_text(),
             kind=kind,

@@ -212,7 +212,7 @@ class DeviceProcess:
         self._report_errors(context.stop_hand)
 
     def _confirm_stop(self) -> None:
-        """Confirm once that the hand received the latest stop."""
+        """Confirm that the hand has received the latest stop, once per stop."""
         if self._stop_confirmed < self._stop_number:
             self._stop_confirmed = self._stop_number
             self._telemetry.note(StopConfirmed(self._stop_number), at_once=True)

@@ -396,14 +396,14 @@ class RecordingList:
         )
 
 
-def new_recording(folder: Path, what: str) -> Path:
-    """Return the path of a new recording with prefix, time stamp and a unique number."""
+def make_recording_path(folder: Path, prefix: str) -> Path:
+    """Return an unused path for a recording: prefix, time stamp and a number if needed."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    file = folder / f"{what}-{stamp}{_SUFFIX}"
+    file = folder / f"{prefix}-{stamp}{_SUFFIX}"
     number = 1
     while file.exists():
         number += 1
-        file = folder / f"{what}-{stamp}-{number}{_SUFFIX}"
+        file = folder / f"{prefix}-{stamp}-{number}{_SUFFIX}"
     return file
 
 

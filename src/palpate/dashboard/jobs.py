@@ -326,7 +326,7 @@ def _measure_rest_without_gripper(context: JobContext) -> RestValues:
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
-    """Measure readings at known forces and fit the force law.
+    """Take readings at known forces and fit the force law.
 
     The result includes the expected errors on held-out loads.
 
@@ -341,7 +341,7 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibratio
     """
     before = context.rig.calibration
     if before is None:
-        raise DeviceError("no rest values: calibrate the rest first")
+        raise DeviceError("no rest values: run the rest calibration first")
     if order.loads_n:
         pairs = _calibrate_with_weights(check_loads(order.loads_n, where="the loads"), context)
     elif context.has_load_cell:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import new_recording
+from palpate.dashboard.folder import make_recording_path
 from palpate.dashboard.messages import Action, OpenRig, Record, SetSpeed
 from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
@@ -132,7 +132,7 @@ def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
         """Start or end a recording, if its state differs."""
         if is_wanted != (app_state.session.devices.recording is not None):
             folder = app_state.settings.folder
-            viewer.order(Record(new_recording(folder, "watched") if is_wanted else None))
+            viewer.order(Record(make_recording_path(folder, "watched") if is_wanted else None))
 
     recording = ui.switch("Record between grasps")
     recording.on_value_change(lambda event: record(event.value))

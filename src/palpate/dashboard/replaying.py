@@ -81,7 +81,7 @@ class PlaybackClock:
             return self._at_s()
 
     def seek(self, time_s: float) -> None:
-        """Continue from this time of the recording."""
+        """Continue from `time_s` in the recording."""
         with self._lock:
             self._anchor_s, self._wall_s = self._clip(time_s), self._now_s()
 

@@ -21,32 +21,32 @@ class BoardType:
     #: Name of the processor in avrdude and the simulator, and its signature.
     chip: str
     signature: str
-    #: avrdude protocols and speeds of the boot loaders, most likely first.
-    boot_loaders: tuple[tuple[str, int], ...]
+    #: avrdude protocols and speeds of the bootloaders, most likely first.
+    bootloaders: tuple[tuple[str, int], ...]
     #: Speeds of the serial line with an image.
     bauds: tuple[int, ...] = (1_000_000, 500_000, 250_000, 115_200)
 
 
-#: Source: boards.txt of Arduino's AVR core. A Nano made before 2018 has the slower boot loader.
+#: Source: boards.txt of Arduino's AVR core. A Nano made before 2018 has the slower bootloader.
 BOARDS = {
     "mega2560": BoardType(
         label="Arduino Mega 2560",
         chip="atmega2560",
         signature="1e9801",
-        boot_loaders=(("wiring", 115_200),),
+        bootloaders=(("wiring", 115_200),),
         bauds=(1_000_000, 500_000, 250_000, 115_200, 9600),
     ),
     "uno": BoardType(
         label="Arduino Uno",
         chip="atmega328p",
         signature="1e950f",
-        boot_loaders=(("arduino", 115_200),),
+        bootloaders=(("arduino", 115_200),),
     ),
     "nano": BoardType(
         label="Arduino Nano",
         chip="atmega328p",
         signature="1e950f",
-        boot_loaders=(("arduino", 115_200), ("arduino", 57_600)),
+        bootloaders=(("arduino", 115_200), ("arduino", 57_600)),
     ),
 }
 #: Board and speed of the serial line -> image.

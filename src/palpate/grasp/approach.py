@@ -16,7 +16,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import quantize_target, safe_step, stop_here
 from palpate.grasp.state import Attempt, GraspState
 from palpate.grasp.step_size import approach_step, close_by, record_step, squeeze_step
-from palpate.grasp.sweep import Sweep, blind_s
+from palpate.grasp.sweep import Sweep, blind_time_s
 from palpate.gripper.interface import GripperCommand
 
 
@@ -153,7 +153,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     overrun = APPROACH.overrun_steps * approach_step(plan)
     end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
     # A fast sweep ends far enough before the object for contact detection to recover.
-    near = _free_closure(plan) - rate * blind_s(estimate.period_s)
+    near = _free_closure(plan) - rate * blind_time_s(estimate.period_s)
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
         # The expected size may be wrong: no command exceeds the safe step for any object.
@@ -273,7 +273,8 @@ def _open_by(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCom
 def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
     """Return the rows of pixels on fingers without contact.
 
-    The pixels of a finger that pushes the object to the middle change during the movement.
+    A finger in contact is excluded: it pushes the object to the middle, so its pixels change during
+    the movement.
     """
     touching = np.array(now.finger_percent) <= READING.contact_percent
     return tuple(np.flatnonzero(~touching[list(plan.layout.finger_of_row)]).tolist())

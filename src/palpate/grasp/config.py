@@ -4,6 +4,8 @@ A source is the paper, a datasheet, a study of this project, development sensors
 requirement, or a guess. `docs/grasp-states.md` shows the numbers as a table. No other file of this
 folder holds a tuned number (`tests/unit/grasp/test_config.py`); settings of a user or a rig are in
 `Plan` and `SafetyLimits`.
+
+An entry of a docstring is `name : range unit, source. Quantity.` Unit 1 means dimensionless.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ class ReadingNumbers:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """Closing at speed, and the touch that ends it.
+    """The fast approach, its stop at contact, and the return to that contact.
 
     overrun_steps : 1 to 3 steps, twin.
         Allowed travel from contact until the hand stops; sets the speed of a sweep.

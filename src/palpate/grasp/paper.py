@@ -96,7 +96,7 @@ def read_settings(
     if method != "paper":
         if given:
             options = ", ".join(names.get(name, name) for name in given)
-            raise InputError(f"{options}: only with {names.get('method', 'method')} paper")
+            raise InputError(f"{options}: valid only with {names.get('method', 'method')} paper")
         return None
     try:
         return Paper(**given)

@@ -134,7 +134,7 @@ class PixelMonitor:
         failed = {
             "open": self._opened >= PIXELS.fault_frames,
             "short": ended & self._shorted,
-            "stuck": self._find_stuck(),
+            "stuck": self._find_stuck_pixels(),
         }
         for how, mask in failed.items():
             if mask.any():
@@ -177,7 +177,7 @@ class PixelMonitor:
             self._shaken = np.zeros_like(self._shaken)
             self._counted_at = closure
 
-    def _find_stuck(self) -> NDArray[np.bool_]:
+    def _find_stuck_pixels(self) -> NDArray[np.bool_]:
         """Return the pixels unchanged in many movements, or in few over a long time."""
         long = self._now_s - self._changed_s > GUARDS.patience_s
         return self._find_unchanged(PIXELS.stuck_moves, others=PIXELS.other_moves) | (

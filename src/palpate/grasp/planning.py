@@ -147,8 +147,9 @@ def _fit_pressure_bend(block: BlockPairs) -> dict[str, Any]:
     force_n, pressure_kpa = np.array(block.force_n), np.array(block.pressure_kpa)
     if force_n.size < _FEWEST or pressure_kpa.size != force_n.size or np.ptp(pressure_kpa) == 0:
         raise CalibrationError(
-            f"this gripper is pressure-driven: its calibration needs {_FEWEST} readings of pressure"
-            f" and force on a rigid block, and has {pressure_kpa.size}; calibrate the compliance"
+            "this gripper is pressure-driven: its calibration needs readings of force and "
+            f"pressure on a rigid block ({_FEWEST} or more, with different pressures), but has "
+            f"{force_n.size} of force and {pressure_kpa.size} of pressure; calibrate the compliance"
         )
     first = np.array(block.block_mm) == block.block_mm[0]
     slope_n_per_kpa = float(np.polyfit(pressure_kpa[first], force_n[first], 1)[0])

@@ -290,9 +290,10 @@ def run_grasp(
 def _apply_alarm(
     alarm: Alarm, controller: GraspController, command: GripperCommand | None
 ) -> GripperCommand | None:
-    """End the grasp because of an alarm, unless it is already opening or ended.
+    """End the grasp after an alarm, unless it has ended or the hand is opening.
 
-    Raises `DeviceError` if the gripper has failed, because it must receive only a stop command.
+    Raises `DeviceError` if the gripper has failed, because a failed gripper must receive only a
+    stop command.
     """
     if alarm.danger is Danger.GRIPPER_FAULT:
         raise DeviceError(alarm.message)

@@ -1,4 +1,4 @@
-"""Safety filter of all commands: limits the closing from the reported position."""
+"""Safety filter for all commands: limits each closing step, from the last observed position."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     force = state.set_settled_force(settled, plan=plan)
     _record_on_target(state, force, plan)
     correctable = plan.target_force_n is not None and correction.count < plan.most_adjustments
-    off_target = _is_force_missing(force, plan) or is_above_target(force, plan)
+    off_target = _has_force_deficit(force, plan) or is_above_target(force, plan)
     if (
         (correctable and off_target)
         or is_certain(settled, plan=plan)
@@ -57,7 +57,9 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     if correction.count < plan.most_adjustments:
         # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
-            command = increase_force(state, force, plan, missing_n=missing_n(force, plan))
+            command = increase_force(
+                state, force, plan, force_deficit_n=force_deficit_n(force, plan)
+            )
             if command is not None:
                 state.enter(Activity.FORECAST, event="adjusted")
                 return command
@@ -122,7 +124,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
 
 
-def missing_n(force: Measurement, plan: Plan) -> float:
+def force_deficit_n(force: Measurement, plan: Plan) -> float:
     """Return the additional force needed to reach the target and ensure the lift."""
     of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
     if plan.lift_force_n is None:
@@ -130,13 +132,13 @@ def missing_n(force: Measurement, plan: Plan) -> float:
     return max(of_target_n, plan.lift_force_n - force.low)
 
 
-def _is_force_missing(force: Measurement, plan: Plan) -> bool:
-    return missing_n(force, plan) > plan.target_tolerance * goal_n(plan)
+def _has_force_deficit(force: Measurement, plan: Plan) -> bool:
+    return force_deficit_n(force, plan) > plan.target_tolerance * goal_n(plan)
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
     """Whether a settled force is too small for the target or to ensure the lift."""
-    return _is_force_missing(force, plan) or not is_lift_certain(force, plan)
+    return _has_force_deficit(force, plan) or not is_lift_certain(force, plan)
 
 
 def is_above_target(force: Measurement, plan: Plan) -> bool:
@@ -162,14 +164,14 @@ def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bo
         # With an unknown limit no additional force is allowed.
         return True
     lowest = estimate.damage_low_n < plan.safety.force_ceiling_n
-    return lowest and missing_n(force, plan) > estimate.damage_low_n - force.high
+    return lowest and force_deficit_n(force, plan) > estimate.damage_low_n - force.high
 
 
 def _record_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
     """Record the first time after a movement at which the settled force is on target."""
     moved_s = state.estimate.moved_s
     known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
-    off = _is_force_missing(force, plan) or is_above_target(force, plan)
+    off = _has_force_deficit(force, plan) or is_above_target(force, plan)
     if plan.target_force_n is not None and not known and not off:
         state.record_event("on_target")
 
@@ -178,7 +180,7 @@ def _record_on_target(state: GraspState, force: Measurement, plan: Plan) -> None
 
 
 def increase_force(
-    state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
+    state: GraspState, force: Measurement, plan: Plan, *, force_deficit_n: float
 ) -> GripperCommand | None:
     """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
@@ -194,7 +196,7 @@ def increase_force(
             measured = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
             slope = min(slope, measured)
             longest = math.inf if force.middle > force_n else travel
-    step = max(min(missing_n / slope, longest), plan.smallest_step)
+    step = max(min(force_deficit_n / slope, longest), plan.smallest_step)
     command = close_by(trial, step, plan, min_duration_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial

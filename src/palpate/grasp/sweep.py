@@ -24,12 +24,12 @@ _FEWEST = 3
 _MEDIAN_SQUARE = 0.4549
 
 
-def blind_s(period_s: float) -> float:
+def blind_time_s(period_s: float) -> float:
     """Return the time after slowing down in which light contacts are not detected, s.
 
     `period_s`: frame period.
 
-    >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
+    >>> round(blind_time_s(1 / 15), 2), round(blind_time_s(1 / 250), 2)
     (0.66, 0.51)
     """
     return TOUCH.steady_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.window_s)
@@ -168,6 +168,6 @@ def _noise(pixels: FloatArray) -> float:
 
 
 def _scatter(past: FloatArray) -> float:
-    """Return the standard deviation of a pixel about its mean."""
+    """Return the standard deviation pooled over the pixels, each about its own mean."""
     own = past - past.mean(axis=0)
     return float(np.sqrt(np.sum(own**2) / (own.size - own[0].size)))

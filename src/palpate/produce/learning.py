@@ -161,7 +161,7 @@ class LabelLearner:
         return np.asarray((1.0 + at_least) / (len(self._held_out_background) + 1.0))
 
     def predict(self, table: ArrayLike) -> list[str]:
-        """Return the most probable label of each row, or `UNKNOWN` if it is rejected."""
+        """Return the most probable label of each row, `UNKNOWN` for a rejected row."""
         best = np.argmax(self.probabilities(table)[:, : len(self.labels)], axis=1)
         rejected = self.typicality(table) <= FALSE_REJECT if self.allow_unknown else 0 * best
         return [

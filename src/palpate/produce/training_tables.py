@@ -62,9 +62,10 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
 def read_labels_about(store: Store, about: About, *, kind: str | None) -> LabelledTable:
     """Return the training table of the store's grasps and people's labels.
 
-    `about`: identity and bin (a grade) have one row per measured item, with or without a label.
-        Ripeness has one row per labelled day of an item grasped with fingers driven by width.
-        Bruise has one row per grasp of a labelled side, for the reference with the most rows.
+    `about`: subject of the labels; it determines the rows. Identity and bin (a grade): one row per
+        measured item, labelled or not. Ripeness: one row per labelled day of an item grasped with
+        width-driven fingers. Bruise: one row per grasp of a labelled side, for the reference with
+        the most rows.
     `kind`: only items of this kind; required for bruise and ripeness.
     Raises `InputError` if a required kind is missing, or the table is empty.
     """

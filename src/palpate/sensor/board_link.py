@@ -19,8 +19,8 @@ from palpate.sensor.wire_messages import (
     SetRate,
 )
 
-#: Opening the port resets most boards, and any received byte keeps a boot loader in programming
-#: mode. The host therefore sends nothing until the firmware's first message. The stock boot loader
+#: Opening the port resets most boards, and any received byte keeps a bootloader in programming
+#: mode. The host therefore sends nothing until the firmware's first message. The stock bootloader
 #: of a Mega takes 0.9 s, or 5.2 s after a received byte (both measured on the simulator). The
 #: longer wait applies after a board falls silent, because it may still receive an earlier byte.
 LISTEN_S, RESTART_S = 2.0, 6.0

@@ -109,7 +109,9 @@ def judge_pixels(
     yield "loose", loose, "drops out or jumps {} times", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
-    stuck = _find_stuck(mean_counts, steps_per_count, sound=is_working & ~loose, layout=layout)
+    stuck = _find_stuck_pixels(
+        mean_counts, steps_per_count, healthy=is_working & ~loose, layout=layout
+    )
     yield "stuck", stuck, "is constant, despite the noise of the other pixels", nothing
     common = _median_of_working_pixels(readings.drift_percent)
     own = readings.drift_percent - common
@@ -188,8 +190,8 @@ def _count_drops_and_jumps(
     return drops, jumps
 
 
-def _find_stuck(
-    mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
+def _find_stuck_pixels(
+    mean_counts: FloatArray, steps_per_count: int, *, healthy: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
     """Find constant pixels whose noise should be visible.
 
@@ -198,9 +200,9 @@ def _find_stuck(
     """
     sums = mean_counts * steps_per_count
     noise = np.std(np.diff(sums, axis=0), axis=0) / math.sqrt(2.0)
-    constant = sound & np.asarray(np.ptp(sums, axis=0) == 0)
-    noisy = sound & np.asarray(noise > 0)
-    stuck: BoolArray = np.zeros(sound.shape, dtype=np.bool_)
+    constant = healthy & np.asarray(np.ptp(sums, axis=0) == 0)
+    noisy = healthy & np.asarray(noise > 0)
+    stuck: BoolArray = np.zeros(healthy.shape, dtype=np.bool_)
     if noisy.sum() < _MIN_OTHERS:
         return stuck
     fraction = np.median(mean_counts, axis=0) / layout.divider.full_scale

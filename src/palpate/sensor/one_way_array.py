@@ -21,7 +21,7 @@ from palpate.sensor.ports import make_port_finder
 
 Counts: TypeAlias = NDArray[np.int32]
 
-#: Opening the port resets most boards: up to 2 s for the boot loader, then the program's start.
+#: Opening the port resets most boards: up to 2 s for the bootloader, then the program's start.
 OPEN_S = 5.0
 #: Number of frames in the running mean of the period, and minimum number for a period.
 _PERIOD_FRAMES, _MIN_FRAMES = 1000, 8

@@ -94,11 +94,11 @@ def find_port(
         return answering[0]
     if answering:
         raise DeviceError(
-            f"{len(answering)} boards answer: {', '.join(answering)}. Choose one with --port."
+            f"{len(answering)} boards answer: {', '.join(answering)}; choose one with --port"
         )
     if not candidates:
-        raise DeviceNotFoundError("no serial port on this machine. Plug the board in.")
-    raise DeviceNotFoundError(f"no board answers. {errors[0]}")
+        raise DeviceNotFoundError("no serial port found on this machine; plug in the board")
+    raise DeviceNotFoundError(f"no board answers: {errors[0]}")
 
 
 def make_port_finder(

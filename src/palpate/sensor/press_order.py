@@ -90,7 +90,7 @@ class PressMonitor:
             self._await_press(time_s, change)
 
     def finish(self) -> None:
-        """Record the remaining pixels as unanswered, after the last frame."""
+        """Record the remaining pixels as unresponsive; call after the last frame."""
         self._presses += [Press(expected=pixel, answered=None) for pixel in self._remaining]
         self._remaining.clear()
 

@@ -154,7 +154,7 @@ class SerialArray(PortArray):
         """Send a command, e.g. a heartbeat or pressure, without waiting for its answer.
 
         A ping to a starting or silent board is skipped, because it would keep the board in its
-        boot loader.
+        bootloader.
 
         Raises
         ------

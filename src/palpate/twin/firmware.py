@@ -88,7 +88,7 @@ class FirmwareBoard:
     `board`: mega2560, uno or nano.
     `baud`: speed of the serial line, for which the image was built.
     `seed`: seed of the converter's noise.
-    `boot_loader`: Intel hex file of the boot loader in which the board starts; none by default.
+    `bootloader`: Intel hex file of the bootloader in which the board starts; none by default.
     Raises `DeviceNotFoundError` if the simulator or the image has not been built.
     """
 
@@ -98,7 +98,7 @@ class FirmwareBoard:
         *,
         baud: int = 1_000_000,
         seed: int = 0,
-        boot_loader: Path | None = None,
+        bootloader: Path | None = None,
     ) -> None:
         self._board: int | None = None
         self._library = _load_library()
@@ -112,25 +112,25 @@ class FirmwareBoard:
         self._board = self._library.board_open(chip, str(path).encode(), baud, seed)
         if not self._board:
             raise DeviceNotFoundError(f"{path} is not a valid image; run `make -C firmware` again")
-        if boot_loader is not None:
-            self._load_boot(boot_loader)
+        if bootloader is not None:
+            self._load_boot(bootloader)
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
         self._cycles = np.empty(_OUT_BYTES, dtype=np.uint64)
         self._pulse_cycles = np.empty(_PULSES, dtype=np.uint64)
         self._pulse_lengths = np.empty(_PULSES, dtype=np.uint32)
 
-    def _load_boot(self, boot_loader: Path) -> None:
+    def _load_boot(self, bootloader: Path) -> None:
         try:
-            lines = boot_loader.read_text(encoding="ascii").splitlines(keepends=True)
+            lines = bootloader.read_text(encoding="ascii").splitlines(keepends=True)
         except (OSError, UnicodeDecodeError) as error:
-            raise DeviceNotFoundError(f"{boot_loader}: {error}") from error
+            raise DeviceNotFoundError(f"{bootloader}: {error}") from error
         # The simulator's reader refuses start addresses (record types 3 and 5).
         readable = [line for line in lines if line[7:9] not in ("03", "05")]
         with NamedTemporaryFile("w", suffix=".hex") as file:
             file.writelines(readable)
             file.flush()
             if self._library.board_load_boot(self._board, file.name.encode()):
-                raise DeviceNotFoundError(f"{boot_loader} is not a boot loader in Intel hex format")
+                raise DeviceNotFoundError(f"{bootloader} is not a bootloader in Intel hex format")
 
     def now_s(self) -> float:
         """Return the simulated time since power-up, seconds."""

@@ -126,7 +126,7 @@ def test_flash_runs_avrdude_then_queries_the_board(
         ("avrdude: Device signature = 0x000000\n", "the chip returned no signature"),
         (
             "avrdude error: timeout\navrdude error: unable to open programmer wiring on port\n",
-            "the boot loader does not answer",
+            "the bootloader does not answer",
         ),
         ("avrdude OS error: cannot open port: Permission denied\n", "usermod -aG dialout"),
         ("avrdude OS error: cannot open port: Device or resource busy\n", "another program"),
@@ -185,7 +185,7 @@ def test_flash_checks_port_and_image_before_writing(
     assert not log.exists()
 
 
-def test_flash_nano_retries_at_the_old_boot_loaders_baud_rate(
+def test_flash_nano_without_sync_retries_at_the_old_bootloader_baud_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     log = install_avrdude(

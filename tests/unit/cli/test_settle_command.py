@@ -97,7 +97,9 @@ def test_settle_rows_of_files_and_methods_have_a_stable_order(
     assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
 
 
-def test_settle_fit_on_changes_intervals_but_not_values(holds_csv: Path, palpate: Command) -> None:
+def test_settle_with_fit_on_option_changes_intervals_but_not_predictions(
+    holds_csv: Path, palpate: Command
+) -> None:
     methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
     plain = document(palpate, holds_csv, *methods)
     fitted = palpate("settle", holds_csv, *methods, "--fit-on", holds_csv, "--json").document

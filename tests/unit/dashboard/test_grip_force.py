@@ -124,7 +124,7 @@ def test_force_laws_after_pickling_return_equal_forces() -> None:
     assert read[0] == read[1]
 
 
-def test_document_contains_forces_events_and_bounds(live: Live) -> None:
+def test_page_document_of_a_grasp_contains_forces_contacts_and_bounds(live: Live) -> None:
     session = Session(send=lambda message: None)
     session.devices.live = live
     settled_n = Measurement(value=3.0, low=2.5, high=3.5, unit="n")

@@ -232,7 +232,7 @@ def test_session_after_a_failed_order_watches_the_rig_and_shows_the_reason(
     assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
 
 
-def test_session_after_a_failed_opening_has_no_open_rig(rehearsal: Rehearsal) -> None:
+def test_session_after_a_rig_fails_to_open_has_no_open_rig(rehearsal: Rehearsal) -> None:
     order = OpenRig(name="lost.toml")
     rehearsal.session.order("a", order)
     rehearsal.receive(OrderStarted(order=order), OrderEnded(order=order, trouble="no such port"))

@@ -13,7 +13,7 @@ from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
-from palpate.grasp.sweep import blind_s
+from palpate.grasp.sweep import blind_time_s
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinGripper
@@ -82,7 +82,7 @@ def test_sweep_checks_for_contact_again_before_expected_size(
         sweep = grasp_state.estimate.sweep
         if sweep is not None and sweep.slowed and not slowed:
             left_mm = TwinGripper(world).state().width_mm - berry.size_mm
-            slowed.append((left_mm / sweep.rate, blind_s(grasp_state.estimate.period_s)))
+            slowed.append((left_mm / sweep.rate, blind_time_s(grasp_state.estimate.period_s)))
 
     size_mm = berry.size_mm - 5.0
     grasp_on_twin(world, calibration, views={"watchers": [watch]}, expect_size_mm=size_mm)

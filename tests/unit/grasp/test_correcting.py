@@ -46,7 +46,7 @@ def holding(force_n: float) -> GraspState:
 
 def test_increase_force_adds_the_missing_force(plan: Plan) -> None:
     state = holding(4.0)
-    wish = increase_force(state, settled(4.0), plan, missing_n=1.0)
+    wish = increase_force(state, settled(4.0), plan, force_deficit_n=1.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
     assert state.correction.count == 1
     assert state.correction.before == (21.0, pytest.approx(4.0))
@@ -58,23 +58,23 @@ def test_increase_force_after_small_effect_lowers_slope_to_a_quarter(
     """0.5 mm added 0.1 N instead of 1 N; the next step is quadrupled."""
     state = holding(4.0)
     state.correction.before = (20.5, 3.9)
-    wish = increase_force(state, settled(4.0), plan, missing_n=0.2)
+    wish = increase_force(state, settled(4.0), plan, force_deficit_n=0.2)
     assert plan.gripper.highest - wish.target == pytest.approx(
         21.0 + 0.2 / (N_PER_MM / 4.0), abs=0.05
     )
 
 
-def test_increase_force_after_step_without_effect_is_limited_to_last_travel(plan: Plan) -> None:
+def test_increase_force_after_ineffective_step_limits_step_to_previous_travel(plan: Plan) -> None:
     state = holding(4.0)
     state.correction.before = (20.9, 4.1)
-    wish = increase_force(state, settled(4.0), plan, missing_n=3.0)
+    wish = increase_force(state, settled(4.0), plan, force_deficit_n=3.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.1, abs=0.03)
 
 
 def test_increase_force_without_safe_step_changes_nothing(plan: Plan) -> None:
     state = holding(4.0)
     state.estimate.damage_low_n = 4.1
-    assert increase_force(state, settled(4.0), plan, missing_n=3.0) is None
+    assert increase_force(state, settled(4.0), plan, force_deficit_n=3.0) is None
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)
 
 

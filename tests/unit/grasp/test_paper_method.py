@@ -93,7 +93,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--step-mm", "2"], "--step-mm: only with --method paper"),
+        (["--step-mm", "2"], "--step-mm: valid only with --method paper"),
         (["--method", "paper", "--step-mm", "0"], "--step-mm must be above 0"),
         (["--method", "paper", "--epsilon", "10"], "between -100 and 0"),
         (["--method", "paper", "--cutoff", "nan"], "--cutoff must be"),

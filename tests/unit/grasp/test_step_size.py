@@ -31,7 +31,7 @@ def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
     )
 
 
-def test_slope_n_of_certain_rises_is_steepest_of_last_two(plan: Plan) -> None:
+def test_slope_n_with_rises_above_noise_is_steepest_of_last_two(plan: Plan) -> None:
     estimate = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
     assert slope_n(estimate, plan) == pytest.approx(1.4, rel=0.05)
 
@@ -41,7 +41,7 @@ def test_slope_n_of_rises_within_the_noise_is_their_upper_bound(plan: Plan) -> N
     assert slope_n(estimate, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
 
 
-def test_slope_n_of_falling_force_is_that_of_rigid_object(plan: Plan) -> None:
+def test_slope_n_with_falling_force_equals_slope_of_a_rigid_object(plan: Plan) -> None:
     assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
 
 

@@ -94,7 +94,9 @@ def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float)
     return examine_item(store, item, model=model, given_at=TUESDAY, **options)
 
 
-def test_learn_bruise_model_trains_each_available_reference(model: BruiseModel) -> None:
+def test_learn_bruise_model_trains_a_learner_for_each_available_reference(
+    model: BruiseModel,
+) -> None:
     assert set(model.learners) == {"class", "item"}
     assert model.learners["item"].fractions.tolist() == pytest.approx([1 / 3, 2 / 3])
     assert model.learned_on == "24 labelled items of kind apple of the store"

@@ -109,7 +109,7 @@ def test_count_grades_counts_every_pair_once() -> None:
     assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
 
 
-def test_cost_weights_wrong_grades_with_their_prices() -> None:
+def test_calculate_agreement_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
     readings = make_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = calculate_agreement(readings, demand)

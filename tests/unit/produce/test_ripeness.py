@@ -295,7 +295,9 @@ def test_ripeness_verdict_from_learned_rule_is_stored_once(store: Store) -> None
 
 
 def test_ripeness_without_labels_or_firmness_raises(store: Store) -> None:
-    with pytest.raises(InputError, match="no mango grasped with a gripper driven by width"):
+    with pytest.raises(
+        InputError, match="no mango has both a ripeness label and a grasp with a width-driven"
+    ):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     empty = firmness_history((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):

@@ -163,7 +163,7 @@ def test_read_rules_partial_overlap_raises(
 ) -> None:
     text = 'default = "x"\n' + rule("a", first) + rule("b", second)
     with pytest.raises(
-        InputError, match=f"overlaps the rule in line 2 with a different bin .{common}"
+        InputError, match=f"overlaps the rule on line 2 with a different bin .{common}"
     ):
         read_rules(write(text))
 

@@ -129,7 +129,7 @@ def test_shared_pixels_correction_reduces_the_effect_of_size(
     assert all(one.low <= one.value <= one.high for one in corrected)
 
 
-def test_shared_pixels_correction_exponent_of_force_is_at_most_a_third(
+def test_shared_pixels_are_corrected_by_at_most_the_cube_root_of_the_force(
     by_size: dict[float, SensedGrasp],
 ) -> None:
     sensed = by_size[SIZES_MM[0]]

@@ -72,7 +72,7 @@ def test_shared_store_history_contains_grasps_of_every_station(open_store: OpenS
             assert store.away is None
 
 
-def test_verdict_on_grasp_of_another_station_is_stored(open_store: OpenStore) -> None:
+def test_verdict_on_a_grasp_from_another_station_is_stored(open_store: OpenStore) -> None:
     taken = replace(grasp_after(), calibration_id=calibration_id_of("x"))
     verdict = Verdict(
         item_id="A17", about=About.RIPENESS, text="ripe", given_at=TIME, grasp_id=taken.grasp_id

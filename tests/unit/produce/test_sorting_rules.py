@@ -54,7 +54,7 @@ def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) 
 def test_decide_first_confident_rule_applies_with_reason() -> None:
     found = decide(BOOK, Evidence(identity=identity_of(0.95, 0.04), grasps=1))
     assert (found.bin, found.needs_regrasp, found.rule) == ("kiwi", False, KIWI)
-    assert found.why == "kiwi: kiwi 95 %; rule in line 3 met with 95 %; 1 grasp"
+    assert found.why == "kiwi: kiwi 95 %; rule on line 3 met with 95 %; 1 grasp"
 
 
 def test_decide_ambiguous_kind_requests_grasps_up_to_the_limit() -> None:
@@ -63,7 +63,7 @@ def test_decide_ambiguous_kind_requests_grasps_up_to_the_limit() -> None:
     last = decide(BOOK, Evidence(identity=ambiguous, grasps=3))
     assert (last.bin, last.needs_regrasp, last.probability) == ("by hand", False, None)
     assert "kiwi 55 % or lime 40 %" in last.why
-    assert "closest rule in line 3 (kiwi): 55 %, 80 % required" in last.why
+    assert "closest rule on line 3 (kiwi): 55 %, 80 % required" in last.why
 
 
 def test_decide_unknown_item_is_grasped_twice() -> None:
@@ -92,7 +92,7 @@ def test_decide_missing_verdict_is_named_without_a_further_grasp() -> None:
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=identity_of(0.97, 0.02), grasps=1))
     assert not found.needs_regrasp
-    assert "the rule in line 2 requires a ripeness verdict" in found.why
+    assert "the rule on line 2 requires a ripeness verdict" in found.why
     known = Evidence(identity=identity_of(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
     assert decide(book, known).bin == "ripe"
 
@@ -102,7 +102,7 @@ def test_decide_applies_firmness_conditions() -> None:
     book = RuleBook(rules=(firm,), default_bin="by hand", most_grasps=2)
     index = Measurement(value=60.0, low=54.0, high=66.0, unit="index")
     found = decide(book, Evidence(firmness=index, grasps=1))
-    assert found.why.startswith("firm: firmness 60 (54 to 66) within 50 to 100; rule in line 2")
+    assert found.why.startswith("firm: firmness 60 (54 to 66) within 50 to 100; rule on line 2")
     wide = Measurement(value=55.0, low=40.0, high=70.0, unit="index")
     assert decide(book, Evidence(firmness=wide, grasps=1)).needs_regrasp
     one = grasp(50.0, 1.4).grasp

@@ -263,7 +263,7 @@ def test_serial_array_resends_lost_commands(bench: Bench) -> None:
 
 
 def test_board_link_sends_nothing_before_the_first_packet_of_the_board(bench: Bench) -> None:
-    """A byte in the first second would keep the board in its boot loader."""
+    """A byte in the first second would keep the board in its bootloader."""
     board = bench.board()
     link = BoardLink(bench.open(board.port), clock=bench)
     link.start_commands([Identify()])
@@ -496,7 +496,7 @@ def test_find_port_without_usb_id_finds_the_board_that_answers(bench: Bench) -> 
 
 def test_find_port_with_two_boards_raises(bench: Bench) -> None:
     ports = [Port(device=bench.board().port, description="", board="Arduino") for _ in range(2)]
-    with pytest.raises(DeviceError, match=r"2 boards answer: .* Choose one with --port"):
+    with pytest.raises(DeviceError, match=r"2 boards answer: .*; choose one with --port"):
         find_port(ports, clock=bench, open_stream=bench.open)
 
 
@@ -512,5 +512,5 @@ def test_find_port_without_a_board_raises_with_the_tried_ports(bench: Bench) -> 
         find_port([], clock=bench, open_stream=bench.open)
     mute = bench.board()
     mute.silent = True
-    with pytest.raises(DeviceNotFoundError, match=r"no board answers\. /dev/pts/.* no answer"):
+    with pytest.raises(DeviceNotFoundError, match=r"no board answers: /dev/pts/.* no answer"):
         find_port([Port(device=mute.port, description="")], clock=bench, open_stream=bench.open)

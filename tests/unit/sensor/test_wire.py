@@ -171,7 +171,7 @@ def test_decoder_counts_a_decreasing_sequence_as_a_restart() -> None:
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
-def test_decoder_restarts_the_time_with_a_new_stream() -> None:
+def test_decoder_resets_the_unwrapped_time_for_a_new_stream() -> None:
     late = make_frame(1, time_us=4_000_000_000)
     early = make_frame(0, stream=10, time_us=20)
     got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
@@ -251,7 +251,7 @@ def test_decoder_rejects_an_invalid_frame_with_a_correct_checksum(payload: bytes
 
 
 @pytest.mark.parametrize("wrong_by", [-2, -1, 1, 255])
-def test_unpack_rejects_a_packet_with_a_wrong_length(wrong_by: int) -> None:
+def test_unpack_rejects_a_packet_of_the_wrong_length(wrong_by: int) -> None:
     def packet(length: int) -> bytes:
         body = struct.pack("<BH", MessageType.ACK, length) + b"payload"
         return encode_cobs(body + struct.pack("<I", zlib.crc32(body)))

@@ -60,7 +60,7 @@ class Course:
 
     @classmethod
     def learn(cls, items: Sequence[Sequence[DayFirmness]]) -> Course:
-        """Learn from items grasped on several days (maximum of the marginal likelihood).
+        """Learn the course from items grasped on several days, by maximum marginal likelihood.
 
         Raises `InputError` if there are too few items, or no item softened.
         """

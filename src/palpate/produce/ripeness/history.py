@@ -90,8 +90,8 @@ def learn_rule(
     known = list(islice(newest_first, _MOST_ITEMS))
     if not known:
         raise InputError(
-            f"no {kind} grasped with a gripper driven by {drive} has a ripeness label; label some "
-            f"items: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+            f"no {kind} has both a ripeness label and a grasp with a {drive}-driven gripper; label "
+            f"some items: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
     return RipenessRule.learn(
         [history.days for history, _ in known],

@@ -116,7 +116,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)
     >>> size = Measurement(value=44.0, low=43.5, high=44.5, unit="mm")
     >>> decide(book, Evidence(size_mm=size, grasps=1)).why
-    'small: 44.0 mm (43.5 to 44.5) within 0 to 45; rule in line 2 met with 100 %; 1 grasp'
+    'small: 44.0 mm (43.5 to 44.5) within 0 to 45; rule on line 2 met with 100 %; 1 grasp'
     >>> size = Measurement(value=45.0, low=44.0, high=46.0, unit="mm")
     >>> decide(book, Evidence(size_mm=size, grasps=1)).needs_regrasp
     True
@@ -139,7 +139,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     else:
         bin_name = applied.bin
         reasons = ", ".join(condition.reason(evidence) for condition in applied.conditions)
-        met = f"rule in line {applied.line} met with {percent(probability or 0.0)}"
+        met = f"rule on line {applied.line} met with {percent(probability or 0.0)}"
         why = f"{bin_name}: {reasons}; {met}"
     return BinDecision(
         bin=bin_name,
@@ -161,8 +161,8 @@ def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
     if high <= 1.0 - closest.confidence:
         return f"{known}: no rule matches"
     if missing := closest.describe_missing(evidence):
-        return f"{known}; the rule in line {closest.line} requires {missing}"
+        return f"{known}; the rule on line {closest.line} requires {missing}"
     return (
-        f"{known}; closest rule in line {closest.line} ({closest.bin}): "
+        f"{known}; closest rule on line {closest.line} ({closest.bin}): "
         f"{percent(low)}, {percent(closest.confidence)} required"
     )

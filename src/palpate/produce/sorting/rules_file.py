@@ -98,18 +98,19 @@ def check_reachable(rules: Sequence[Rule], *, path: str) -> None:
     ...     check_reachable([small, large], path="r.toml")
     ... except InputError as error:
     ...     print(str(error).split(";")[0])
-    rules file r.toml line 7: overlaps the rule in line 3 with a different bin (size_mm 40 to 45)
+    rules file r.toml line 7: overlaps the rule on line 3 with a different bin (size_mm 40 to 45)
     """
     for later, rule in enumerate(rules):
         for earlier in rules[:later]:
             if earlier.confidence <= rule.confidence and _is_wider(earlier, rule):
                 raise InputError(
                     f"rules file {path} line {rule.line}: this rule never applies, because the "
-                    f"rule in line {earlier.line} accepts all its items; move it up or remove it"
+                    f"rule on line {earlier.line} accepts all of its items; move this rule up or "
+                    "remove it"
                 )
             if common := _partial_overlap(earlier, rule):
                 raise InputError(
-                    f"rules file {path} line {rule.line}: overlaps the rule in line {earlier.line} "
+                    f"rules file {path} line {rule.line}: overlaps the rule on line {earlier.line} "
                     f"with a different bin ({common}); separate the conditions"
                 )
 

@@ -150,7 +150,7 @@ class Store(StoreReader):
         return is_new
 
     def send(self) -> int:
-        """Send waiting records to the shared store, in order; return their number.
+        """Send the queued records to the shared store, in order; return their number.
 
         Raises `StoreAwayError` if the shared store does not answer, and `StoreError` if it is
         unusable; unacknowledged records remain in the outbox.
@@ -170,7 +170,7 @@ class Store(StoreReader):
         return sent
 
     def try_send(self) -> str:
-        """Send waiting records; return a warning on failure, or an empty string."""
+        """Send the queued records; return a warning on failure, otherwise an empty string."""
         try:
             self.send()
         except StoreError as error:

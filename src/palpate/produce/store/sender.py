@@ -1,4 +1,4 @@
-"""A thread that sends waiting records to the shared store."""
+"""A thread that sends the queued records to the shared store."""
 
 from __future__ import annotations
 

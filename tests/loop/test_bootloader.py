@@ -1,4 +1,4 @@
-"""A board with its original boot loader: connection, resets and watchdog."""
+"""A board with its original bootloader: connection, resets and watchdog."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
 
-#: Boot loaders of Debian's package arduino-core-avr. Its Optiboot for the Uno exceeds the available
+#: Bootloaders of Debian's package arduino-core-avr. Its Optiboot for the Uno exceeds the available
 #: flash and runs on no board.
 FOLDER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 STOCK = {
@@ -39,11 +39,11 @@ def start_board(
     seed: int = 1, *, name: str = "mega2560"
 ) -> Iterator[tuple[World, FirmwareBoard, FirmwareStream]]:
     """Yield a board just reset by opening its port, wired to simulated pixels."""
-    boot_loader = STOCK[name]
-    if not boot_loader.is_file():
-        skip(f"no boot loader at {boot_loader}: install arduino-core-avr")
+    bootloader = STOCK[name]
+    if not bootloader.is_file():
+        skip(f"no bootloader at {bootloader}: install arduino-core-avr")
     world = World(None, seed=3, clock=ManualClock(50.0))
-    board = FirmwareBoard(name, seed=seed, boot_loader=boot_loader)
+    board = FirmwareBoard(name, seed=seed, bootloader=bootloader)
     stream = FirmwareStream(world, board=board)
     try:
         yield world, board, stream
@@ -58,7 +58,7 @@ def connect(world: World, stream: FirmwareStream, **options: Contents) -> Serial
 
 
 @pytest.mark.parametrize("name", STOCK)
-def test_board_that_starts_in_its_boot_loader_connects(name: str) -> None:
+def test_board_that_starts_in_its_bootloader_connects(name: str) -> None:
     for seed in range(3):
         with start_board(seed, name=name) as (world, _, stream):
             begin_s = world.clock.now_s()
@@ -68,15 +68,15 @@ def test_board_that_starts_in_its_boot_loader_connects(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STOCK)
-def test_boot_loader_does_not_switch_the_safe_line(name: str) -> None:
+def test_bootloader_does_not_switch_the_safe_line(name: str) -> None:
     with start_board(name=name) as (world, board, stream):
         array = connect(world, stream)
         array.read(timeout_s=0.2)
         assert (board.safe_line, board.safe_line_edges) == (True, 1), "raised by the set-up"
 
 
-def test_board_queried_during_its_boot_loader_gives_no_answer() -> None:
-    """Bytes sent during the start keep the board in its boot loader."""
+def test_board_queried_during_its_bootloader_gives_no_answer() -> None:
+    """Bytes sent during the start keep the board in its bootloader."""
     with start_board() as (world, _, stream):
         decoder, found = Decoder(), list[BoardMessage]()
         for tag in range(1, 13):
@@ -89,7 +89,7 @@ def test_board_queried_during_its_boot_loader_gives_no_answer() -> None:
 @pytest.mark.parametrize(
     ("name", "shown"), [("mega2560", "Arduino Mega 2560"), ("nano", "Arduino Nano")]
 )
-def test_query_identity_waits_for_the_boot_loader(name: str, shown: str) -> None:
+def test_query_identity_waits_for_the_bootloader(name: str, shown: str) -> None:
     with start_board(name=name) as (world, _, stream):
         begin_s = world.clock.now_s()
         assert query_identity(stream, clock=world.clock).board == shown
@@ -97,7 +97,7 @@ def test_query_identity_waits_for_the_boot_loader(name: str, shown: str) -> None
 
 
 #: Maximum time to recover from a hang: 0.25 s of the watchdog and the set-up of a stream, without
-#: the boot loader.
+#: the bootloader.
 RESTARTED_S = {"reset": (0.5, 7.0), "hang": (0.25, 0.5)}
 
 
@@ -126,7 +126,7 @@ def test_mega_continues_after_a_restart(how: str) -> None:
 
 @pytest.mark.parametrize("how", RESTARTED_S)
 def test_nano_continues_after_a_restart(how: str) -> None:
-    """The boot loader leaves the watchdog on, so a watchdog reset would never end."""
+    """The bootloader leaves the watchdog on, so a watchdog reset would never end."""
     shortest_s, longest_s = RESTARTED_S[how]
     with start_board(name="nano") as (world, board, stream):
         array = connect(world, stream)
