@@ -66,7 +66,7 @@ def run_link(
         changed_s = machine.now_s()
         machine.set_pixels_mv(wanted_mv)
         machine.run_until(changed_s + _STEP_S)
-        data, through_s = machine.read_timed()
+        data, through_s = machine.read_bytes_with_times()
         # The delay is measured at the end of each packet.
         ends_s = through_s[np.frombuffer(data, np.uint8) == 0]
         messages = decoder.feed(data)

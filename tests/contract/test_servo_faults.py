@@ -155,7 +155,7 @@ def test_dynamixel_state_raises_for_an_unreachable_position(
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
     world.clock.sleep_s(1 / 15)
     bus.position_error = -1500
-    with pytest.raises(DeviceError, match="no servo turns so fast"):
+    with pytest.raises(DeviceError, match="no servo turns that fast"):
         gripper.state()
 
 

@@ -91,7 +91,7 @@ class ClosingAnswer(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """Grid of gains x shapes x scales x scatters, with the solution at each point."""
+    """Grid of gains, shapes, scales and scatter levels, with the solution at each point."""
 
     #: Shape (gains, shapes, scales, scatters). Probability of each grid point; sums to 1.
     weight: FloatArray
@@ -222,7 +222,7 @@ def _gains(curve: ClosingSteps) -> FloatArray:
     """Return equally likely gains (ln force); each has the solved uncertainty in addition."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     scale = np.sqrt(1 - _SOLVED_FRACTION**2) / np.std(middles)
-    return np.asarray(curve.own_gain_sd * scale * middles)
+    return np.asarray(curve.gain_sd_without_exponent * scale * middles)
 
 
 def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _Grid:
@@ -232,7 +232,7 @@ def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _
     relative = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
     sharp_mm = max(compliance.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * relative)
-    gain_sd = max(_SOLVED_FRACTION * curve.own_gain_sd, 1e-3)
+    gain_sd = max(_SOLVED_FRACTION * curve.gain_sd_without_exponent, 1e-3)
     known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _COMPLIANCE_SD])
     # Subtract the mean, because squares of full widths would lose precision.
     middle_mm = float(touch_mm.mean())
@@ -384,7 +384,7 @@ class ClosingSteps:
         )
 
     @property
-    def own_gain_sd(self) -> float:
+    def gain_sd_without_exponent(self) -> float:
         """Uncertainty of the gain without the contribution of the exponent."""
         tilted = tilt_sd(self.law_sd) * self.samples.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))

@@ -121,7 +121,8 @@ class SoftFingerCompliance:
         if not np.ptp(block) > _APART_MM:
             raise CalibrationError(
                 "pressure-driven fingers: close them on rigid blocks of two sizes, at least "
-                f"{_APART_MM:g} mm apart; one block can't relate pressure to width"
+                f"{_APART_MM:g} mm apart; one size does not determine the relation of "
+                "pressure to width"
             )
         design = np.column_stack([np.ones_like(force), -block, force, np.sqrt(force)])
         per_mm = float(np.linalg.lstsq(design, pressure, rcond=None)[0][1])

@@ -98,7 +98,10 @@ class DamageModel:
         return float(np.exp(brentq(excess, *_LOG_BOUNDS_N, xtol=1e-3)))
 
     def damage_rate(self, force_n: float, stiffness: Measurement, *, kind: str = "") -> float:
-        """Return the fraction of such objects damaged by a force; the inverse of `bound_n`."""
+        """Return the fraction of objects of this stiffness and kind that a force damages.
+
+        The inverse of `bound_n`.
+        """
         strength = self.strengths[kind if kind in self.strengths else ""]
         log_stiffness, weight = strength.stiffness_distribution(stiffness)
         return float(weight @ strength.rupture_probability(force_n, log_stiffness))

@@ -192,7 +192,7 @@ def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
         if name not in where:
             raise InputError(f"{curves}: no curve for {name}, which {index} lists")
         if not fruit.strip():
-            raise InputError(f"{index}: {name} has no fruit; name its kind")
+            raise InputError(f"{index}: the fruit of {name} is empty; enter its kind")
         if limit_n <= 0:
             raise InputError(
                 f"{index}: rupture_force_n of {name} is {limit_n}; it must be positive"
@@ -218,7 +218,7 @@ def follow_closing(
     closure_mm: NDArray[np.float64],
     force_n: NDArray[np.float64],
 ) -> FruitClosing:
-    """Compute the states of a recorded closing, sample by sample, up to its rupture."""
+    """Compute the states of a recorded closing, sample by sample, until the fruit ruptures."""
     curve = ClosingCurve()
     states: list[ClosingState] = []
     known_at_n: list[float] = []

@@ -223,7 +223,10 @@ class ForceLaw:
         return self
 
     def log_force(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return mean and standard deviation of ln force (N) of samples, shape (n, INPUTS)."""
+        """Return the mean and standard deviation of ln(force in N) for each sample.
+
+        `inputs`: shape (n, INPUTS).
+        """
         design = self.population.design(inputs, has_force=self._has_force)
         mean = design @ self.mean
         spread = np.einsum("ni,ij,nj->n", design, self.covariance, design)
@@ -335,7 +338,8 @@ def population_from_dict(stored: Mapping[str, Any]) -> Population:
 def _shape(values: Any, shape: tuple[int, ...]) -> FloatArray:
     array = np.asarray(values, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"expected finite numbers of shape {shape}, got shape {array.shape}")
+        got = "a value that is not finite" if array.shape == shape else f"shape {array.shape}"
+        raise ValueError(f"expected an array of shape {shape} without NaN or infinity, got {got}")
     return array
 
 
@@ -357,9 +361,10 @@ def _inputs(reading: Any) -> FloatArray:
     if given.ndim == 0 and not np.isnan(given):
         return build_settled_inputs(given)
     if given.shape != (INPUTS,) or np.isnan(given).any():
+        got = "NaN" if np.isnan(given).any() else f"an array of shape {given.shape}"
         raise InputError(
-            f"a reading is an excess conductance or the {INPUTS} inputs of a sample, without NaN; "
-            f"got shape {given.shape}"
+            f"a reading must be one excess conductance, or the {INPUTS} inputs of one sample, "
+            f"without NaN; got {got}"
         )
     return given[None, :]
 

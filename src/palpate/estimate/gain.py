@@ -39,13 +39,13 @@ class Gain:
     law_sd: float
 
     @classmethod
-    def from_calibration(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
+    def from_calibration(cls, *, law_sd: float, additional_sd: float = 0.0) -> Gain:
         """Return the prior gain from the sheet's calibration, with additional uncertainty.
 
-        >>> round(Gain.from_calibration(law_sd=0.03, more_sd=0.04).log_sd, 6)
+        >>> round(Gain.from_calibration(law_sd=0.03, additional_sd=0.04).log_sd, 6)
         0.05
         """
-        return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
+        return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, additional_sd)), law_sd=law_sd)
 
     def update(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
         """Return the gain after a force measurement; `sheet_n`: force from the sheet's law.

@@ -223,7 +223,7 @@ class PlacementReadings:
 
 
 def fit_laws(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
-    """Fit the reading, its early law, and its settled law.
+    """Fit the conversion of pixels to a reading, and its early and settled force laws.
 
     The uncertainty is measured by cross-validation over placements.
 

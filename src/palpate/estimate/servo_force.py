@@ -253,7 +253,10 @@ def _find_unloaded_movements(
 
 
 def _shape(runs: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Return widths and the smoothed friction relative to its mean at each."""
+    """Return a grid of widths, and the smoothed relative friction at each width.
+
+    Each current is divided by the mean current of its movement before the smoothing.
+    """
     if not runs:
         return np.zeros(1), np.ones(1)
     width = np.concatenate([width for width, _ in runs])

@@ -58,7 +58,7 @@ def _error_of_placements(
     return found
 
 
-def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
+def _median_error_by_force(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
     for at_n in _AT_N:
         near = np.abs(log_force - np.log(at_n)) < np.log(_NEAR)
@@ -74,7 +74,7 @@ def score_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, 
     y = np.asarray(force_n, dtype=float)
     error = np.abs(predict_held_out_loads(excess, force_n=y) / y - 1.0)
     known = np.isfinite(error)
-    return _error_near(np.log(y[known]), error[known])
+    return _median_error_by_force(np.log(y[known]), error[known])
 
 
 def predict_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
@@ -111,4 +111,4 @@ def score_line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, flo
         read_n = law.force_n(percent[mine]).value
         error[mine] = np.abs(read_n / np.maximum(force_n[mine], 1e-3) - 1.0)
     known = np.isfinite(error)
-    return _error_near(np.log(np.maximum(force_n[known], 1e-3)), error[known])
+    return _median_error_by_force(np.log(np.maximum(force_n[known], 1e-3)), error[known])

@@ -216,8 +216,10 @@ def measure_settled_force(
     and the forecast's interval propagated through the law.
     """
     reading = settled.reading
-    more_sd = float(np.hypot(SETTLE.drift_sd, SETTLE.relaxation_sd))
-    law = Gain.from_calibration(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).apply_to(
+    additional_sd = float(np.hypot(SETTLE.drift_sd, SETTLE.relaxation_sd))
+    law = Gain.from_calibration(
+        law_sd=plan.settled_law.residual_sd, additional_sd=additional_sd
+    ).apply_to(
         plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
     value = float(law.value[0])

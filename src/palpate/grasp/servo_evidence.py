@@ -118,7 +118,9 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
 
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return the gain of this contact relative to the sheet's early law."""
-    gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.step_lag_sd)
+    gain = Gain.from_calibration(
+        law_sd=plan.early_law.residual_sd, additional_sd=SETTLE.step_lag_sd
+    )
     measured = gripper_force(estimate, plan) if estimate.steps else None
     if measured is None:
         return gain

@@ -9,7 +9,7 @@ from palpate.clock import Clock
 from palpate.errors import DeviceError
 from palpate.gripper.fingers import CrankFingers, HingedJaw
 from palpate.gripper.interface import GripperCommand, GripperLimits
-from palpate.gripper.packets import Register, RegisterRun
+from palpate.gripper.packets import Register, RegisterBlock
 from palpate.gripper.servo_line import ServoLine
 
 #: Time limit for the readings that confirm a stop, and their interval.
@@ -90,8 +90,8 @@ class BusServoGripper(ABC):
         Raises `DeviceError` if no reading confirms the stop.
         """
         deadline_s = self._clock.now_s() + _STOP_TIMEOUT_S
-        while self._is_moving(run := self._read()):
-            self._set_goal(run.value(self.POSITION))
+        while self._is_moving(block := self._read()):
+            self._set_goal(block.value(self.POSITION))
             if self._clock.now_s() >= deadline_s:
                 raise DeviceError(
                     f"{self._line.name} got a stop but still moves after {_STOP_TIMEOUT_S:g} s; "
@@ -107,13 +107,13 @@ class BusServoGripper(ABC):
         """Close the port; the servo holds its position. Calling it again does nothing."""
         self._line.close()
 
-    def _read(self) -> RegisterRun:
+    def _read(self) -> RegisterBlock:
         start, end = self.STATE
-        return self._line.read_run(start, end - start)
+        return self._line.read_block(start, end - start)
 
-    def _is_moving(self, run: RegisterRun) -> bool:
+    def _is_moving(self, block: RegisterBlock) -> bool:
         register, bits = self.MOVEMENT
-        return bool(run.value(register) & bits)
+        return bool(block.value(register) & bits)
 
     def _width_mm(self, tick: int) -> float:
         return self._fingers.width_mm(self._opens * (tick - self._zero_tick) * self.RAD_PER_TICK)

@@ -15,7 +15,7 @@ from palpate.gripper import x_series as x
 from palpate.gripper.bus_servo import BusServoGripper
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperLimits, GripperState
-from palpate.gripper.packets import Register, RegisterRun
+from palpate.gripper.packets import Register, RegisterBlock
 from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine
 
 #: WidowX 250s: each finger is 15 to 37 mm from the middle (its robot description).
@@ -91,16 +91,16 @@ class DynamixelGripper(BusServoGripper):
         Raises `DeviceError` if the servo does not answer or reports an impossible position, or if a
         hardware error has switched off its torque.
         """
-        run = self._read()
+        block = self._read()
         self._raise_reported_error()
         unit = self.model.ma_per_unit
         return GripperState(
             time_s=self._clock.now_s(),
-            width_mm=self._width_mm(self._check_reading(run)),
+            width_mm=self._width_mm(self._check_reading(block)),
             # Positive current turns towards larger positions (e-Manual, "Present Current"), which
             # open the fingers. The sign is inverted, so that a closing current is positive.
-            current_ma=math.nan if unit is None else -run.value(x.PRESENT_CURRENT) * unit,
-            moving=self._is_moving(run) or bool(run.value(x.MOVING)),
+            current_ma=math.nan if unit is None else -block.value(x.PRESENT_CURRENT) * unit,
+            moving=self._is_moving(block) or bool(block.value(x.MOVING)),
         )
 
     def stop(self) -> None:
@@ -200,9 +200,9 @@ class DynamixelGripper(BusServoGripper):
             self._line.write(x.BUS_WATCHDOG, self._watchdog)
             self._line.write(register, value)
 
-    def _check_reading(self, run: RegisterRun) -> int:
+    def _check_reading(self, block: RegisterBlock) -> int:
         """Return the position; raise `DeviceError` if the servo can't have reached it in time."""
-        now_s, tick = self._clock.now_s(), run.value(self.POSITION)
+        now_s, tick = self._clock.now_s(), block.value(self.POSITION)
         last, self._last = self._last, (now_s, tick)
         if last is None:
             return tick
@@ -211,7 +211,8 @@ class DynamixelGripper(BusServoGripper):
         if abs(tick - last_tick) > max_rad / x.RAD_PER_TICK:
             raise DeviceError(
                 f"{self._line.name} reports position {tick}, {now_s - last_s:.2f} s after "
-                f"{last_tick}: no servo turns so fast. Check its cable, and reply_s in the rig file"
+                f"{last_tick}: no servo turns that fast. Check the servo's cable, and reply_s in "
+                "the rig file"
             )
         return tick
 

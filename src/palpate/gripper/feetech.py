@@ -93,9 +93,9 @@ class FeetechGripper(BusServoGripper):
 
         Raises `DeviceError` if the servo does not answer or is in a protection state.
         """
-        run = self._read()
+        block = self._read()
         self._raise_reported_error()
-        tick, is_turning = run.value(self.POSITION), self._is_moving(run)
+        tick, is_turning = block.value(self.POSITION), self._is_moving(block)
         is_leashed = self._sent != self._target
         if is_leashed:
             self._send(self._apply_leash(tick))
@@ -105,7 +105,7 @@ class FeetechGripper(BusServoGripper):
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(tick),
-            current_ma=abs(run.value(sts.PRESENT_CURRENT)) * sts.MA_PER_UNIT,
+            current_ma=abs(block.value(sts.PRESENT_CURRENT)) * sts.MA_PER_UNIT,
             moving=moving,
         )
 

@@ -66,7 +66,7 @@ class CrankFingers:
         return math.asin(sine)
 
     def max_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
-        """Return the largest change of opening per radian between two openings."""
+        """Return the maximum slope between two openings, mm of opening per radian."""
         first, last = self.angle_rad(from_mm), self.angle_rad(to_mm)
         step = (last - first) / (_SLOPE_POINTS - 1)
         return max(self._mm_per_rad(first + step * i) for i in range(_SLOPE_POINTS))
@@ -112,5 +112,5 @@ class HingedJaw:
         return 2 * math.asin(width_mm / (2 * self.jaw_mm))
 
     def max_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
-        """Return the largest change of opening per radian, which is at the narrower opening."""
+        """Return the maximum slope, mm of opening per radian, which is at the narrower opening."""
         return self.jaw_mm * math.cos(self.angle_rad(min(from_mm, to_mm)) / 2)

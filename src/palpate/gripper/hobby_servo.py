@@ -183,7 +183,7 @@ class HobbyServoGripper:
         """Do nothing: the board holds the fingers in place."""
 
     def _extrapolate_pulse(self, reported_us: int, now_s: float) -> float:
-        """Return the pulse width now, from the newest frame, which can be 70 ms old."""
+        """Extrapolate the newest frame, which can be 70 ms old, to the present pulse width."""
         elapsed_s = max(now_s - max(self._board.newest_s, self._commanded_s), 0.0)
         remaining_us = self._target_us - reported_us
         step_us = min(abs(remaining_us), self._rate * elapsed_s)
@@ -194,13 +194,13 @@ class HobbyServoGripper:
             return  # every frame reports the trip
         if servo_us == 0:
             raise DeviceError(
-                "the board sends no servo pulses: it was reset, and the servo has no supply. Open "
-                "the rig again"
+                "the board sends no servo pulses: it was reset and has cut power to the servo. "
+                "Open the rig again"
             )
         if status & BoardStatus.HEARTBEAT_LOST:
             raise DeviceError(
                 "the board holds the fingers in place: it received nothing for 0.5 s. "
-                "Check its cable, and the load on this machine"
+                "Check its cable and the CPU load of this computer"
             )
 
     def _send(self, command: Command) -> None:

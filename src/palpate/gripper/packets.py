@@ -31,14 +31,14 @@ class Register(NamedTuple):
         return -(value & ~(1 << self.sign_bit))
 
 
-class RegisterRun(NamedTuple):
+class RegisterBlock(NamedTuple):
     """Adjacent registers of the control table, read in one packet."""
 
     start: int
     data: bytes
 
     def value(self, register: Register) -> int:
-        """Return the value of a register in this range."""
+        """Return the value of a register in this block."""
         offset = register.address - self.start
         return register.decode(self.data[offset : offset + register.size])
 

@@ -76,8 +76,8 @@ class PneumaticGripper:
         )
         if newest.status & BoardStatus.HEARTBEAT_LOST and is_pressed:
             raise DeviceError(
-                "the board has vented the fingers: it received nothing for 0.5 s. Check its cable, "
-                "and the load on this machine"
+                "the board has vented the fingers: it received nothing for 0.5 s. Check its cable "
+                "and the CPU load of this computer"
             )
         is_lagging = abs(pressure_kpa - self._target_kpa) > _TOLERANCE_KPA
         late_s = now_s - self._arrives_s

@@ -9,7 +9,7 @@ from itertools import cycle
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceTimeoutError, require_extra
-from palpate.gripper.packets import PROTOCOL_2, PacketLayout, Register, RegisterRun
+from palpate.gripper.packets import PROTOCOL_2, PacketLayout, Register, RegisterBlock
 from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
 from palpate.sensor.byte_stream import explain_refusal
 
@@ -84,13 +84,13 @@ class ServoLine:
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""
-        return self.read_run(register.address, register.size).value(register)
+        return self.read_block(register.address, register.size).value(register)
 
-    def read_run(self, start: int, size: int) -> RegisterRun:
+    def read_block(self, start: int, size: int) -> RegisterBlock:
         """Return `size` bytes of the control table, from address `start`."""
         encode = self._layout.encode_word
         data = self._exchange(_READ, encode(start) + encode(size), answer_size=size)
-        return RegisterRun(start, data)
+        return RegisterBlock(start, data)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.

@@ -148,10 +148,11 @@ def _median_cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, F
 
 
 def _find_moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:
-    """Return the cells inside any window whose ends differ by at least `step`.
+    """Return whether each change between adjacent cells belongs to a movement.
 
-    `cells`: longest window. Returns shape (n_cells - 1,); element i is the change from cell i to
-    i + 1.
+    Movements: the shortest windows whose ends differ by at least `step`.
+    `cells`: longest window, in cells. Returns shape (n_cells - 1,); element i is the change from
+    cell i to i + 1.
     """
     moving = np.zeros(max(0, smooth.size - 1), dtype=np.bool_)
     if step <= 0:

@@ -48,12 +48,12 @@ class CutColumn:
 
 
 def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> list[Hold]:
-    """Cut the holds out of a recording, each from a contact to its opening.
+    """Extract the holds of a recording, each from a contact to the opening after it.
 
     Parameters
     ----------
-    recording : Readings, any source of `read_recording`, or times
-        With `values`: times in seconds, shape (n_times,).
+    recording : Readings, or any source of `read_recording`
+        If `values` is given: times in seconds, shape (n_times,).
     values : array_like, shape (n_times,), optional
         Readings at these times.
     cut : {"auto", "none"} or float

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.hold import Hold
-from palpate.holds.strict import Kind, read_pieces
+from palpate.holds.strict import Kind, read_chunks
 from palpate.holds.table import Table, find_runs
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
@@ -95,7 +95,7 @@ def iterate_holds(
     """
     name, current, channels = os.fspath(path), "", dict[str, _Channel]()
     ended: set[str] = set()
-    for table in read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress):
+    for table in read_chunks(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress):
         for rows in find_runs(table.columns["hold_id"]):
             hold_id = table.columns["hold_id"][rows.start]
             if hold_id != current or not channels:
@@ -124,7 +124,7 @@ class _Channel:
         """Store the samples before `until_s` and the first sample at or after it."""
         if self.last_time_s < until_s:
             count = int(np.searchsorted(time_s, until_s)) + 1
-            # A view would keep the whole piece of the file in memory.
+            # A view would keep the whole chunk of the file in memory.
             self.time_s.append(time_s[:count].copy())
             self.values.append(values[:count].copy())
         self.last_time_s = float(time_s[-1])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds.table import LARGEST_NUMBER, Table, is_usable
-from palpate.holds.table_files import detect_format, open_parquet, open_table, read_parquet_pieces
+from palpate.holds.table_files import detect_format, open_parquet, open_table, read_parquet_chunks
 from palpate.holds.text import (
     SEPARATORS,
     open_text,
@@ -54,11 +54,11 @@ def read_table(
     ...     print(str(error).replace(str(path), "loads.csv"))
     loads.csv line 3: load_n is 'heavy', not a finite number up to 1e+150; fix or remove the line
     """
-    pieces = list(read_pieces(path, columns=columns))
-    return {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in columns}
+    chunks = list(read_chunks(path, columns=columns))
+    return {name: np.concatenate([chunk.columns[name] for chunk in chunks]) for name in columns}
 
 
-def read_pieces(
+def read_chunks(
     path: str | os.PathLike[str],
     *,
     columns: Mapping[str, Kind],
@@ -81,12 +81,12 @@ def read_pieces(
         # The file extension decides only if the first bytes match no format.
         packed = form == "parquet" or path.suffix.lower() in (".parquet", ".pq")
         status = os.fstat(file.fileno())
-        for piece in (_read_parquet_pieces if packed else _read_text_pieces)(
+        for chunk in (_read_parquet_chunks if packed else _read_text_chunks)(
             file, wanted, name=name
         ):
-            if piece.rows:
+            if chunk.rows:
                 found = True
-                yield piece
+                yield chunk
             # The length of a pipe is unknown.
             if progress is not None and stat.S_ISREG(status.st_mode):
                 progress(min(1.0, file.tell() / status.st_size))
@@ -108,7 +108,10 @@ class _Wanted:
             need += f"; optional: {','.join(self.optional)}"
         found = ", ".join(names)[:80]
         if not all(name.isprintable() for name in names):
-            raise InputError(f"{where}: not a line of text ({need}); save the file as UTF-8 CSV")
+            raise InputError(
+                f"{where}: the header contains unprintable characters; save the file as UTF-8 CSV "
+                f"({need})"
+            )
         if missing := [name for name in self.columns if name not in names]:
             raise InputError(f"{where}: no column {', '.join(missing)} (found: {found}); {need}")
         kinds = {n: k for n, k in {**self.columns, **self.optional}.items() if n in names}
@@ -118,7 +121,7 @@ class _Wanted:
         return kinds
 
 
-def _read_text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
+def _read_text_chunks(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_text(file, name=name) as text:
         text_lines = read_lines(text)
         header = next(text_lines, "")
@@ -168,7 +171,7 @@ def _strict_numbers(fields: Sequence[str], *, mark: str | None) -> FloatArray:
     return numbers
 
 
-def _read_parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
+def _read_parquet_chunks(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_parquet(file, name=name) as parquet:
         import pyarrow.types as types
 
@@ -182,17 +185,17 @@ def _read_parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) ->
             if not fits and not types.is_integer(plain):
                 must = "text" if kind == "text" else "numbers"
                 raise InputError(f"{name}: column {column} is {plain}; it must be {must}")
-        for piece in read_parquet_pieces(parquet, list(kinds)):
+        for chunk in read_parquet_chunks(parquet, list(kinds)):
             cells, numbers = dict[str, Sequence[Any]](), dict[str, FloatArray]()
             for column, kind in kinds.items():
-                cells[column] = piece.columns[column].tolist()
+                cells[column] = chunk.columns[column].tolist()
                 if kind == "text":
                     cells[column] = ["" if cell is None else str(cell) for cell in cells[column]]
                 else:
-                    numbers[column] = piece.columns[column].astype(np.float64)
+                    numbers[column] = chunk.columns[column].astype(np.float64)
                     numbers[column][~is_usable(numbers[column])] = np.nan
             yield _check_cells(
-                cells, numbers, kinds, table_name=name, row_word="row", row_numbers=piece.numbers
+                cells, numbers, kinds, table_name=name, row_word="row", row_numbers=chunk.numbers
             )
 
 

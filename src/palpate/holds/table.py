@@ -45,7 +45,7 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
     def place(self, row: int) -> str:
-        """Return the place of a row in the file (``"line 12"``)."""
+        """Return the location of a row in the file (``"line 12"``)."""
         return f"{self.word} {self.numbers[row]}"
 
     def numeric(self) -> list[str]:
@@ -77,7 +77,7 @@ def find_runs(labels: NDArray[Any]) -> list[slice]:
 def report_bad_rows(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> list[str]:
     """Return a sentence about the omitted rows; no sentence without bad rows.
 
-    `bad`: place and fault of each row.
+    `bad`: location and fault of each row.
     Raises `InputError` if there are too many; the message names the first.
     """
     if not bad:
@@ -85,8 +85,7 @@ def report_bad_rows(bad: Sequence[tuple[str, str]], *, total: int, name: str) ->
     place, what = bad[0]
     if len(bad) > max(_MAX_BAD_ROWS, _MAX_BAD_FRACTION * total):
         raise InputError(
-            f"{name} {place}: {what}; {len(bad) - 1} more of {total} rows are also unusable; fix "
-            "or remove them"
+            f"{name} {place}: {what}; {len(bad)} of {total} rows are unusable; fix or remove them"
             if len(bad) > 1
             else f"{name} {place}: {what}; fix or remove the row"
         )

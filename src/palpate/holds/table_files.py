@@ -1,4 +1,4 @@
-"""Tables in files of any supported format, recognised by the first bytes, and in arrays."""
+"""Read tables from arrays and files; the first bytes of a file determine its format."""
 
 from __future__ import annotations
 
@@ -76,24 +76,24 @@ def read_table_file(path: Path) -> Table:
             from pyarrow.types import is_nested
 
             columns = parquet.schema_arrow
-            pieces = list(
-                read_parquet_pieces(parquet, [c.name for c in columns if not is_nested(c.type)])
+            chunks = list(
+                read_parquet_chunks(parquet, [c.name for c in columns if not is_nested(c.type)])
             )
     # Nested columns contain no readings, but error messages list their names.
-    rows = sum(piece.rows for piece in pieces)
+    rows = sum(chunk.rows for chunk in chunks)
     arrays = dict.fromkeys(columns.names, np.zeros(rows, object))
-    for column in pieces[0].columns if pieces else ():
-        arrays[column] = np.concatenate([piece.columns[column] for piece in pieces])
+    for column in chunks[0].columns if chunks else ():
+        arrays[column] = np.concatenate([chunk.columns[column] for chunk in chunks])
     return table_of_arrays(arrays, name=name)
 
 
-def import_pyarrow(what: str) -> Any:
+def import_pyarrow(feature: str) -> Any:
     """Import pyarrow with its Parquet module and return it.
 
-    `what`: the feature named in the error.
+    `feature`: named in the error.
     Raises `MissingExtraError` if pyarrow is not installed.
     """
-    with require_extra(what, extra="data"):
+    with require_extra(feature, extra="data"):
         import pyarrow
         import pyarrow.parquet
     return pyarrow
@@ -126,7 +126,7 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
         ) from error
 
 
-def read_parquet_pieces(parquet: Any, columns: Sequence[str]) -> Iterator[Table]:
+def read_parquet_chunks(parquet: Any, columns: Sequence[str]) -> Iterator[Table]:
     """Yield columns of a `ParquetFile` from `open_parquet`, a few thousand rows at a time.
 
     Missing numbers are None.

@@ -109,7 +109,7 @@ def split_rows(
     name: str,
     strict: bool = False,
 ) -> Iterator[NumberedRows]:
-    """Yield the fields of each row, piece by piece; blank lines are rows without fields.
+    """Yield the fields of each row, chunk by chunk; blank lines are rows without fields.
 
     `lines`: with line endings, as the csv module requires.
     `separator`: between fields; None for runs of spaces.
@@ -289,11 +289,11 @@ def _parse_header(above: Sequence[Sequence[str]], width: int) -> list[str]:
 
 
 def gather_rows(
-    pieces: Iterable[NumberedRows], layout: Layout, *, name: str, word: str = "line"
+    chunks: Iterable[NumberedRows], layout: Layout, *, name: str, word: str = "line"
 ) -> Table:
     """Gather rows into a table that lists its skipped rows and its non-numeric fields.
 
-    A column is text if at least half of its first piece is text.
+    A column is text if at least half of its first chunk is text.
 
     `word` ("line" or "row"): unit of the row numbers in messages.
     Raises `InputError` if there are no rows, or too many unusable ones.
@@ -304,7 +304,7 @@ def gather_rows(
     non_numeric: dict[str, list[int]] = {column: [] for column in names}
     used: list[int] = []
     bad: list[tuple[str, str]] = []
-    for rows, numbers in pieces:
+    for rows, numbers in chunks:
         if set(map(len, rows)) != {width}:
             filled = [i for i, row in enumerate(rows) if any(field.strip() for field in row)]
             complete = [

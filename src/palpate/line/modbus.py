@@ -72,7 +72,7 @@ class ModbusStation:
         registers: list[int],
         set_values: Sequence[int] | None,
     ) -> ExcCodes | None:
-        """Answer one request; pymodbus calls it before a read and after a write."""
+        """Answer one request; called by pymodbus before a read and after a write."""
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
@@ -95,7 +95,7 @@ class ModbusStation:
     async def _run_command(self, command: int) -> None:
         machine = self._machine
         if command == GRASP:
-            stops = _join_long(self._written, KNOWN_STOPS - COMMAND)
+            stops = _join_uint32(self._written, KNOWN_STOPS - COMMAND)
             item = self._written[NEW_ITEM - COMMAND : NEW_ITEM - COMMAND + TEXT_REGISTERS]
             target = self._written[TARGET - COMMAND]
             await machine.grasp(
@@ -126,8 +126,8 @@ class ModbusStation:
         found = [0] * REGISTER_COUNT
         found[STATE] = line_state(state)
         found[FLAGS] = _flags(state)
-        found[STOPS : STOPS + 2] = _split_long(int(state["stops"]))
-        found[RESULTS : RESULTS + 2] = _split_long(number)
+        found[STOPS : STOPS + 2] = _split_uint32(int(state["stops"]))
+        found[RESULTS : RESULTS + 2] = _split_uint32(number)
         found[OUTCOME] = 0 if result is None else OUTCOME_NUMBERS[str(result["outcome"])]
         values = list_measurements(result)
         packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
@@ -166,9 +166,9 @@ def _flags(state: Mapping[str, Any]) -> int:
     return sum(bool(bit) << place for place, bit in enumerate(bits))
 
 
-def _split_long(number: int) -> list[int]:
+def _split_uint32(number: int) -> list[int]:
     return [number >> 16 & 0xFFFF, number & 0xFFFF]
 
 
-def _join_long(registers: Sequence[int], at: int) -> int:
+def _join_uint32(registers: Sequence[int], at: int) -> int:
     return registers[at] << 16 | registers[at + 1]

@@ -33,12 +33,12 @@ def list_measurements(document: Mapping[str, Any] | None) -> list[float]:
 
 
 def bin_of(document: Mapping[str, Any] | None) -> str:
-    """Return the bin name of a grasp document; empty without a bin."""
+    """Return the bin name of a grasp document, or an empty string if none."""
     found = (document or {}).get("bin") or {}
     return str(found.get("name") or "")
 
 
 def item_of(document: Mapping[str, Any] | None) -> str:
-    """Return the item of a grasp document; empty without an item."""
+    """Return the item id of a grasp document, or an empty string if none."""
     document = document or {}
     return str(document.get("item_id") or (document.get("item") or {}).get("id") or "")

@@ -166,7 +166,7 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
 
 
 def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
-    """Return the force on a ball between plates at 1 mm (Hertz; ASAE S368).
+    """Return the force that compresses a ball between plates by 1 mm (Hertz; ASAE S368).
 
     Each side is indented by 0.5 mm: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5.
 

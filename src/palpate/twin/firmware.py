@@ -113,24 +113,24 @@ class FirmwareBoard:
         if not self._board:
             raise DeviceNotFoundError(f"{path} is not a valid image; run `make -C firmware` again")
         if bootloader is not None:
-            self._load_boot(bootloader)
+            self._load_bootloader(bootloader)
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
         self._cycles = np.empty(_OUT_BYTES, dtype=np.uint64)
         self._pulse_cycles = np.empty(_PULSES, dtype=np.uint64)
         self._pulse_lengths = np.empty(_PULSES, dtype=np.uint32)
 
-    def _load_boot(self, bootloader: Path) -> None:
+    def _load_bootloader(self, path: Path) -> None:
         try:
-            lines = bootloader.read_text(encoding="ascii").splitlines(keepends=True)
+            lines = path.read_text(encoding="ascii").splitlines(keepends=True)
         except (OSError, UnicodeDecodeError) as error:
-            raise DeviceNotFoundError(f"{bootloader}: {error}") from error
+            raise DeviceNotFoundError(f"{path}: {error}") from error
         # The simulator's reader refuses start addresses (record types 3 and 5).
         readable = [line for line in lines if line[7:9] not in ("03", "05")]
         with NamedTemporaryFile("w", suffix=".hex") as file:
             file.writelines(readable)
             file.flush()
             if self._library.board_load_boot(self._board, file.name.encode()):
-                raise DeviceNotFoundError(f"{bootloader} is not a bootloader in Intel hex format")
+                raise DeviceNotFoundError(f"{path} is not a bootloader in Intel hex format")
 
     def now_s(self) -> float:
         """Return the simulated time since power-up, seconds."""
@@ -153,9 +153,9 @@ class FirmwareBoard:
 
     def read_bytes(self) -> bytes:
         """Return the bytes sent by the board since the last call."""
-        return self.read_timed()[0]
+        return self.read_bytes_with_times()[0]
 
-    def read_timed(self) -> tuple[bytes, NDArray[np.float64]]:
+    def read_bytes_with_times(self) -> tuple[bytes, NDArray[np.float64]]:
         """Return the bytes since the last call and their completion times, seconds."""
         size = self._library.board_take(
             self._board, self._bytes.ctypes.data, self._cycles.ctypes.data
@@ -204,7 +204,7 @@ class FirmwareBoard:
 
     @property
     def conversions(self) -> int:
-        """Conversions of pixels so far."""
+        """Number of pixel conversions so far."""
         return int(self._library.board_conversions(self._board))
 
     @property

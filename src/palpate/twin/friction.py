@@ -29,7 +29,7 @@ class Slide:
     def advance(
         self, step_s: float, *, pull_n: float, grip_n: float, friction: float, mass_g: float
     ) -> Slide:
-        """Return the slide one step later.
+        """Return the sliding state after one time step.
 
         `step_s`: short compared with the time to slide off the pads.
         `pull_n`: pull along the pads, including the weight.

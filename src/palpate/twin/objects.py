@@ -158,7 +158,7 @@ OBJECTS: dict[str, ObjectRange] = {
 def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject:
     """Draw one object.
 
-    `name`: name in `OBJECTS`; by default any name except the rigid block is drawn.
+    `name`: name in `OBJECTS`; by default a random one other than `rigid-block`.
     Raises `ValueError` for an unknown name.
 
     >>> import numpy as np

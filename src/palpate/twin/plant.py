@@ -161,7 +161,7 @@ class Plant:
             motion = replace(motion, to_mm=width_mm)
         bursts = state.obj is not None and squeeze.elastic_n >= state.obj.rupture_n
         # Every field by name: `replace` takes several times as long.
-        following = PlantState(
+        next_state = PlantState(
             time_s=time_s,
             motion=motion,
             obj=state.obj,
@@ -177,28 +177,28 @@ class Plant:
             slide=slide,
         )
         if slide.is_off_pads:
-            return replace(following, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
-        return following
+            return replace(next_state, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
+        return next_state
 
-    def interpolate(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
-        """Return the state at a time between a node and the following node."""
-        if time_s >= following.time_s:
-            return following
-        fraction = (time_s - state.time_s) / (following.time_s - state.time_s)
-        placement = self.placement(following.placed, following.contacts)
+    def interpolate(self, state: PlantState, next_state: PlantState, time_s: float) -> PlantState:
+        """Return the state at a time between a node and the next node."""
+        if time_s >= next_state.time_s:
+            return next_state
+        fraction = (time_s - state.time_s) / (next_state.time_s - state.time_s)
+        placement = self.placement(next_state.placed, next_state.contacts)
         width_mm = state.motion.width_mm(time_s)
-        closure_mm = state.closure_mm + fraction * (following.closure_mm - state.closure_mm)
+        closure_mm = state.closure_mm + fraction * (next_state.closure_mm - state.closure_mm)
         squeeze, before_n = RelaxingForce(), state.squeeze.elastic_n
         if state.obj is not None:
             squeeze = state.squeeze.change_to(
                 state.obj,
-                elastic_n=before_n + fraction * (following.squeeze.elastic_n - before_n),
-                step_s=fraction * (following.time_s - state.time_s),
+                elastic_n=before_n + fraction * (next_state.squeeze.elastic_n - before_n),
+                step_s=fraction * (next_state.time_s - state.time_s),
                 touching=closure_mm > 0,
             )
         sheet_at = partial(
             state.pixels.interpolate,
-            following.pixels,
+            next_state.pixels,
             fraction,
             step_s=time_s - state.time_s,
             travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
@@ -217,12 +217,14 @@ class Plant:
     def run(self, state: PlantState, until_s: float) -> PlantState:
         """Return the state at a later time."""
         while True:
-            following = self.advance_to_next_node(state)
-            if following.time_s >= until_s:
+            next_state = self.advance_to_next_node(state)
+            if next_state.time_s >= until_s:
                 return (
-                    self.interpolate(state, following, until_s) if until_s > state.time_s else state
+                    self.interpolate(state, next_state, until_s)
+                    if until_s > state.time_s
+                    else state
                 )
-            state = following
+            state = next_state
 
     def resistance_ohm(self, state: PlantState) -> FloatArray:
         """Return the resistance of every pixel, shape (pixels,)."""

@@ -140,7 +140,7 @@ LEVELS: dict[str, Ranges] = {"lab": LAB, "field": FIELD}
 
 
 def ranges_of(level: str) -> Ranges:
-    """Return the ranges of a level.
+    """Return the ranges of the twin's random draws at a level (`lab` or `field`).
 
     Raises `ValueError` for an unknown level.
     """

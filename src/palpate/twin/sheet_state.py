@@ -74,7 +74,7 @@ class SheetState:
 
     def interpolate(
         self,
-        following: SheetState,
+        next_state: SheetState,
         fraction: float,
         *,
         step_s: float,
@@ -83,8 +83,8 @@ class SheetState:
         creep: Creep,
     ) -> SheetState:
         """Return the state within a step, after a fraction of `step_s`."""
-        sensed_n = self.sensed_n + fraction * (following.sensed_n - self.sensed_n)
-        target = self.target + fraction * (following.target - self.target)
+        sensed_n = self.sensed_n + fraction * (next_state.sensed_n - self.sensed_n)
+        target = self.target + fraction * (next_state.target - self.target)
         return self._step(step_s, sensed_n, target, travel_mm, sheet, creep)
 
     def resistance_ohm(self, sheet: Sheet, *, creep: Creep, rest_factor: float = 1.0) -> FloatArray:

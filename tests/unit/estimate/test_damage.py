@@ -125,7 +125,7 @@ def felt(low: float, value: float, high: float) -> Measurement:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.01, 0.1])
-def test_damage_bound_keeps_its_rate(rate: float) -> None:
+def test_damage_bound_of_unseen_fruit_limits_damage_to_the_rate(rate: float) -> None:
     """Fruit compliance is known to 0.07 mm/N, a fifth; the bound holds on average."""
     rng, damaged, count = np.random.default_rng(11), 0, 0
     for seed in (1, 2, 3, 4):

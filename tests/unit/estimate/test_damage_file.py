@@ -227,7 +227,7 @@ def test_find_unfit_returns_reason_for_each_closing() -> None:
     [
         ("a,1,1\na,2,2\nb,1,1\na,3,3\n", "a,kiwi,3\n", "samples of a are not contiguous"),
         ("a,1,1\na,2,2\n", "a,kiwi,3\na,kiwi,3\n", "a is listed twice"),
-        ("a,1,1\na,2,2\n", "a,,3\n", "a has no fruit"),
+        ("a,1,1\na,2,2\n", "a,,3\n", "the fruit of a is empty"),
     ],
 )
 def test_read_closings_inconsistent_files_are_refused(

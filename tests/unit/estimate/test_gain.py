@@ -222,7 +222,7 @@ def test_gain_from_calibration_preserves_law_and_widens_with_uncertainty() -> No
     assert same.value.tolist() == said.value.tolist()
     assert same.high == pytest.approx(said.high)
     assert same.low == pytest.approx(said.low)
-    wide = Gain.from_calibration(law_sd=0.05, more_sd=0.2).apply_to(said)
+    wide = Gain.from_calibration(law_sd=0.05, additional_sd=0.2).apply_to(said)
     assert wide.high[1] > 2.7
     assert wide.low[1] < 1.5
     assert wide.high[0] == 0.3

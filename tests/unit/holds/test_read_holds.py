@@ -60,7 +60,7 @@ def test_read_holds_decodes_windows_encodings(tmp_path: Path, encoding: str) -> 
     assert hold.hold_id == "café"
 
 
-def test_read_holds_interleaved_and_sequential_channels(tmp_path: Path) -> None:
+def test_read_holds_separates_interleaved_and_sequential_channels(tmp_path: Path) -> None:
     text = "hold_id,channel,time_s,value\na,l,0,1\na,r,0,2\na,l,1,3\na,r,2,4\nb,r,0,5\nb,,0,6\n"
     assert as_lists(list(read_holds(write_file(tmp_path, "holds.csv", text)))) == [
         ("a", "l", [0.0, 1.0], [1.0, 3.0]),
@@ -131,7 +131,7 @@ BAD_BYTES = {
     "cut.parquet": (b"PAR1" + RANDOM_BYTES, "not a complete Parquet file"),
     "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are truncated"),
     "zeros.csv": (bytes(300_000), "not a text file"),
-    "signs.csv": (b"\x07\n", "line 1: not a line of text"),
+    "signs.csv": (b"\x07\n", "line 1: the header contains unprintable characters"),
     "late.csv": (
         HEADER.encode() + NOISE.encode() + b"caf\xe9,0,1\n",
         "20002: hold_id 'caf\\ufffd'",

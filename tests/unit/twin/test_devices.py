@@ -67,7 +67,7 @@ def test_twin_gripper_returns_clamped_command() -> None:
     assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
 
 
-def test_twin_gripper_moves_at_rate_stops_and_releases() -> None:
+def test_twin_gripper_commands_move_at_rate_then_stop_then_open_fully() -> None:
     setting = make_world()
     gripper = TwinGripper(setting)
     gripper.command(GripperCommand(target=54.0, rate=10.0))

@@ -52,7 +52,7 @@ def test_world_frames_are_reproducible_by_seed() -> None:
     assert scans[0] != scans[2]
 
 
-def test_worlds_with_equal_sheet_seed_share_sensor() -> None:
+def test_worlds_with_equal_sheet_seeds_have_equal_sensors() -> None:
     first, second = (World(make_object(), seed=s, sheet_seed=3) for s in (1, 2))
     np.testing.assert_array_equal(first.sheet.rest_ohm, second.sheet.rest_ohm)
     assert first.compliance == second.compliance
