@@ -289,7 +289,7 @@ def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: A
 def test_hand_without_movement_fails_unless_its_commands_were_cancelled(
     plan: Plan, bench: Any, is_cancelled: bool, is_refused: bool
 ) -> None:
-    """The guard of the force stops a hand before it moves: the hand is not blocked."""
+    """A hand that the force guard stops before it moves is not blocked."""
     hand, limits = _Hand(bench, plan=plan), plan.gripper
     state = hand.state()
     reported = limits.drive_reading(state)
