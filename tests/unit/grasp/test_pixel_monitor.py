@@ -149,6 +149,15 @@ def test_pixel_monitor_simultaneous_shorts_while_closing_raise_force_limit(plan:
     assert "loaded beyond its measuring range" in alarm.message
 
 
+def test_pixel_monitor_short_of_one_pixel_while_closing_reads_short(plan: Plan) -> None:
+    frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
+    for frame in frames[3:]:
+        frame[1, 1] = 1023
+    alarm = alarms(plan, frames, moving=True)[4]
+    assert alarm.danger is Danger.SENSOR_LOST
+    assert "pixel R1 C1 reads short" in alarm.message
+
+
 def test_pixel_monitor_shorts_from_first_frame_raise_alarm(plan: Plan) -> None:
     alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
     assert alarm.danger is Danger.SENSOR_LOST
