@@ -58,7 +58,6 @@ class PixelMonitor:
         self._unchanged = np.zeros(self._rest.shape, dtype=int)
         self._shaken = np.zeros(self._rest.shape, dtype=bool)
         self._changed_s = np.full(self._rest.shape, np.inf)
-        self._now_s = 0.0
         self._counted_at = 0.0
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
@@ -88,7 +87,6 @@ class PixelMonitor:
         changed = counts != before
         self._shaken |= changed
         self._changed_s = np.where(changed, frame.time_s, np.fmin(self._changed_s, frame.time_s))
-        self._now_s = frame.time_s
         self._count_alike(alike=not changed.any())
         equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
@@ -118,9 +116,9 @@ class PixelMonitor:
         # A saturated reading is not stuck.
         self._shaken |= self._pressed
         self._counts = counts
-        return self._describe_fault()
+        return self._describe_fault(frame.time_s)
 
-    def _describe_fault(self) -> Alarm | None:
+    def _describe_fault(self, now_s: float) -> Alarm | None:
         unchanged = self._unchanged >= PIXELS.all_moves
         if unchanged.size and (unchanged.all() or self._is_repeating):
             since = f"{self._alike} frames"
@@ -134,7 +132,7 @@ class PixelMonitor:
         failed = {
             "open": self._opened >= PIXELS.fault_frames,
             "short": ended & self._shorted,
-            "stuck": self._find_stuck_pixels(),
+            "stuck": self._find_stuck_pixels(now_s),
         }
         for how, mask in failed.items():
             if mask.any():
@@ -177,9 +175,9 @@ class PixelMonitor:
             self._shaken = np.zeros_like(self._shaken)
             self._counted_at = closure
 
-    def _find_stuck_pixels(self) -> NDArray[np.bool_]:
+    def _find_stuck_pixels(self, now_s: float) -> NDArray[np.bool_]:
         """Return the pixels unchanged in many movements, or in few over a long time."""
-        long = self._now_s - self._changed_s > GUARDS.patience_s
+        long = now_s - self._changed_s > GUARDS.patience_s
         return self._find_unchanged(PIXELS.stuck_moves, others=PIXELS.other_moves) | (
             self._find_unchanged(PIXELS.slow_stuck_moves, others=1) & long
         )
