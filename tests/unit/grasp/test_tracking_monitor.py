@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.grasp.config import GUARDS
 from palpate.grasp.safety import SafetyLimits
 from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_impossible_value
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
@@ -71,6 +72,7 @@ def test_command_tracking_polls_only_width_driven_closing() -> None:
     look = sent(WIDTH, 40.0, 30.0).poll_interval_s
     assert look(now_s=1.2, limits=WIDTH, safety=SAFETY) == pytest.approx(often_s)
     assert look(now_s=1.5 + 1.9 * often_s, limits=WIDTH, safety=SAFETY) is not None
+    assert look(now_s=1.5 + 2.0 * often_s, limits=WIDTH, safety=SAFETY) is not None
     assert look(now_s=1.5 + 2.1 * often_s, limits=WIDTH, safety=SAFETY) is None
     for way, limits in ((sent(WIDTH, 30.0, 40.0), WIDTH), (sent(PRESSURE, 10.0, 20.0), PRESSURE)):
         assert way.poll_interval_s(now_s=1.2, limits=limits, safety=SAFETY) is None
@@ -91,6 +93,8 @@ def test_command_tracking_idle_is_below_a_third_of_expected_travel(
     # By 1.25 s the rate has made 5 mm or kPa.
     assert (idle(1.4, 1.25), idle(1.6, 1.25)) == (True, False)
     assert idle(0.0, 1.005) is None
+    # A third of the way is the first distance that counts as moved.
+    assert idle(3.0, 9.0) is False
     # Later than the way takes, no more than all of it is expected.
     assert (idle(2.9, 9.0), idle(3.1, 9.0)) == (True, False)
 
@@ -208,3 +212,69 @@ def test_impossible_reports_are_described() -> None:
     assert find_impossible_value(drawing(float("nan")), limits=WIDTH) is None
     lost = find_impossible_value(drawing(float("nan")), limits=WIDTH, before=drawing(100.0))
     assert "current of nan mA" in lost
+
+
+@pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
+def test_report_at_the_edge_of_the_tolerated_range_is_possible(limits: GripperLimits) -> None:
+    far = GUARDS.range_fraction * limits.span
+    for value in (limits.lowest - far, limits.highest + far):
+        assert find_impossible_value(at(limits, value), limits=limits) is None
+
+
+@pytest.mark.parametrize(
+    ("begin", "target", "later", "is_continued"),
+    [
+        (40.0, 30.0, 28.0, True),
+        (40.0, 30.0, 30.0, True),
+        (40.0, 30.0, 30.1, False),
+        (30.0, 40.0, 40.0, True),
+        (30.0, 40.0, 39.9, False),
+    ],
+)
+def test_command_tracking_later_command_continues_up_to_the_same_target(
+    begin: float, target: float, later: float, is_continued: bool
+) -> None:
+    command = GripperCommand(target=later, rate=20.0)
+    assert sent(WIDTH, begin, target).is_continued_by(command) is is_continued
+
+
+@pytest.mark.parametrize(("travel_mm", "is_idle"), [(0.5, True), (0.49, None)])
+def test_command_tracking_smallest_evaluated_travel_is_inclusive(
+    travel_mm: float, is_idle: bool | None
+) -> None:
+    wide = GripperLimits(drive="width", lowest=0.0, highest=100.0, fastest=60.0)
+    way = sent(wide, 40.0, 40.0 - travel_mm)
+    assert way.is_idle(at(wide, 40.0), now_s=9.0, limits=wide) is is_idle
+
+
+@pytest.mark.parametrize(
+    ("reported", "fault"), [(29.75, None), (29.5, "moved on"), (30.5, None), (30.75, "blockage")]
+)
+def test_command_tracking_limit_itself_is_no_fault(reported: float, fault: str | None) -> None:
+    """Overshoot of 0.25 mm, and arrival within 0.5 mm."""
+    safety = SafetyLimits(overshoot_mm=0.25, tracking_tolerance_mm=0.5)
+    found = sent(WIDTH, 40.0, 30.0).find_fault(
+        at(WIDTH, reported), now_s=9.0, limits=WIDTH, safety=safety
+    )
+    assert found is None if fault is None else fault in str(found)
+
+
+@pytest.mark.parametrize(("limits", "lag"), [(WIDTH, 0.5), (PRESSURE, 2.0)])
+@pytest.mark.parametrize(("excess", "is_fault"), [(0.0, False), (0.0625, True)])
+def test_speed_monitor_lag_itself_is_no_fault(
+    limits: GripperLimits, lag: float, excess: float, is_fault: bool
+) -> None:
+    """At 4 units/s, 6 and the travel during the latency are allowed in one second."""
+    watch = SpeedMonitor(limits, safety=replace(SAFETY, latency_s=0.125))
+    way = sent(limits, limits.target(10.0), limits.target(30.0), rate=4.0)
+    closed = 10.0 + 6.0 + 0.5 + lag + excess
+    assert watch.find_fault(at(limits, limits.target(10.0)), tracking=way) is None
+    fault = watch.find_fault(at(limits, limits.target(closed), time_s=1.0), tracking=way)
+    assert (fault is not None) == is_fault
+
+
+def test_speed_monitor_slow_movement_cancels_earlier_lead() -> None:
+    watch, way = SpeedMonitor(WIDTH, safety=SAFETY), sent(WIDTH, 60.0, 20.0, rate=4.0)
+    reports = [(0.0, 60.0), (1.0, 53.6), (2.0, 53.6), (3.0, 47.2)]
+    for time_s, width_mm in reports:
+        assert watch.find_fault(at(WIDTH, width_mm, time_s=time_s), tracking=way) is None
