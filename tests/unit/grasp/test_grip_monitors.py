@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.factories import closing_steps, touch
 
-from palpate.grasp.config import GUARDS
-from palpate.grasp.estimator import ContactEstimate, Observation, Touch
-from palpate.grasp.monitors import FingersMonitor, ResponseMonitor, SlipMonitor
+from palpate.grasp.config import GUARDS, READING
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Observation, Touch
+from palpate.grasp.monitors import (
+    BoardMonitor,
+    CeilingMonitor,
+    FingersMonitor,
+    ResponseMonitor,
+    RestMonitor,
+    SlipMonitor,
+    TimeMonitor,
+)
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Danger
@@ -35,10 +45,6 @@ def test_slip_monitor_reading_below_fraction_raises_alarm(plan: Plan, phase: Pha
     assert alarm.danger is Danger.SLIPPED
 
 
-def test_slip_monitor_reading_above_fraction_raises_no_alarm(plan: Plan) -> None:
-    assert SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction + 0.02)) is None
-
-
 def test_slip_monitor_while_opening_raises_no_alarm(plan: Plan) -> None:
     assert SlipMonitor(plan).check(SEEN, held(0.0, phase=Phase.RELEASE)) is None
 
@@ -61,6 +67,8 @@ def closed(*readings: float) -> GraspState:
         ((2.0, 1.9, 1.91, 1.8, 1.7), False),
         ((2.0, 1.999, 1.998, 1.997), False),
         ((2.0, 1.9, 1.8, 1.7, 2.1), False),
+        # Falls of exactly the limit, 1 % of the largest reading.
+        ((100.0, 99.0, 98.0, 97.0), False),
     ],
 )
 def test_response_monitor_three_falling_responses_raise_an_alarm(
@@ -70,6 +78,31 @@ def test_response_monitor_three_falling_responses_raise_an_alarm(
     assert (alarm is not None) == is_alarm
     if alarm is not None:
         assert alarm.danger is Danger.UNSEEN_FORCE
+        assert "the reading falls while the hand closes" in alarm.message
+
+
+def test_response_monitor_contact_at_its_threshold_raises_an_alarm(plan: Plan) -> None:
+    state = closed(2.0, 1.9, 1.8, 1.7)
+    state.estimate.steps = closing_steps(
+        (2.0, 1.9, 1.8, 1.7), step_mm=1.0, percent=READING.contact_percent
+    )
+    assert ResponseMonitor(plan).check(SEEN, state) is not None
+
+
+@pytest.mark.parametrize("contact_s", [None, 1.0])
+def test_response_monitor_falls_before_contact_raise_no_alarm(
+    plan: Plan, contact_s: float | None
+) -> None:
+    state = closed(2.0, 1.9, 1.8, 1.7)
+    state.estimate.contact_s = contact_s
+    assert ResponseMonitor(plan).check(SEEN, state) is None
+
+
+def test_response_monitor_after_loss_of_contact_raises_no_alarm(plan: Plan) -> None:
+    state = closed(2.0, 1.9, 1.8, 1.7)
+    free = ClosingStep(closure=24.0, touch=touch(0.0, percent=0.0, time_s=4.0))
+    state.estimate.steps += (free,)
+    assert ResponseMonitor(plan).check(SEEN, state) is None
 
 
 def one_finger(phase: Phase, *, other_percent: float) -> GraspState:
@@ -94,6 +127,8 @@ def one_finger(phase: Phase, *, other_percent: float) -> GraspState:
         (Phase.SQUEEZE, 0.0, True),
         (Phase.HOLD, 0.0, True),
         (Phase.HOLD, -30.0, False),
+        # A hint of contact at the other finger, exactly at its threshold.
+        (Phase.HOLD, -3.0, False),
         (Phase.APPROACH, 0.0, False),
         (Phase.RELEASE, 0.0, False),
     ],
@@ -116,6 +151,9 @@ def test_fingers_monitor_grip_of_one_finger_alone_raises_an_alarm_while_holding(
         (Activity.EASE, 0.0, 2.5, 5.0, False),
         (Activity.EASE, 1.0, 2.5, 0.0, False),
         (Activity.FORECAST, 1.0, 2.5, 5.0, False),
+        # The shortest wait, and a rise of exactly the limit.
+        (Activity.EASE, 1.0, 2.5, 0.1, True),
+        (Activity.EASE, 1.0, 2.2, 5.0, False),
     ],
 )
 def test_response_monitor_rise_after_opening_raises_an_alarm(
@@ -128,8 +166,8 @@ def test_response_monitor_rise_after_opening_raises_an_alarm(
 ) -> None:
     steps = closing_steps((1.0, 2.0), step_mm=1.0)
     estimate = ContactEstimate(
-        now_s=9.0,
-        still_since_s=9.0 - still_s,
+        now_s=still_s,
+        still_since_s=0.0,
         steps=steps,
         contact_s=0.0,
         closure=steps[-1].closure - opened_mm,
@@ -139,3 +177,74 @@ def test_response_monitor_rise_after_opening_raises_an_alarm(
         phase=Phase.SETTLE, estimate=estimate, correction=Correction(activity=activity)
     )
     assert (ResponseMonitor(plan).check(SEEN, state) is not None) == is_alarm
+
+
+@pytest.mark.parametrize(("has_tripped", "is_alarm"), [(True, True), (False, False)])
+def test_board_monitor_tripped_ceiling_raises_force_limit_alarm(
+    has_tripped: bool, is_alarm: bool
+) -> None:
+    frame = replace(SEEN.frame, ceiling_tripped=has_tripped)
+    alarm = BoardMonitor().check(replace(SEEN, frame=frame), held(1.0))
+    assert (alarm is not None) == is_alarm
+    if alarm is not None:
+        assert alarm.danger is Danger.FORCE_LIMIT
+        assert "the board's own ceiling has tripped" in alarm.message
+
+
+def test_rest_monitor_checks_each_new_rest_once(plan: Plan) -> None:
+    monitor, state = RestMonitor(plan), held(1.0)
+    found = list[bool]()
+    for factor in (10.0, 10.0, None, 1.0, None, 10.0):
+        state.estimate.rest_ohm = None if factor is None else factor * plan.rest_ohm
+        alarm = monitor.check(SEEN, state)
+        assert alarm is None or alarm.danger is Danger.SENSOR_LOST
+        found.append(alarm is not None)
+    assert found == [True, False, False, False, False, True]
+
+
+@pytest.mark.parametrize(("excess", "is_alarm"), [(0.0, False), (0.01, True)])
+def test_ceiling_and_time_monitor_raise_an_alarm_only_above_their_limits(
+    plan: Plan, excess: float, is_alarm: bool
+) -> None:
+    state = held(1.0, phase=Phase.SETTLE)
+    state.estimate.force_n = plan.safety.force_ceiling_n + excess
+    state.estimate.began_s, state.estimate.now_s = 0.0, plan.longest_s + excess
+    assert (CeilingMonitor(plan).check(SEEN, state) is not None) == is_alarm
+    assert (TimeMonitor(plan).check(SEEN, state) is not None) == is_alarm
+
+
+@pytest.mark.parametrize(
+    ("frames", "still_s", "reading", "is_alarm"),
+    [
+        (6, 0.3, 6.9, True),
+        (6, 0.3, 7.0, False),
+        (5, 0.3, 6.9, False),
+        (6, 0.29, 6.9, False),
+    ],
+)
+def test_slip_monitor_limits_are_inclusive(
+    plan: Plan, frames: int, still_s: float, reading: float, is_alarm: bool
+) -> None:
+    """Six frames, 0.3 s at rest, and 35 % of the largest reading, 20."""
+    estimate = ContactEstimate(
+        now_s=still_s,
+        still_since_s=0.0,
+        touches=(touch(reading, time_s=0.2),) * frames,
+        strongest_reading=20.0,
+    )
+    state = GraspState(phase=Phase.HOLD, estimate=estimate)
+    assert (SlipMonitor(plan).check(SEEN, state) is not None) == is_alarm
+
+
+@pytest.mark.parametrize(
+    ("frames", "still_s", "pressed_percent", "is_alarm"),
+    [(3, 0.4, -6.0, True), (2, 0.4, -6.0, False), (3, 0.39, -6.0, False), (3, 0.4, -5.9, False)],
+)
+def test_fingers_monitor_limits_are_inclusive(
+    plan: Plan, frames: int, still_s: float, pressed_percent: float, is_alarm: bool
+) -> None:
+    """Three frames, 0.4 s at rest, and two hints of -3 % at one finger."""
+    pressed = replace(touch(1.0, time_s=0.2), finger_percent=(0.0, pressed_percent))
+    estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
+    state = GraspState(phase=Phase.HOLD, estimate=estimate)
+    assert (FingersMonitor(plan).check(SEEN, state) is not None) == is_alarm
