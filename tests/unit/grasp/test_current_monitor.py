@@ -124,12 +124,28 @@ def test_current_monitor_force_not_shown_by_sheet_raises_alarm(
 def test_current_monitor_weak_force_raises_alarm_after_two_movements(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
+    stands = GripperState(time_s=0.0, width_mm=53.0, current_ma=0.0)
+    still = estimate_of(0.0, closure=20.0, still=True)
+    assert watch.check(stands, estimate=still) is None, "one movement counts once"
+    # A movement too short to be reported is not counted.
+    assert watch.check(stands, estimate=replace(still, moved_s=9.0)) is None
     assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
-def test_current_monitor_force_shown_by_sheet_raises_no_alarm(calibrated: Plan) -> None:
+def test_current_monitor_weak_force_in_alternate_movements_raises_no_alarm(
+    calibrated: Plan,
+) -> None:
     watch = CurrentMonitor(calibrated)
-    assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
+    for closure, force_n in enumerate((0.0, 2.6, 0.0, 2.6)):
+        assert moved(watch, of_force(force_n), closure=20.0 + closure)[-1] is None
+
+
+@pytest.mark.parametrize(("force_n", "reading"), [(6.0, 12.0), (0.0, 0.02)])
+def test_current_monitor_force_shown_by_sheet_raises_no_alarm(
+    calibrated: Plan, force_n: float, reading: float
+) -> None:
+    watch = CurrentMonitor(calibrated)
+    assert moved(watch, of_force(force_n), closure=20.0, reading=reading) == [None] * 5
 
 
 def test_current_monitor_opening_movement_is_not_checked(calibrated: Plan) -> None:
@@ -138,19 +154,43 @@ def test_current_monitor_opening_movement_is_not_checked(calibrated: Plan) -> No
     assert found == [None] * 5
 
 
-def test_current_monitor_checks_closing_despite_opening_command(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
+@pytest.mark.parametrize(("step_mm", "is_alarm"), [(0.3, True), (0.0625, False)])
+def test_current_monitor_checks_closing_despite_opening_command(
+    calibrated: Plan, step_mm: float, is_alarm: bool
+) -> None:
+    """A change by one step of the reports is not a closing."""
+    watch = CurrentMonitor(replace(calibrated, resolution=0.0625))
     found = list[Alarm | None]()
     for part in range(6):
-        closure = 20.0 + 0.3 * part
+        closure = 20.0 + step_mm * part
         state = GripperState(
             time_s=0.02 * part, width_mm=74.0 - closure, current_ma=of_force(22.0), moving=True
         )
         estimate = replace(estimate_of(100.0, closure=closure, still=False), sent=10.0)
         found.append(watch.check(state, estimate=estimate))
     alarms = [alarm for alarm in found if alarm is not None]
-    assert alarms
-    assert alarms[0].danger is Danger.FORCE_LIMIT
+    assert bool(alarms) == is_alarm
+    assert not alarms or alarms[0].danger is Danger.FORCE_LIMIT
+
+
+def test_current_monitor_hand_pushing_at_its_target_raises_alarm(calibrated: Plan) -> None:
+    watch, estimate = CurrentMonitor(calibrated), estimate_of(100.0, closure=19.0, still=False)
+    pushes = GripperState(time_s=0.0, width_mm=54.0, current_ma=of_force(22.0), moving=True)
+    found = [watch.check(pushes, estimate=estimate) for _ in range(4)]
+    assert found[-1].danger is Danger.FORCE_LIMIT
+
+
+def test_current_monitor_reversal_without_stop_discards_closing_current(calibrated: Plan) -> None:
+    watch = CurrentMonitor(calibrated)
+    for closure, sent, current_ma in ((20.0, 21.0, of_force(6.0)), (19.5, 19.0, -GEARS_MA)):
+        state = GripperState(
+            time_s=closure, width_mm=74.0 - closure, current_ma=current_ma, moving=True
+        )
+        estimate = replace(estimate_of(12.0, closure=closure, still=False), sent=sent)
+        assert watch.check(state, estimate=estimate) is None
+    away = replace(estimate_of(0.0, closure=19.0, still=True), sent=19.0)
+    stands = GripperState(time_s=30.0, width_mm=55.0, current_ma=0.0)
+    assert watch.check(stands, estimate=away) is None
 
 
 def test_current_monitor_uncalibrated_compares_with_approach(plan: Plan) -> None:
@@ -246,6 +286,16 @@ def test_current_monitor_negative_current_raises_alarm(
     assert closure < 3.0
 
 
+@pytest.mark.parametrize(("mean_ma", "is_alarm"), [(0.0, False), (1.0, True)])
+def test_current_monitor_negative_current_is_usual_unless_calibrated_friction_is_positive(
+    plan: Plan, mean_ma: float, is_alarm: bool
+) -> None:
+    gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
+    law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
+    alarm = swept(CurrentMonitor(replace(plan, current=law)), lambda at: -GEARS_MA)[1]
+    assert (alarm is not None) == is_alarm
+
+
 @pytest.mark.parametrize("mean_ma", [-GEARS_MA, 0.0, 0.001])
 def test_current_monitor_calibrated_negative_friction_raises_no_alarm(
     plan: Plan, mean_ma: float
@@ -262,6 +312,7 @@ def test_current_monitor_missing_calibrated_current_raises_alarm(calibrated: Pla
     (alarm,) = set(found) - {None}
     assert alarm.danger is Danger.GRIPPER_FAULT
     assert "reports no current" in alarm.message
+    assert found.index(alarm) == 18, "the sixteenth report of a movement"
 
 
 def test_current_monitor_missing_uncalibrated_current_raises_no_alarm(plan: Plan) -> None:
@@ -367,3 +418,103 @@ def test_current_monitor_force_limit_starts_at_proven_ceiling(
     )
     dangers = [alarm.danger for alarm in found if alarm is not None]
     assert (Danger.FORCE_LIMIT in dangers[:4]) == is_limit
+
+
+@pytest.fixture
+def ideal(plan: Plan) -> Plan:
+    """A gripper without friction or noise: the current proves the force exactly."""
+    gears = GearFriction(mean_ma=0.0, mean_sd_ma=0.0, movement_ma=0.0)
+    return replace(plan, current=CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=0.0))
+
+
+@pytest.mark.parametrize(("excess_n", "is_limit"), [(0.0, False), (0.01, True)])
+def test_current_monitor_proven_force_at_ceiling_is_allowed(
+    ideal: Plan, excess_n: float, is_limit: bool
+) -> None:
+    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
+    current_ma = per_n * (ideal.safety.force_ceiling_n + excess_n)
+    found = moved(CurrentMonitor(ideal), current_ma, closure=20.0, reading=100.0)
+    assert (found[3] is not None) == is_limit
+
+
+@pytest.mark.parametrize(
+    ("excess_n", "still_s", "is_alarm"), [(0.0, 0.3, False), (0.01, 0.3, True), (0.01, 0.29, False)]
+)
+def test_current_monitor_twice_the_force_of_the_sheet_is_allowed(
+    ideal: Plan, excess_n: float, still_s: float, is_alarm: bool
+) -> None:
+    """The sheet's response is complete 0.3 s after a movement."""
+    shown_n = float(ideal.early_law.force_n(2.0, level=ideal.level).high)
+    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
+    current_ma = per_n * (CURRENT.sheet_ratio * shown_n + excess_n)
+    stands = GripperState(time_s=0.0, width_mm=54.0, current_ma=current_ma)
+    estimate = replace(estimate_of(2.0, closure=20.0, still=True), now_s=still_s, still_since_s=0.0)
+    assert (CurrentMonitor(ideal).check(stands, estimate=estimate) is not None) == is_alarm
+
+
+def closing(
+    watch: CurrentMonitor, currents_ma: list[float], *, reading: float = 0.0, lag_s: float = 1.0
+) -> list[Alarm | None]:
+    """Close without a stop with these currents; frames are this much later than reports."""
+    found = list[Alarm | None]()
+    for number, current_ma in enumerate(currents_ma):
+        time_s = 1.0 + number
+        state = GripperState(
+            time_s=time_s, width_mm=60.0 - number, current_ma=current_ma, moving=True
+        )
+        estimate = estimate_of(reading, closure=14.0 + number, still=False)
+        found.append(watch.check(state, estimate=replace(estimate, now_s=time_s + lag_s)))
+    return found
+
+
+@pytest.mark.parametrize(("offset_ma", "is_alarm"), [(0.0, False), (-1.0, True)])
+def test_current_monitor_negative_current_at_margin_raises_no_alarm(
+    plan: Plan, offset_ma: float, is_alarm: bool
+) -> None:
+    """Two alternating currents are also not stuck."""
+    currents_ma = [-CURRENT.margin_ma + offset_ma + (-1.0) ** number for number in range(16)]
+    assert (closing(CurrentMonitor(plan), currents_ma)[-1] is not None) == is_alarm
+
+
+@pytest.mark.parametrize(
+    ("risen_ma", "lag_s", "reading", "is_alarm"),
+    [
+        (100.0, 1.0, 2.0, False),
+        (101.0, 1.0, 2.0, True),
+        (101.0, 0.06, 2.0, False),
+        (101.0, 1.0, 2.1, False),
+    ],
+)
+def test_current_monitor_uncalibrated_rise_limits_are_inclusive(
+    plan: Plan, risen_ma: float, lag_s: float, reading: float, is_alarm: bool
+) -> None:
+    """Limits: 100 mA, the lag of the sheet, and 1 N on the sheet."""
+    currents_ma = [GEARS_MA + (-1.0) ** number for number in range(20)] + [risen_ma] * 4
+    found = closing(CurrentMonitor(plan), currents_ma, reading=reading, lag_s=lag_s)
+    assert found[:-1] == [None] * 23
+    assert (found[-1] is not None) == is_alarm
+
+
+@pytest.mark.parametrize(("friction_ma", "limit_ma"), [(40.0, 100.0), (-5.0, 20.0)])
+@pytest.mark.parametrize(
+    ("excess_ma", "reading", "is_alarm"), [(0.0, 0.0, False), (1.0, 0.0, True), (1.0, 1.5, False)]
+)
+def test_current_monitor_uncalibrated_limit_of_short_movements_is_inclusive(
+    plan: Plan,
+    friction_ma: float,
+    limit_ma: float,
+    excess_ma: float,
+    reading: float,
+    is_alarm: bool,
+) -> None:
+    """A hint of contact of -3 % explains any rise."""
+    watch = CurrentMonitor(plan)
+    for closure in range(4):
+        moved(watch, friction_ma - closure, closure=closure)
+    alarm = moved(watch, limit_ma + excess_ma, closure=4.0, reading=reading)[-1]
+    assert (alarm is not None) == is_alarm
+
+
+def test_current_monitor_uncalibrated_current_proves_no_force(plan: Plan) -> None:
+    low = replace(plan, safety=replace(plan.safety, force_ceiling_n=0.5))
+    assert moved(CurrentMonitor(low), GEARS_MA, closure=20.0) == [None] * 5
