@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from tests.factories import closing_steps
 
+from palpate.estimate.damage import DamageModel
+from palpate.grasp.config import SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety_filter import filter_command, safe_step, stop_here
-from palpate.gripper.interface import GripperCommand
+from palpate.grasp.safety_filter import filter_command, quantize_target, safe_step, stop_here
+from palpate.gripper.interface import GripperCommand, GripperLimits
 
 
 def pressed(force_n: float, **known: float) -> ContactEstimate:
@@ -38,14 +41,83 @@ def test_filter_command_shortens_and_slows_unsafe_closing(plan: Plan, ceiling_n:
     assert command.rate == pytest.approx(wish.rate * travel / 4.0)
 
 
-def test_filter_command_passes_opening_unchanged(plan: Plan) -> None:
-    wish = GripperCommand(target=70.0, rate=60.0)
+@pytest.mark.parametrize("target_mm", [70.0, 54.0])
+def test_filter_command_passes_opening_and_stop_unchanged(plan: Plan, target_mm: float) -> None:
+    wish = GripperCommand(target=target_mm, rate=60.0)
     assert filter_command(wish, pressed(20.0), plan) is wish
 
 
-def test_stop_here_of_lagging_hand_targets_reported_position(plan: Plan) -> None:
-    reported = 20.0 - 0.3
-    command = stop_here(pressed(5.0, tracking_lag=0.3), plan)
+def test_filter_command_of_fully_closed_hand_returns_none(plan: Plan) -> None:
+    closed = ContactEstimate(closure=plan.gripper.span, sent=plan.gripper.span)
+    assert filter_command(GripperCommand(target=0.0, rate=8.0), closed, plan) is None
+
+
+def test_filter_command_subtracts_travel_during_latency(plan: Plan) -> None:
+    """The travel during the latency is half of the commanded 0.8 mm."""
+    fine = replace(plan, resolution=1e-4, safety=replace(plan.safety, force_ceiling_n=7.0))
+    wish = GripperCommand(target=54.0 - 0.8, rate=0.4 / plan.safety.latency_s)
+    command = filter_command(wish, pressed(5.0), fine)
+    assert command is not None
+    safe = 2.0 / plan.steepest_n
+    assert 54.0 - command.target == pytest.approx(safe / 1.5, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("force_n", "percent", "limit_n", "is_short"),
+    [
+        (0.5, -1.0, None, True),
+        # One finger pushes the object to the middle.
+        (0.5, -0.9, None, False),
+        (1.1, -0.9, None, True),
+        # Drift can resemble this force.
+        (0.3, -1.0, None, False),
+        # The damage limit is known.
+        (0.5, -1.0, 30.0, False),
+    ],
+)
+def test_filter_command_before_known_damage_limit_shortens_travel_from_contact(
+    plan: Plan,
+    damage: DamageModel,
+    force_n: float,
+    percent: float,
+    limit_n: float | None,
+    is_short: bool,
+) -> None:
+    """The force on the softest fruit rises by 0.3 N within this travel."""
+    steps = closing_steps((0.0, 2 * force_n, 2 * force_n), step_mm=0.1, percent=percent)
+    estimate = ContactEstimate(closure=20.2, sent=20.2, steps=steps)
+    estimate.damage_low_n = estimate.damage_low_n if limit_n is None else limit_n
+    fine, wish = replace(plan, resolution=1e-4), GripperCommand(target=53.0, rate=1.0)
+    longest = 2 * SQUEEZE.min_rise_n * (1 / plan.steepest_n + 1 / SQUEEZE.soft_n_per_mm)
+    assert filter_command(wish, estimate, fine).target == pytest.approx(53.0)
+    careful = filter_command(wish, estimate, replace(fine, damage=damage))
+    expected_mm = 74.0 - (20.1 + longest) if is_short else 53.0
+    assert careful.target == pytest.approx(expected_mm, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("drive", "within", "target"),
+    [
+        ("width", False, 54.0),
+        ("width", True, 54.05),
+        ("pressure", False, 20.0),
+        ("pressure", True, 19.95),
+    ],
+)
+def test_quantize_target_rounds_to_nearest_step_or_towards_open(
+    plan: Plan, drive: str, within: bool, target: float
+) -> None:
+    if drive == "pressure":
+        limits = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=40.0)
+        plan = replace(plan, gripper=limits)
+    options = {"within": True} if within else {}
+    assert quantize_target(19.99, plan, **options) == pytest.approx(target)
+
+
+@pytest.mark.parametrize("lag_mm", [0.3, 0.01])
+def test_stop_here_of_lagging_hand_targets_reported_position(plan: Plan, lag_mm: float) -> None:
+    reported = 20.0 - lag_mm
+    command = stop_here(pressed(5.0, tracking_lag=lag_mm), plan)
     assert 0.0 <= command.target - plan.gripper.target(reported) < plan.resolution
 
 
