@@ -29,7 +29,9 @@ def filter_command(
     if request is None or closure_of(request.target, plan) <= estimate.closure:
         return request
     travel = min(closure_of(request.target, plan), plan.gripper.span) - estimate.closure
-    overrun = request.rate * plan.safety.latency_s / travel if travel > 0 else 0.0
+    if travel <= 0:
+        return None
+    overrun = request.rate * plan.safety.latency_s / travel
     room = min(safe_step(estimate, plan) / (1.0 + overrun), _largest_blind_step(estimate, plan))
     target = plan.gripper.target(estimate.closure + travel)
     if travel > room + _EXACT:
