@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.cli.output import print_card as print_frame
+from palpate.estimate.firmness import is_determined
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
@@ -91,7 +92,8 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Ta
             continue
         value, interval = "-", measured.text(digits=digits)
         if measured.has_value:
-            value = f"[bold]{measured.value:.{digits}f}[/]"
+            if name != "firmness" or is_determined(measured):
+                value = f"[bold]{measured.value:.{digits}f}[/]"
             interval = f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
         true = "-"
         if truth is not None and isinstance(known := truth.get(name), int | float):

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.dashboard.messages import DeviceActivity, Grasped
 from palpate.dashboard.session import DeviceState, Session
+from palpate.estimate.firmness import firmness_text
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
 
@@ -186,7 +187,7 @@ def _describe_measurements(result: GraspResult) -> list[str]:
     """Return the known firmness and size as text."""
     texts = []
     if result.firmness is not None and result.firmness.has_value:
-        texts.append(f"firmness {result.firmness.middle:.0f} of 100")
+        texts.append(f"firmness {firmness_text(result.firmness)} of 100")
     if result.size_mm is not None and result.size_mm.has_value:
         texts.append(f"{result.size_mm.middle:.0f} mm")
     return texts

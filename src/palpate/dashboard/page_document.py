@@ -15,6 +15,7 @@ from palpate.dashboard.headline import headline_of, operator_view, phase_text
 from palpate.dashboard.live import Live, finite_or_none
 from palpate.dashboard.messages import DeviceActivity
 from palpate.dashboard.session import Session
+from palpate.estimate.firmness import firmness_text, is_determined
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -293,5 +294,7 @@ def _measurement_document(measured: Measurement | None, true: object) -> dict[st
     content = {"status": str(measured.status), "truth": true}
     if not measured.has_value:
         return content | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
+    if measured.unit == "index" and not is_determined(measured):
+        content["text"] = firmness_text(measured)
     value, low, high = finite_or_none([measured.middle, measured.low, measured.high])
     return content | {"value": value, "low": low, "high": high}

@@ -9,6 +9,9 @@ from palpate.settling.result import Status
 
 #: Stiffness at index 0 and at index 100, N/mm: three decades, from foam to wood (a convention).
 _SOFTEST, _FIRMEST = 0.1, 100.0
+#: Widest interval of a firmness that is shown as a number, of 100. On the twin, wider intervals, as
+#: of soft fingers after a gentle squeeze, do not rank objects by their stiffness.
+_WIDEST = 60.0
 
 
 def firmness_index(stiffness: Measurement) -> Measurement:
@@ -45,6 +48,28 @@ def firmness_index(stiffness: Measurement) -> Measurement:
         level=stiffness.level,
         status=Status.OK if stiffness.status is Status.SATURATED else stiffness.status,
     )
+
+
+def is_determined(firmness: Measurement) -> bool:
+    """Return whether a firmness is known well enough to be shown as a number.
+
+    >>> is_determined(Measurement(value=50.0, low=30.0, high=70.0, unit="index"))
+    True
+    >>> is_determined(Measurement(value=28.0, low=2.0, high=94.0, unit="index"))
+    False
+    """
+    return firmness.high - firmness.low <= _WIDEST
+
+
+def firmness_text(firmness: Measurement) -> str:
+    """Return a firmness as a number, or as a range if it is not determined.
+
+    >>> firmness_text(Measurement(value=28.0, low=2.0, high=94.0, unit="index"))
+    '2 to 94'
+    """
+    if is_determined(firmness):
+        return f"{firmness.middle:.0f}"
+    return f"{firmness.low:.0f} to {firmness.high:.0f}"
 
 
 def index_stiffness(index: float) -> float:

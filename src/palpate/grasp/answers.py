@@ -119,20 +119,6 @@ def _replace_implausible(reading: Measurement, *, now: float) -> Measurement:
     return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
 
 
-def is_certain(settled: Settled, *, plan: Plan) -> bool:
-    """Return whether the interval of the settled reading is narrow enough for a decision.
-
-    Waiting helps only while the forecast's uncertainty exceeds half of the force law's uncertainty.
-    """
-    reading = settled.reading
-    half = max(reading.high - reading.middle, reading.middle - reading.low)
-    of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
-    max_half_width = max(plan.decide_half_width, of_law)
-    # An unproven curve shape is acceptable: the interval includes the whole predicted change.
-    known = reading.status in (Status.OK, Status.UNPROVEN)
-    return known and half <= max_half_width * abs(reading.middle)
-
-
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
     """Return size, stiffness and firmness at the settled force, keyed by result field.
 
@@ -216,9 +202,8 @@ def measure_settled_force(
     and the forecast's interval propagated through the law.
     """
     reading = settled.reading
-    additional_sd = float(np.hypot(SETTLE.drift_sd, SETTLE.relaxation_sd))
     law = Gain.from_calibration(
-        law_sd=plan.settled_law.residual_sd, additional_sd=additional_sd
+        law_sd=plan.settled_law.residual_sd, additional_sd=SETTLE.drift_sd
     ).apply_to(
         plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
@@ -234,8 +219,7 @@ def measure_settled_force(
         quantile = float(ndtri(0.5 + plan.level / 2))
         relaxed = replace(
             measured,
-            force_n=SETTLE.relaxation_ratio * measured.force_n,
-            log_sd=float(np.hypot(measured.log_sd, SETTLE.relaxation_sd)),
+            log_sd=float(np.hypot(measured.log_sd, SETTLE.drift_sd)),
         )
         gain = Gain.from_calibration(law_sd=0.5 * (down + up) / quantile).update(
             relaxed, sheet_n=value

@@ -158,9 +158,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     if not slowed and near - estimate.closure > approach_step(plan):
         # The expected size may be wrong: no command exceeds the safe step for any object.
         safe = safe_step(estimate, plan)
-        hasty_s = (
-            _lookahead_s(estimate, frames=APPROACH.fast_lookahead_frames) + plan.safety.latency_s
-        )
+        hasty_s = _lookahead_s(estimate, plan) + plan.safety.latency_s
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
@@ -203,8 +201,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
         return _finish_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
-    frames = APPROACH.fast_lookahead_frames if near else APPROACH.lookahead_frames
-    ahead = sweep.rate * _lookahead_s(estimate, frames=frames)
+    ahead = sweep.rate * _lookahead_s(estimate, plan)
     if near and estimate.closure >= sweep.end - ahead:
         # Continue before the hand stops, because a stop resembles a contact.
         start_sweep(state, plan)
@@ -212,9 +209,10 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.closure >= sweep.end - plan.smallest_step:
         return _finish_sweep(state, None)
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
-    further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
-    # Repeat commands to a stationary hand, so that the tracking check detects it.
-    if not further and estimate.now_s - estimate.moved_s < APPROACH.resend_s:
+    # The first command follows no other; `sent` is NaN.
+    further = not closure_of(target, plan) <= estimate.sent + plan.resolution / 2
+    # Repeat commands to a stationary hand, after the tracking check, so that it counts as idle.
+    if not further and estimate.now_s - estimate.moved_s < 2 * plan.safety.arrival_s:
         return None
     return GripperCommand(target=target, rate=sweep.rate)
 
@@ -225,15 +223,15 @@ def _finish_sweep(state: GraspState, command: GripperCommand | None) -> GripperC
     return command
 
 
-def _lookahead_s(estimate: ContactEstimate, *, frames: float) -> float:
+def _lookahead_s(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the lookahead of a sweep's command, s; without further commands the hand stops."""
-    return frames * estimate.period_s + APPROACH.lookahead_s
+    return APPROACH.lookahead_frames * estimate.period_s + plan.safety.latency_s
 
 
 def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Classify the end of a sweep: contact of both fingers, of one, or of none."""
     estimate, attempt = state.estimate, state.attempt
-    if estimate.still_s < APPROACH.stop_quiet_s or not estimate.touches:
+    if estimate.still_s < READING.quiet_s or not estimate.touches:
         return None
     assert estimate.sweep is not None
     now, travel = estimate.now, estimate.closure - estimate.sweep.begin

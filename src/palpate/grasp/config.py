@@ -21,10 +21,11 @@ _ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+?), ([a-z ]+)\.\s+(.+)")
 class ReadingNumbers:
     """From frames and reports to an estimate.
 
-    now_s : 0.05 to 0.3 s, guess. Span of the frames averaged for the current reading.
-    now_frames : 2 to 6 frames, guess. Fewest frames averaged for the current reading.
+    now_s : 0.05 to 0.3 s, guess.
+        Span of the frames averaged for a reading, and shortest step with a measured current.
+    fewest_frames : 2 to 6 frames, guess. Fewest frames or reports in a mean or comparison.
     quiet_s : 0.2 to 0.5 s, twin.
-        Time after a movement until its disturbance and the sheet's response are over.
+        Time after a movement or a stop until its disturbance and the sheet's response are over.
     lag_s : 0.06 to 0.12 s, twin. Time in which a rising load is hidden by the sheet's lag.
     contact_percent : -3 to -0.5 %, twin.
         Larger fall that counts as contact (ten times the noise of a mean).
@@ -32,7 +33,7 @@ class ReadingNumbers:
     """
 
     now_s: float = 0.14
-    now_frames: int = 3
+    fewest_frames: int = 3
     quiet_s: float = 0.3
     lag_s: float = 0.06
     contact_percent: float = -1.0
@@ -47,11 +48,7 @@ class Approach:
         Allowed travel from contact until the hand stops; sets the speed of a sweep.
     lookahead_frames : 1.25 to 4 frames, guess.
         How far ahead of the hand a command is, in frame periods.
-    lookahead_s : 0.01 to 0.05 s, guess. Added to the lookahead in frames.
-    fast_lookahead_frames : 1 to 2 frames, guess. The same lookahead before an expected object.
     size_error_mm : 2 to 10 mm, requirement. Error of an expected size.
-    stop_quiet_s : 0.15 to 0.4 s, twin. Time after a stop at speed until its disturbance is over.
-    resend_s : 0.3 to 2 s, guess. Time without movement after which a command is sent again.
     max_return_steps : 2 to 8 steps, guess.
         Largest retreat from a contact, or advance while one finger pushes.
     one_finger_fraction : 0.1 to 0.5 1, guess.
@@ -63,11 +60,7 @@ class Approach:
 
     overrun_steps: float = 2.0
     lookahead_frames: float = 2.0
-    lookahead_s: float = 0.02
-    fast_lookahead_frames: float = 1.25
     size_error_mm: float = 5.0
-    stop_quiet_s: float = 0.21
-    resend_s: float = 0.7
     max_return_steps: float = 4.0
     one_finger_fraction: float = 0.3
     return_gap_steps: float = 0.4
@@ -82,7 +75,6 @@ class TouchDetection:
     window_s : 0.004 to 0.07 s, guess. Span of the readings averaged for the current value.
     steady_s : 0.3 to 0.6 s, twin.
         Time after a start, or after slowing down, until the rise of a movement is constant.
-    level_s : 0.1 to 0.4 s, guess. Span in which the level of a movement is measured.
     threshold_sd : 4 to 8 sd, twin.
         Change that counts as contact, in standard deviations of the noise.
     min_change : 0.004 to 0.02 1, twin.
@@ -93,7 +85,6 @@ class TouchDetection:
     baseline_s: float = 0.6
     window_s: float = 0.016
     steady_s: float = 0.4
-    level_s: float = 0.2
     threshold_sd: float = 6.0
     min_change: float = 0.008
     friction_error_fraction: float = 0.15
@@ -104,57 +95,48 @@ class Squeeze:
     """Size of the next closing step.
 
     force_fraction : 0.5 to 1 1, twin. Fraction of the missing force that one step may add.
-    depth_ratio : 1 to 2 1, guess. Largest step relative to the squeeze depth so far.
     stiffening_ratio : 1.1 to 1.6 1, guess.
         Allowed slope of the next step relative to that of the last steps.
     max_target_ratio : 1.2 to 2 1, requirement. Force limit of a step relative to the target.
     max_overshoot_n : 0.2 to 1 N, requirement. Added to that limit.
     near_fraction : 0.85 to 1 1, twin. Fraction of the target at which the squeeze ends.
     min_rise_n : 0.1 to 0.3 N, twin. Smallest rise of force that exceeds noise.
-    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Stiffness of the softest fruit that is gripped.
-    min_current_s : 0.05 to 0.3 s, guess. Shortest step in which the servo current is measured.
     firm_n_per_mm : 4 to 10 N/mm, twin. Objects above this stiffness need no firmer squeeze.
+    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Stiffness of the softest fruit that is gripped.
     """
 
     force_fraction: float = 0.75
-    depth_ratio: float = 1.2
     stiffening_ratio: float = 1.3
     max_target_ratio: float = 1.5
     max_overshoot_n: float = 0.5
     near_fraction: float = 0.93
     min_rise_n: float = 0.15
-    soft_n_per_mm: float = 0.7
-    min_current_s: float = 0.1
     firm_n_per_mm: float = 6.0
+    soft_n_per_mm: float = 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class Settle:
     """The settled force, and its corrections.
 
-    forecast_interval_s : 0.07 to 0.5 s, guess. Time between two forecasts.
-    drift_sd : 0.03 to 0.1 ln, paper. Change of the gain since calibration.
-    relaxation_ratio : 0.85 to 1 1, twin. Settled force at 20 s relative to the closing force.
-    relaxation_sd : 0.02 to 0.1 ln, twin. Scatter of that ratio.
+    drift_sd : 0.03 to 0.1 ln, paper.
+        Change of the gain since calibration, and scatter of the object's relaxation.
     max_change_ratio : 1.5 to 3 1, guess. Largest plausible change of a reading until 20 s.
     step_lag_sd : 0.05 to 0.2 ln, twin. Uncertainty from the sheet's lag after larger steps.
+    correction_s : 0.3 to 1 s, guess. Duration of a correction.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     max_slope_drop : 2 to 8 1, guess. Largest factor by which a correction may lower the slope.
     easing_fraction : 0.2 to 0.5 1, guess.
         Fraction of the target force by which the hand opens below it.
-    correction_s : 0.3 to 1 s, guess. Duration of a correction.
     """
 
-    forecast_interval_s: float = 0.2
     drift_sd: float = 0.05
-    relaxation_ratio: float = 0.96
-    relaxation_sd: float = 0.03
     max_change_ratio: float = 2.0
     step_lag_sd: float = 0.12
+    correction_s: float = 0.5
     hysteresis_sd: float = 0.15
     max_slope_drop: float = 4.0
     easing_fraction: float = 0.3
-    correction_s: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,24 +150,16 @@ class Guards:
         Largest drift of one pixel's rest resistance relative to the others.
     max_force_ratio : 1.1 to 1.5 1, guess.
         Force relative to the target at which a movement is stopped.
-    sheet_lag_s : 0.06 to 0.12 s, twin. Delay with which the sheet shows a rising force.
     lost_fraction : 0.2 to 0.5 1, twin.
         Fraction of the grip's reading below which the object is gone.
     residual_fraction : 0.6 to 0.85 1, guess.
         Fraction of the contact's force still read after opening: sheet failed.
-    fall_fraction : 0.005 to 0.03 1, study faults.
-        Fall at a closing step, relative to the largest reading, that counts as wrong.
+    response_fraction : 0.005 to 0.03 1, study faults.
+        Relative fall while closing, or rise while opening, that counts as wrong.
     fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
-    rise_fraction : 0.05 to 0.2 1, study faults.
-        Rise of the reading while opening that raises the alarm.
-    one_finger_hints : 1.5 to 4 hints, study faults.
-        Reading, in hints of -3 %, at which one finger grips alone.
-    max_opening_s : 5 to 30 s, guess. Longest opening.
     idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
     idle_fraction : 0.2 to 0.5 1, guess.
         Fraction of the expected travel below which the hand did not move.
-    min_travel_fraction : 0.003 to 0.02 1, guess.
-        Smallest expected travel, relative to the range, that is evaluated.
     range_fraction : 0.05 to 0.2 1, guess.
         Distance outside the range, relative to it, at which a report is impossible.
     max_speed_ratio : 1.3 to 2 1, guess. Largest speed relative to the commanded speed.
@@ -197,17 +171,12 @@ class Guards:
     sheet_factor: float = 2.5
     pixel_factor: float = 1.6
     max_force_ratio: float = 1.25
-    sheet_lag_s: float = 0.1
     lost_fraction: float = 0.35
     residual_fraction: float = 0.75
-    fall_fraction: float = 0.01
+    response_fraction: float = 0.01
     fall_steps: int = 3
-    rise_fraction: float = 0.1
-    one_finger_hints: float = 2.0
-    max_opening_s: float = 10.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
-    min_travel_fraction: float = 0.005
     range_fraction: float = 0.1
     max_speed_ratio: float = 1.5
     max_current_ma: float = 20000.0
@@ -222,15 +191,9 @@ class Pixels:
         Consecutive frames, at an end of the range or all equal, that are a fault.
     loaded_fraction : 0.3 to 0.7 1, guess. Fall of the resistance, relative to rest, that is a load.
     jump_fraction : 0.02 to 0.1 1, guess. Change of a reading within one frame that is a jump.
-    stuck_moves : 5 to 12 moves, study faults.
-        Movements without a change after which a pixel is stuck.
-    other_moves : 1 to 5 moves, study faults.
-        Most movements without a change of any other pixel meanwhile.
-    all_moves : 3 to 6 moves, study faults.
-        Movements without a change of any pixel after which all are stuck.
-    slow_stuck_moves : 1 to 4 moves, study faults. The same for one pixel over a long time.
-    flicker_frames : 15 to 60 frames, guess. Frames that show whether a sensor flickers.
     max_equal_frames : 6 to 20 frames, study faults. Largest number of equal frames in a row.
+    stuck_moves : 3 to 8 moves, study faults.
+        Movements without a change after which a pixel, or all, are stuck.
     min_spread_counts : 4 to 20 counts, study faults.
         Smallest spread of the rest values in which equal pixels are a fault.
     """
@@ -238,12 +201,8 @@ class Pixels:
     fault_frames: int = 2
     loaded_fraction: float = 0.5
     jump_fraction: float = 0.05
-    stuck_moves: int = 8
-    other_moves: int = 3
-    all_moves: int = 4
-    slow_stuck_moves: int = 2
-    flicker_frames: int = 30
     max_equal_frames: int = 10
+    stuck_moves: int = 4
     min_spread_counts: int = 8
 
 
@@ -253,8 +212,6 @@ class Current:
 
     single_sd : 4 to 6 sd, study faults. Threshold of a rise in one movement.
     repeated_sd : 2.5 to 4 sd, study faults. Threshold of a rise in two consecutive movements.
-    readings : 3 to 8 readings, guess.
-        Readings averaged; short movements that measure the friction of an empty hand.
     sheet_ratio : 1.5 to 3 1, study faults.
         Force from the current that is allowed relative to the sheet's force.
     equal_readings : 10 to 30 readings, study faults.
@@ -264,7 +221,6 @@ class Current:
 
     single_sd: float = 4.5
     repeated_sd: float = 3.0
-    readings: int = 4
     sheet_ratio: float = 2.0
     equal_readings: int = 16
     margin_ma: float = 20.0

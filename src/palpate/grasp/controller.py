@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from palpate.grasp.answers import count_contact_steps
 from palpate.grasp.approach import approach
-from palpate.grasp.config import GUARDS, SQUEEZE
+from palpate.grasp.config import GUARDS, READING, SQUEEZE
 from palpate.grasp.estimator import Observation
 from palpate.grasp.monitors import GRIP_MONITORS, CeilingMonitor, Monitor
 from palpate.grasp.paper_method import close_extra, close_until_contact, predict_exponentially
@@ -93,7 +93,7 @@ def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
     closing = state.phase is Phase.SQUEEZE or state.activity == Phase.SETTLE
     if not moving or plan.target_force_n is None or not closing:
         return False
-    late_s = GUARDS.sheet_lag_s + estimate.period_s + plan.safety.latency_s
+    late_s = READING.lag_s + estimate.period_s + plan.safety.latency_s
     ahead_n = estimate.confirmed_force_n + late_s * estimate.rise_n_per_s
     return ahead_n > GUARDS.max_force_ratio * goal_n(plan)
 
@@ -132,7 +132,7 @@ def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the hand is open."""
     # Some grippers never report a position closer to open than half a step.
     opened = state.estimate.closure <= plan.step / 2
-    if opened or state.phase_time_s > GUARDS.max_opening_s:
+    if opened or state.phase_time_s > plan.longest_opening_s:
         state.enter(Phase.DONE)
     return None
 

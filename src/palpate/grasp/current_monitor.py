@@ -31,8 +31,8 @@ class CurrentMonitor:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._moving = deque[tuple[float, float]](maxlen=CURRENT.readings)
-        self._still = deque[tuple[float, float]](maxlen=CURRENT.readings)
+        self._moving = deque[tuple[float, float]](maxlen=READING.fewest_frames)
+        self._still = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._closure, self._moved_s = math.inf, math.nan
         self._moving_ma = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
@@ -145,11 +145,11 @@ class CurrentMonitor:
 
     def _check_rise(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
         """Return an alarm if an uncalibrated current rises within a long movement."""
-        if self._plan.current is not None or len(self._moving) < CURRENT.readings:
+        if self._plan.current is not None or len(self._moving) < READING.fewest_frames:
             return None
         mean_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
-        if len(self._empty_ma) < CURRENT.readings:
-            self._unaveraged = (self._unaveraged + 1) % CURRENT.readings
+        if len(self._empty_ma) < READING.fewest_frames:
+            self._unaveraged = (self._unaveraged + 1) % READING.fewest_frames
             if self._unaveraged == 0:
                 self._empty_ma.append(mean_ma)
             return None
@@ -205,7 +205,7 @@ class CurrentMonitor:
             return None
         self._is_checked = True
         mean_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
-        if len(self._empty_ma) < CURRENT.readings:
+        if len(self._empty_ma) < READING.fewest_frames:
             self._empty_ma.append(mean_ma)
             return None
         return (

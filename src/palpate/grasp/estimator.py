@@ -27,8 +27,6 @@ from palpate.signal.relative import (
 )
 
 _TIME_S = attrgetter("time_s")
-#: Fewest frames for a slope of the force over time; with fewer, a spike would dominate.
-_RISE_FRAMES = 3
 #: Most readings stored since a movement: 20 s at 250 frames/s in full. Beyond it older readings are
 #: thinned, so that neither memory nor the time per frame grows in a long hold.
 MOST_TOUCHES = 6000
@@ -200,7 +198,7 @@ class ContactEstimate(HandMotion):
     @property
     def rise_n_per_s(self) -> float:
         """Rate of rise of the confirmed force over the last frames, N/s."""
-        if len(self.frame_forces) < _RISE_FRAMES:
+        if len(self.frame_forces) < READING.fewest_frames:
             return 0.0
         (then_s, then_n), (now_s, _) = self.frame_forces[0], self.frame_forces[-1]
         return max(self.confirmed_force_n - then_n, 0.0) / (now_s - then_s)
@@ -211,7 +209,7 @@ class ContactEstimate(HandMotion):
         since_s = self.touches[-1].time_s - READING.now_s
         # Binary search, because a hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
-        last = self.touches[-max(READING.now_frames, recent) :]
+        last = self.touches[-max(READING.fewest_frames, recent) :]
         return Touch(
             time_s=self.now_s,
             finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
@@ -256,7 +254,7 @@ class ContactEstimate(HandMotion):
         touch = self._read_touch(frame.time_s, self.rest_ohm, ohm, plan)
         frame_forces = (*self.frame_forces, (frame.time_s, self._frame_force_n(touch, plan)))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
-        self.frame_forces = frame_forces[-max(recent, _RISE_FRAMES) :]
+        self.frame_forces = frame_forces[-max(recent, READING.fewest_frames) :]
         if gripper.moving:
             self.touches = ()
             closing = plan.gripper.closure(gripper) < self.sent and self.contact_s is not None

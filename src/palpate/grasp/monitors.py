@@ -69,7 +69,7 @@ class CeilingMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm if two frames or one step exceed the force ceiling."""
+        """Return an alarm if the grip force exceeds the ceiling."""
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None
@@ -88,7 +88,7 @@ class SlipMonitor:
         estimate = state.estimate
         if state.phase not in _HOLDING or estimate.still_s < READING.quiet_s:
             return None
-        if len(estimate.touches) < 2 * READING.now_frames:
+        if len(estimate.touches) < 2 * READING.fewest_frames:
             return None
         strongest_reading = estimate.strongest_reading
         if estimate.steps and np.isnan(state.correction.return_closure):
@@ -110,14 +110,14 @@ class FingersMonitor:
         gripping = state.phase in _HOLDING or state.activity == Activity.CONFIRM
         if not gripping or estimate.still_s < plan.dwell_s:
             return None
-        if len(estimate.touches) < READING.now_frames:
+        if len(estimate.touches) < READING.fewest_frames:
             return None
         now = estimate.now
         # Changes are negative under load: the smallest is that of the loaded finger.
         pressed_percent = min(now.finger_percent)
         if now.weakest_percent <= plan.hint_percent:
             return None
-        if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
+        if pressed_percent > plan.epsilon_percent:
             return None
         message = (
             f"finger {int(np.argmin(now.finger_percent))} measures a grip force and the other "
@@ -158,7 +158,7 @@ class ResponseMonitor:
         if not gripped or steps[-1].touch.strongest_percent > READING.contact_percent:
             return False
         rises = np.diff(gripped)[-GUARDS.fall_steps :]
-        falls = bool((rises < -GUARDS.fall_fraction * max(gripped)).all())
+        falls = bool((rises < -GUARDS.response_fraction * max(gripped)).all())
         return falls and rises.size == GUARDS.fall_steps
 
     def _is_rising(self, state: GraspState) -> bool:
@@ -169,7 +169,7 @@ class ResponseMonitor:
             return False
         furthest = estimate.steps[-1]
         opened = estimate.closure < furthest.closure
-        most = (1.0 + GUARDS.rise_fraction) * furthest.touch.reading
+        most = (1.0 + GUARDS.response_fraction) * furthest.touch.reading
         return opened and estimate.now.reading > most
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.grasp.config import GUARDS, PIXELS, READING
+from palpate.grasp.config import PIXELS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
@@ -27,9 +27,8 @@ class PixelMonitor:
     The reading is then a lower bound. An alarm follows once most of the loaded pixels are
     saturated, because the force is then unknown.
 
-    Stuck: a pixel unchanged in eight movements of the fingers, or in two over at least three
-    seconds, while all others change. All pixels together are stuck after four movements. If the
-    sensor flickers, stuck pixels are also detected while the hand is at rest.
+    Stuck: a pixel unchanged in four movements of the fingers while all others change, or all pixels
+    together. If the sensor flickers, the latter is also detected while the hand is at rest.
 
     Equal: all pixels with the same reading raise an alarm at the second frame.
 
@@ -57,7 +56,6 @@ class PixelMonitor:
         self._loaded = np.zeros(self._rest.shape, dtype=bool)
         self._unchanged = np.zeros(self._rest.shape, dtype=int)
         self._shaken = np.zeros(self._rest.shape, dtype=bool)
-        self._changed_s = np.full(self._rest.shape, np.inf)
         self._counted_at = 0.0
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
@@ -86,7 +84,6 @@ class PixelMonitor:
         before = counts if self._counts is None else self._counts
         changed = counts != before
         self._shaken |= changed
-        self._changed_s = np.where(changed, frame.time_s, np.fmin(self._changed_s, frame.time_s))
         self._count_alike(alike=not changed.any())
         equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
@@ -116,14 +113,14 @@ class PixelMonitor:
         # A saturated reading is not stuck.
         self._shaken |= self._pressed
         self._counts = counts
-        return self._describe_fault(frame.time_s)
+        return self._describe_fault()
 
-    def _describe_fault(self, now_s: float) -> Alarm | None:
-        unchanged = self._unchanged >= PIXELS.all_moves
+    def _describe_fault(self) -> Alarm | None:
+        unchanged = self._unchanged >= PIXELS.stuck_moves
         if unchanged.size and (unchanged.all() or self._is_repeating):
             since = f"{self._alike} frames"
             if not self._is_repeating:
-                since = f"{PIXELS.all_moves} movements of the fingers"
+                since = f"{PIXELS.stuck_moves} movements of the fingers"
             message = (
                 f"no pixel has changed in {since}; the board repeats its frames; {_SEE_DOCTOR}"
             )
@@ -132,7 +129,7 @@ class PixelMonitor:
         failed = {
             "open": self._opened >= PIXELS.fault_frames,
             "short": ended & self._shorted,
-            "stuck": self._find_stuck_pixels(now_s),
+            "stuck": self._find_stuck_pixels(),
         }
         for how, mask in failed.items():
             if mask.any():
@@ -165,7 +162,7 @@ class PixelMonitor:
     @property
     def _is_repeating(self) -> bool:
         before = self._frames - self._alike
-        flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.fault_frames
+        flickers = before >= PIXELS.max_equal_frames and self._longest <= PIXELS.fault_frames
         return flickers and self._alike > PIXELS.max_equal_frames
 
     def _count_moves(self, closure: float) -> None:
@@ -175,22 +172,11 @@ class PixelMonitor:
             self._shaken = np.zeros_like(self._shaken)
             self._counted_at = closure
 
-    def _find_stuck_pixels(self, now_s: float) -> NDArray[np.bool_]:
-        """Return the pixels unchanged in many movements, or in few over a long time."""
-        long = now_s - self._changed_s > GUARDS.patience_s
-        return self._find_unchanged(PIXELS.stuck_moves, others=PIXELS.other_moves) | (
-            self._find_unchanged(PIXELS.slow_stuck_moves, others=1) & long
-        )
-
-    def _find_unchanged(self, moves: int, *, others: int) -> NDArray[np.bool_]:
-        """Return the pixels unchanged in `moves` movements, if all others changed.
-
-        `others`: most movements without a change of any other pixel.
-        """
-        unchanged = self._unchanged >= moves
+    def _find_stuck_pixels(self) -> NDArray[np.bool_]:
+        """Return the pixels unchanged in several movements, if all others changed in the last."""
+        unchanged = self._unchanged >= PIXELS.stuck_moves
         rest = self._unchanged[~unchanged]
-        lively = rest.size > 0 and int(rest.max()) <= others
-        return np.asarray(unchanged & lively)
+        return np.asarray(unchanged & (rest.size > 0 and int(rest.max()) <= 1))
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the pixels under load."""

@@ -13,6 +13,7 @@ from palpate.estimate.force import StaticLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import SheetCreep
+from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.paper import Paper
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
@@ -110,13 +111,10 @@ class Plan:
         Number of attempts: after one without contact the hand opens, waits, and closes again.
     wait_s : float
         Wait between attempts; a touch of the open fingers ends it.
-    decide_after_s, decide_by_s : float
-        Earliest and latest time of the decision, from the end of the last movement.
+    decide_after_s : float
+        Time of the decision, from the end of the last movement.
     correct_after_s : float
         Earliest time of a correction, for a force clearly different from the target.
-    decide_half_width : float
-        Largest half-width of the interval of the settled reading, relative to its value, for an
-        early decision.
     target_tolerance : float
         Largest error of the settled force, relative to the target, without a correction.
     most_adjustments : int
@@ -172,9 +170,7 @@ class Plan:
     tries: int = 1
     wait_s: float = 2.0
     decide_after_s: float = 0.8
-    decide_by_s: float = 1.2
     correct_after_s: float = 0.5
-    decide_half_width: float = 0.08
     target_tolerance: float = 0.05
     most_adjustments: int = 6
     hold_s: float = HOLD_S
@@ -185,6 +181,16 @@ class Plan:
     def gripper_compliance(self) -> Compliance | None:
         """Compliance of the gripper, of either drive, if it was calibrated."""
         return self.compliance if self.bend is None else self.bend.compliance
+
+    @property
+    def visible_travel(self) -> float:
+        """Smallest travel that is certain to show in the gripper's reports, mm or kPa."""
+        return self.smallest_step + READING.report_error_steps * self.resolution
+
+    @property
+    def longest_opening_s(self) -> float:
+        """Longest opening, s."""
+        return self.gripper.span / self.gripper.fastest + GUARDS.patience_s
 
     @property
     def no_push_n(self) -> float:

@@ -13,7 +13,7 @@ from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.grasp.config import GUARDS
+from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.controller import GraspController
 from palpate.grasp.current_monitor import CurrentMonitor
 from palpate.grasp.estimator import ContactEstimate, Observation, closure_of
@@ -37,9 +37,6 @@ Watcher: TypeAlias = Callable[[GraspState], None]
 
 _Event = TypeVar("_Event")
 
-#: Fewest intervals between frames for an estimate of the frame period.
-_FEWEST_INTERVALS = 3
-
 
 class _FrameReader:
     """Reads frames; raises an error for stale or impossible ones."""
@@ -53,7 +50,7 @@ class _FrameReader:
     def read(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
         """Return the next frame, or an alarm of the hand during the wait."""
         stale_after_s = GUARDS.patience_s
-        if len(self._intervals_s) >= _FEWEST_INTERVALS:
+        if len(self._intervals_s) >= READING.fewest_frames:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
         until_s, polled = self._clock.now_s() + stale_after_s, False
         while True:
@@ -155,7 +152,9 @@ class _Hand:
         Raises `DeviceError` if the gripper does not answer, or did not move on the last commands.
         """
         if self._unchecked is not None and self._last is not None:
-            idle = self._unchecked.is_idle(self._last, now_s=now_s, limits=self._limits)
+            idle = self._unchecked.is_idle(
+                self._last, now_s=now_s, limits=self._limits, least=self._plan.visible_travel
+            )
             if idle is not None:
                 self._idle = (self._idle + 1) * idle
             if idle is not None or now_s >= self._unchecked.ends_s:
@@ -184,7 +183,7 @@ class _Hand:
 
         The sensor has failed, and a gripper on the same board may not answer either.
         """
-        until_s = clock.now_s() + GUARDS.max_opening_s
+        until_s = clock.now_s() + self._plan.longest_opening_s
         try:
             while self._gripper.state().moving and clock.now_s() < until_s:
                 clock.sleep_s(0.02)

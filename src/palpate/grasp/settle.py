@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import replace
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import forecast, is_certain, measure_object, measure_stiffness
+from palpate.grasp.answers import forecast, measure_object, measure_stiffness
 from palpate.grasp.config import SETTLE, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -32,17 +32,13 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     earliest_s = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
     if estimate.still_s < max(earliest_s, correction.next_forecast_s):
         return None
-    correction.next_forecast_s = estimate.still_s + SETTLE.forecast_interval_s
+    correction.next_forecast_s = plan.decide_after_s
     settled = forecast(estimate, plan=plan)
     force = state.set_settled_force(settled, plan=plan)
     _record_on_target(state, force, plan)
     correctable = plan.target_force_n is not None and correction.count < plan.most_adjustments
     off_target = _has_force_deficit(force, plan) or is_above_target(force, plan)
-    if (
-        (correctable and off_target)
-        or is_certain(settled, plan=plan)
-        or estimate.still_s >= plan.decide_by_s
-    ):
+    if (correctable and off_target) or estimate.still_s >= plan.decide_after_s:
         state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
         state.enter(Activity.ADJUST)
     return None

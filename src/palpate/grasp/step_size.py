@@ -18,9 +18,6 @@ from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
 
-#: Shortest duration, in frames, of a step in which the servo current is measured.
-_CURRENT_FRAMES = 3.0
-
 
 def approach_step(plan: Plan) -> float:
     """Return the step before contact that keeps a rigid object below the target force.
@@ -94,8 +91,8 @@ def close_by(
         return None
     rate = plan.rate if estimate.contact_s is None else plan.squeeze_rate
     if estimate.contact_s is not None and plan.current is not None:
-        frames_s = _CURRENT_FRAMES * estimate.period_s
-        rate = min(rate, step / max(min_duration_s, frames_s, SQUEEZE.min_current_s))
+        measured_s = max(READING.now_s, READING.fewest_frames * estimate.period_s)
+        rate = min(rate, step / max(min_duration_s, measured_s))
     command = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
     return None if filter_command(command, estimate, plan) is None else command
 
@@ -116,7 +113,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     because the slope of the force is known only up to that depth.
     """
     rise_n = max(plan.force_step_n, SQUEEZE.force_fraction * (goal_n - estimate.force_n))
-    longest = SQUEEZE.depth_ratio * squeeze_depth(estimate, plan) + plan.fine_step
+    longest = squeeze_depth(estimate, plan) + plan.fine_step
     if plan.target_force_n is None and plan.lift_force_n is None:
         left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
         longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))

@@ -18,8 +18,6 @@ from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.config import CURRENT, READING, TOUCH
 
-#: Fewest readings in a comparison.
-_FEWEST = 3
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 
@@ -32,7 +30,7 @@ def blind_time_s(period_s: float) -> float:
     >>> round(blind_time_s(1 / 15), 2), round(blind_time_s(1 / 250), 2)
     (0.66, 0.51)
     """
-    return TOUCH.steady_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.window_s)
+    return TOUCH.steady_s + READING.lag_s + READING.fewest_frames * max(period_s, TOUCH.window_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,11 +78,11 @@ class Sweep:
     def with_frame(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the sweep with one more frame, and without frames older than the window."""
         level = self.level
-        if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
+        if level is None and time_s > self.since_s + TOUCH.steady_s + READING.now_s:
             recent = [
                 ohm
                 for at, ohm in zip(self.time_s, self.log_ohm, strict=True)
-                if at > time_s - TOUCH.level_s
+                if at > time_s - READING.now_s
             ]
             level = np.asarray(np.mean(recent, axis=0)) if recent else None
         first = sum(old < time_s - TOUCH.baseline_s for old in self.time_s)
@@ -100,7 +98,7 @@ class Sweep:
     def is_frozen(self) -> bool:
         """Whether the latest frames are all equal."""
         last = [time_s > self.time_s[-1] - READING.now_s for time_s in self.time_s]
-        many = max(READING.now_frames + 1, sum(last))
+        many = max(READING.fewest_frames + 1, sum(last))
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
@@ -126,11 +124,11 @@ class Sweep:
         ):
             return True
         many = int(np.count_nonzero(now))
-        if np.count_nonzero(steady) // many >= _FEWEST:
+        if np.count_nonzero(steady) // many >= READING.fewest_frames:
             past = _means(pixels[steady], many)
             least = max(TOUCH.threshold_sd * _scatter(past), TOUCH.min_change)
             return bool((abs(latest - past.mean(axis=0)) > least).any())
-        if np.count_nonzero(before) // many < _FEWEST:
+        if np.count_nonzero(before) // many < READING.fewest_frames:
             return False
         past = _means(pixels[before], many)
         # The change common to all pixels is due to the movement.
@@ -146,7 +144,7 @@ class Sweep:
         gears_ma = np.array(self.gears_ma)
         known = np.isfinite(gears_ma)
         now, before = now & known, before & known
-        if not now.any() or np.count_nonzero(before) < _FEWEST:
+        if not now.any() or np.count_nonzero(before) < READING.fewest_frames:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
         variance = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
@@ -162,7 +160,7 @@ def _means(pixels: FloatArray, size: int) -> FloatArray:
 
 def _noise(pixels: FloatArray) -> float:
     """Return the standard deviation of a pixel between frames, without slow changes."""
-    if len(pixels) <= _FEWEST:
+    if len(pixels) <= READING.fewest_frames:
         return TOUCH.min_change
     return float(np.sqrt(0.5 * np.median(np.diff(pixels, axis=0) ** 2) / _MEDIAN_SQUARE))
 

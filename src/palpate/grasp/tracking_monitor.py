@@ -114,21 +114,25 @@ class CommandTracking:
         """
         return (later.target - self.target) * (self.target - self.begin) >= 0
 
-    def is_idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
-        """Return whether the hand has not moved; None if the expected travel is too small.
+    def is_idle(
+        self, state: GripperState, *, now_s: float, limits: GripperLimits, least: float
+    ) -> bool | None:
+        """Return whether the hand has not moved; None if the expected travel is below `least`.
 
+        >>> from functools import partial
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
         >>> tracking = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
         >>> resting = GripperState(time_s=0.0, width_mm=40.0)
-        >>> [tracking.is_idle(resting, now_s=now_s, limits=limits) for now_s in (0.004, 0.1)]
+        >>> is_idle = partial(tracking.is_idle, limits=limits, least=0.4)
+        >>> [is_idle(resting, now_s=now_s) for now_s in (0.004, 0.1)]
         [None, True]
-        >>> tracking.is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
+        >>> is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1)
         False
         """
         travel = self.target - self.begin
         remaining = max(self.ends_s - now_s, 0.0) * self.rate
         expected = abs(travel) - min(remaining, abs(travel))
-        if expected < GUARDS.min_travel_fraction * limits.span:
+        if expected < least:
             return None
         made = math.copysign(1.0, travel) * (limits.drive_reading(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
@@ -138,9 +142,7 @@ class CommandTracking:
     ) -> str | None:
         """Return a message if the hand overshot its target or has not arrived; else None."""
         reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
-        overshoot, tolerance = safety.overshoot_mm, safety.tracking_tolerance_mm
-        if limits.drive == "pressure":
-            overshoot, tolerance = safety.overshoot_kpa, safety.tracking_tolerance_kpa
+        overshoot = safety.overshoot_mm if limits.drive == "width" else safety.overshoot_kpa
         closing = -1.0 if limits.drive == "width" else 1.0
         furthest = closing * max(closing * self.begin, closing * self.target)
         if closing * (reported - furthest) > overshoot:
@@ -148,12 +150,19 @@ class CommandTracking:
                 f"the gripper was commanded to {self.target:.1f} {unit} but moved on to "
                 f"{reported:.1f} {unit}; disconnect its supply"
             )
-        if now_s < self.due_s or not abs(reported - self.target) > tolerance:
+        if now_s < self.due_s or not abs(reported - self.target) > _tolerance(limits, safety):
             return None
         return (
             f"the gripper was commanded to {self.target:.1f} {unit} and reports "
             f"{reported:.1f} {unit}; check for a blockage, a locked servo or a missing supply"
         )
+
+
+def _tolerance(limits: GripperLimits, safety: SafetyLimits) -> float:
+    """Return the allowed difference between command and report, mm or kPa."""
+    if limits.drive == "width":
+        return safety.tracking_tolerance_mm
+    return safety.tracking_tolerance_kpa
 
 
 class SpeedMonitor:
@@ -178,9 +187,7 @@ class SpeedMonitor:
     def __init__(self, limits: GripperLimits, *, safety: SafetyLimits) -> None:
         self._limits, self._latency_s = limits, safety.latency_s
         # A loaded servo catches up with its tracking error at once when the load disappears.
-        self._lag = safety.tracking_tolerance_mm
-        if limits.drive == "pressure":
-            self._lag = safety.tracking_tolerance_kpa
+        self._lag = _tolerance(limits, safety)
         self._before: tuple[float, float] | None = None
         self._rate = self._ahead = 0.0
 

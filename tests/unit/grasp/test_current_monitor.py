@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.estimate.servo_force import WARMTH_SD, CurrentLaw, GearFriction
-from palpate.grasp.config import CURRENT
+from palpate.grasp.config import CURRENT, READING
 from palpate.grasp.current_monitor import CurrentMonitor
 from palpate.grasp.estimator import Touch
 from palpate.grasp.plan import Plan
@@ -366,30 +366,30 @@ def smallest_n(plan: Plan, movements: int) -> float:
 def test_current_monitor_lowest_detected_force_matches_model(
     calibrated: Plan, movements: int, deviations: float
 ) -> None:
-    """Highest gear friction, four readings, cold motor; at most twice the sheet's force."""
+    """Highest gear friction, three readings, cold motor; at most twice the sheet's force."""
     shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
-    gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(4)
+    gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(3)
     per_n = MA_PER_N * (1.0 + 2.0 * 0.035)
     least_n = (gears_ma + 2.0 * shown_n * per_n - GEARS_MA) / MA_PER_N
     assert smallest_n(calibrated, movements) == pytest.approx(least_n, abs=0.051)
 
 
-def test_current_monitor_learns_friction_from_four_movements(
+def test_current_monitor_learns_friction_from_two_movements(
     plan: Plan,
 ) -> None:
     watch = CurrentMonitor(plan)
-    for closure in range(3):
+    for closure in range(1):
         moved(watch, GEARS_MA, closure=closure)
         stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
         for _ in range(5):
             assert (
                 watch.check(stands, estimate=estimate_of(0.0, closure=closure, still=True)) is None
             )
-    assert moved(watch, of_force(6.0), closure=3.0)[-1] is None, "three movements are not enough"
+    assert moved(watch, of_force(6.0), closure=1.0)[-1] is None, "one movement is not enough"
     fresh = CurrentMonitor(plan)
-    for closure in range(4):
+    for closure in range(2):
         moved(fresh, GEARS_MA, closure=closure)
-    assert moved(fresh, of_force(6.0), closure=4.0)[-1] is not None
+    assert moved(fresh, of_force(6.0), closure=2.0)[-1] is not None
 
 
 def test_current_monitor_repeated_report_is_not_stuck(calibrated: Plan) -> None:
@@ -407,7 +407,7 @@ def test_current_monitor_force_limit_starts_at_proven_ceiling(
     """The limit includes friction, noise, and the larger current of a warm servo."""
     assert calibrated.current is not None
     gears_ma = GEARS_MA * np.exp(CURRENT.repeated_sd * 4.0 / GEARS_MA)
-    noise_ma = CURRENT.repeated_sd * 6.0 / np.sqrt(CURRENT.readings)
+    noise_ma = CURRENT.repeated_sd * 6.0 / np.sqrt(READING.fewest_frames)
     per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
     proven_n = fraction * calibrated.safety.force_ceiling_n
     found = moved(
@@ -489,9 +489,9 @@ def test_current_monitor_uncalibrated_rise_limits_are_inclusive(
     plan: Plan, risen_ma: float, lag_s: float, reading: float, is_alarm: bool
 ) -> None:
     """Limits: 100 mA, the lag of the sheet, and 1 N on the sheet."""
-    currents_ma = [GEARS_MA + (-1.0) ** number for number in range(20)] + [risen_ma] * 4
+    currents_ma = [GEARS_MA + (-1.0) ** number for number in range(20)] + [risen_ma] * 3
     found = closing(CurrentMonitor(plan), currents_ma, reading=reading, lag_s=lag_s)
-    assert found[:-1] == [None] * 23
+    assert found[:-1] == [None] * 22
     assert (found[-1] is not None) == is_alarm
 
 

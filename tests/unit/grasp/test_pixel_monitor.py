@@ -138,7 +138,7 @@ def test_pixel_monitor_pixel_unchanged_by_movements_is_stuck(plan: Plan, rows: i
     said = watched(plan, frames, step_mm=0.5)
     first = next(number for number, message in enumerate(said) if message)
     assert said[first] == "pixel R1 C0 reads stuck; run `palpate doctor`"
-    assert 7 <= first <= 9
+    assert 3 <= first <= 5
 
 
 @pytest.mark.parametrize("step_mm", [0.5, 0.25])
@@ -295,20 +295,7 @@ def test_pixel_monitor_simultaneous_shorts_within_disturbance_of_movement_are_a_
     assert alarm.danger is danger
 
 
-def test_pixel_monitor_pixel_unchanged_in_two_movements_is_stuck_after_three_seconds(
-    plan: Plan,
-) -> None:
-    moments = []
-    for number, time_s in enumerate((0.0, 1.0, 2.0, 3.0, 3.1)):
-        counts = np.full((4, 2), REST + number)
-        counts[1, 0] = REST
-        moments.append((time_s, 0.5 * min(number, 2), counts))
-    found = watched_at(plan, moments)
-    assert found[:4] == [None] * 4
-    assert "R1 C0 reads stuck" in found[4].message
-
-
-@pytest.mark.parametrize(("slept", "stuck"), [(3, True), (4, False)])
+@pytest.mark.parametrize(("slept", "stuck"), [(1, True), (2, False)])
 def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
     plan: Plan, slept: int, stuck: bool
 ) -> None:
@@ -323,7 +310,7 @@ def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
 
 
 @pytest.mark.parametrize(
-    ("lively", "alike", "known"), [(29, 3, True), (28, 3, False), (30, 4, False)]
+    ("lively", "alike", "known"), [(9, 3, True), (8, 3, False), (30, 4, False)]
 )
 def test_pixel_monitor_unusual_repeats_raise_alarm(
     plan: Plan, lively: int, alike: int, known: bool

@@ -16,7 +16,7 @@ def test_stop_request_ends_grasp_at_present_position(plan: Plan, bench: Any) -> 
     requests, widths = Requests(), list[float]()
 
     def watcher(grasp_state: GraspState) -> None:
-        if grasp_state.estimate.now_s > 5.0 and not requests.stop.is_set():
+        if grasp_state.estimate.now_s > 4.0 and not requests.stop.is_set():
             requests.stop.set()
             widths.append(bench.width_mm)
 

@@ -61,7 +61,7 @@ def test_squeeze_step_is_limited_by_depth_so_far(plan: Plan) -> None:
     depth_mm = squeeze_depth(estimate, plan)
     assert depth_mm == pytest.approx(0.25 + 0.8 / 2.0, rel=0.1)
     step_mm = squeeze_step(estimate, replace(plan, target_force_n=12.0), goal_n=12.0)
-    assert step_mm == pytest.approx(1.2 * depth_mm + plan.fine_step)
+    assert step_mm == pytest.approx(depth_mm + plan.fine_step)
 
 
 @pytest.mark.parametrize("force_n", [0.5, 1.0, 1.9])

@@ -88,7 +88,9 @@ def test_command_tracking_idle_is_below_a_third_of_expected_travel(
     way, direction = sent(limits, begin, target), 1.0 if target > begin else -1.0
 
     def idle(made: float, now_s: float) -> bool | None:
-        return way.is_idle(at(limits, begin + direction * made), now_s=now_s, limits=limits)
+        return way.is_idle(
+            at(limits, begin + direction * made), now_s=now_s, limits=limits, least=0.4
+        )
 
     # By 1.25 s the rate has made 5 mm or kPa.
     assert (idle(1.4, 1.25), idle(1.6, 1.25)) == (True, False)
@@ -242,9 +244,8 @@ def test_command_tracking_later_command_continues_up_to_the_same_target(
 def test_command_tracking_smallest_evaluated_travel_is_inclusive(
     travel_mm: float, is_idle: bool | None
 ) -> None:
-    wide = GripperLimits(drive="width", lowest=0.0, highest=100.0, fastest=60.0)
-    way = sent(wide, 40.0, 40.0 - travel_mm)
-    assert way.is_idle(at(wide, 40.0), now_s=9.0, limits=wide) is is_idle
+    way = sent(WIDTH, 40.0, 40.0 - travel_mm)
+    assert way.is_idle(at(WIDTH, 40.0), now_s=9.0, limits=WIDTH, least=0.5) is is_idle
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,9 @@ const interval = (one, digits) => `90 %: ${between(one, digits)}`;
 // Firmness index on a scale from 0 (grape) to 100 (stone), also available if only a bound is known.
 function firmnessLine(name, { values: { firmness } }) {
   if (name !== "stiffness_n_per_mm" || !firmness || firmness.value === null) return "";
-  return `<div class="range num" id="firmness">firmness ${fixed(firmness.value, 0)} of 100 ${range(firmness.low, firmness.high, 0)}</div>`;
+  // A wide interval is shown without its middle.
+  const shown = firmness.text ? `${firmness.text} of 100` : `${fixed(firmness.value, 0)} of 100 ${range(firmness.low, firmness.high, 0)}`;
+  return `<div class="range num" id="firmness">firmness ${shown}</div>`;
 }
 
 function drawMeasures(doc) {
