@@ -157,6 +157,8 @@ class Guards:
     response_fraction : 0.005 to 0.03 1, study faults.
         Relative fall while closing, or rise while opening, that counts as wrong.
     fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
+    one_finger_hints : 1.5 to 4 hints, study faults.
+        Reading, in hints of -3 %, at which one finger grips alone.
     idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
     idle_fraction : 0.2 to 0.5 1, guess.
         Fraction of the expected travel below which the hand did not move.
@@ -175,6 +177,7 @@ class Guards:
     residual_fraction: float = 0.75
     response_fraction: float = 0.01
     fall_steps: int = 3
+    one_finger_hints: float = 2.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
     range_fraction: float = 0.1

@@ -117,7 +117,7 @@ class FingersMonitor:
         pressed_percent = min(now.finger_percent)
         if now.weakest_percent <= plan.hint_percent:
             return None
-        if pressed_percent > plan.epsilon_percent:
+        if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
         message = (
             f"finger {int(np.argmin(now.finger_percent))} measures a grip force and the other "

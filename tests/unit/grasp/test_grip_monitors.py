@@ -239,16 +239,16 @@ def test_slip_monitor_limits_are_inclusive(
 @pytest.mark.parametrize(
     ("frames", "still_s", "pressed_percent", "is_alarm"),
     [
-        (3, 0.4, -10.0, True),
-        (2, 0.4, -10.0, False),
-        (3, 0.39, -10.0, False),
-        (3, 0.4, -9.9, False),
+        (3, 0.4, -6.0, True),
+        (2, 0.4, -6.0, False),
+        (3, 0.39, -6.0, False),
+        (3, 0.4, -5.9, False),
     ],
 )
 def test_fingers_monitor_limits_are_inclusive(
     plan: Plan, frames: int, still_s: float, pressed_percent: float, is_alarm: bool
 ) -> None:
-    """Three frames, 0.4 s at rest, and -10 % at one finger."""
+    """Three frames, 0.4 s at rest, and -6 % at one finger."""
     pressed = replace(touch(1.0, time_s=0.2), finger_percent=(0.0, pressed_percent))
     estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
     state = GraspState(phase=Phase.HOLD, estimate=estimate)
