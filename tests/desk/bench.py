@@ -302,7 +302,7 @@ def run_cases(cases: Sequence[Case]) -> Iterator[Run]:
     if cases[0].use == "python":
         left = list(cases)
         while left:
-            for run in run_session(left):
+            for run in run_session(tuple(left)):
                 left.remove(run.case)
                 yield run
     else:

@@ -64,7 +64,12 @@ def write_rig(folder: Path, desk: Desk, *, ports: dict[str, str | None]) -> None
     hand = f'port = "{ports["hand"]}"'
     lines += ["", "[gripper]"]
     if desk.hand == "dynamixel":
-        lines += ['open = "palpate.gripper.dynamixel:open_gripper"', hand]
+        lines += [
+            'open = "palpate.gripper.dynamixel:open_gripper"',
+            hand,
+            # Narrower than by default, because a squeezed object of 32 mm is.
+            "lowest_mm = 22.0",
+        ]
     elif desk.hand == "feetech":
         lines += [
             'open = "palpate.gripper.feetech:open_gripper"',
