@@ -15,14 +15,13 @@ from threading import Lock
 from typing import Any
 
 from tests.desk import bench
-from tests.desk.bench import Case
+from tests.desk.bench import GUARDS, Case
 from tests.desk.busy import keep_busy
 
 #: Boards and their rates, hands, and ways of use.
 BOARDS = ("firmware-15", "firmware-50", "firmware-250", "text-15", "text-50", "text-250")
 MORE_BOARDS = ("text-60", "flexitac-100")
 HANDS = ("dynamixel", "feetech", "servo", "own")
-GUARDS = ("frame", "second", "pause")
 _COLUMNS = (
     "use", "board", "hand", "load", "held", "touch s", "answer s", "age ms", "peak N", "total s",
     "world late ms",

@@ -11,7 +11,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ import numpy as np
 from tests.desk.rigs import write_rig
 from tests.desk.world import LOG, Desk, Report
 
+#: The ways in which a guard reads (`user_guard`).
+GUARDS = ("frame", "second", "pause")
 _ROOT = Path(__file__).resolve().parents[2]
 _PALPATE = Path(sys.executable).with_name("palpate")
 #: No grasp takes longer; the product's own limit is shorter.
@@ -104,10 +106,14 @@ class WorldProcess:
         self._process.stdin.flush()
         return self._read()
 
-    def quit(self) -> Report:
-        """End the world and return its report."""
-        report: Report = self.ask("quit")
-        self._process.wait(_WORLD_S)
+    def place(self, seed: int) -> None:
+        """Replace the object; the hand is open."""
+        if (answer := self.ask(f"place {seed}")) != "placed":
+            raise RuntimeError(answer)
+
+    def report(self) -> Report:
+        """Return what the world says of its present object and of itself."""
+        report: Report = self.ask("report")
         return report
 
     def close(self) -> None:
@@ -116,7 +122,7 @@ class WorldProcess:
         self._process.communicate()
 
     def read_log(self) -> np.ndarray[Any, Any]:
-        """Return the records of the log, after the end of the world."""
+        """Return the records of the log up to the last report."""
         return np.fromfile(self._log, dtype=LOG)
 
     def _read(self) -> Any:
@@ -153,27 +159,24 @@ def _environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
-def run_grasp(case: Case) -> Run:
+def run_grasp(case: Case, *, world: WorldProcess, folder: Path) -> Run:
     """Grasp once with the installed command."""
-    with open_world(case) as (world, folder):
-        begin_s = time.monotonic()
-        done = subprocess.run(
-            [_PALPATE, "grasp", "--rig", "rig.toml", "--json"],
-            cwd=folder,
-            env=_environment(folder),
-            capture_output=True,
-            text=True,
-            timeout=_GRASP_S,
-            check=False,
-        )
-        total_s = time.monotonic() - begin_s
-        report = world.quit()
-        try:
-            document = json.loads(done.stdout)
-        except ValueError:
-            document = {"outcome": f"exit status {done.returncode}", "faults": [done.stderr.strip()]}
-        log = world.read_log()
-        return _judge(case, document, begin_s=begin_s, total_s=total_s, report=report, log=log)
+    begin_s = time.monotonic()
+    done = subprocess.run(
+        [_PALPATE, "grasp", "--rig", "rig.toml", "--json"],
+        cwd=folder,
+        env=_environment(folder),
+        capture_output=True,
+        text=True,
+        timeout=_GRASP_S,
+        check=False,
+    )
+    total_s = time.monotonic() - begin_s
+    try:
+        document = json.loads(done.stdout)
+    except ValueError:
+        document = {"outcome": f"exit status {done.returncode}", "faults": [done.stderr.strip()]}
+    return _judge(case, document, begin_s=begin_s, total_s=total_s, world=world)
 
 
 def _judge(
@@ -182,9 +185,9 @@ def _judge(
     *,
     begin_s: float,
     total_s: float,
-    report: Report,
-    log: np.ndarray[Any, Any],
+    world: WorldProcess,
 ) -> Run:
+    report, log = world.report(), world.read_log()
     outcome = document["outcome"]
     reason = "" if outcome == "held" else "; ".join(document["faults"]) or outcome
     if not reason and report["width_mm"] < _OPEN_MM:
@@ -254,7 +257,7 @@ def run_guard(case: Case) -> Run:
         document = script.ask("", timeout_s=_GUARD_S)
         total_s = time.monotonic() - begin_s
         time.sleep(0.2)
-        report = world.quit()
+        report = world.report()
         script.close()
         log = world.read_log()
         reason, stop_n = "; ".join(document.get("faults", ())), report["peak_n"]
@@ -279,31 +282,36 @@ def run_guard(case: Case) -> Run:
         )
 
 
-def run_session(cases: Sequence[Case]) -> Iterator[Run]:
-    """Grasp in one session of Python: one rig, a new object for each case."""
-    with open_world(cases[0]) as (world, folder):
-        script = Script("user_grasp.py", folder=folder)
-        for case in cases:
-            begin_s = time.monotonic()
-            if case is not cases[0] and (placed := world.ask(f"place {case.seed}")) != "placed":
-                raise RuntimeError(placed)
-            document = script.ask("", timeout_s=_GRASP_S)
-            total_s = time.monotonic() - begin_s
-            report, log = world.ask("report"), world.read_log()
-            run = _judge(case, document, begin_s=begin_s, total_s=total_s, report=report, log=log)
-            yield run
-            if run.outcome == "script failed" or report["width_mm"] < _OPEN_MM:
-                break
-        script.close()
-
-
 def run_cases(cases: Sequence[Case]) -> Iterator[Run]:
-    """Run the cases of one pair of board and hand, whose `use` is equal."""
-    if cases[0].use == "python":
-        left = list(cases)
-        while left:
-            for run in run_session(tuple(left)):
-                left.remove(run.case)
-                yield run
-    else:
-        yield from map(run_grasp if cases[0].use == "grasp" else run_guard, cases)
+    """Run the cases of one pair of board and hand, whose `use` is equal.
+
+    A desk is used for one object after another until a grasp fails; the next has a new one.
+    """
+    left = list(cases)
+    while left:
+        for run in _run_on_one_desk(tuple(left)):
+            left.remove(run.case)
+            yield run
+
+
+def _run_on_one_desk(cases: Sequence[Case]) -> Iterator[Run]:
+    if cases[0].use in GUARDS:
+        yield run_guard(cases[0])
+        return
+    with open_world(cases[0]) as (world, folder), ExitStack() as stack:
+        script = None
+        if cases[0].use == "python":
+            script = stack.enter_context(closing(Script("user_grasp.py", folder=folder)))
+        for case in cases:
+            if case is not cases[0]:
+                world.place(case.seed)
+            if script is None:
+                run = run_grasp(case, world=world, folder=folder)
+            else:
+                begin_s = time.monotonic()
+                document = script.ask("", timeout_s=_GRASP_S)
+                total_s = time.monotonic() - begin_s
+                run = _judge(case, document, begin_s=begin_s, total_s=total_s, world=world)
+            yield run
+            if run.reason:
+                return

@@ -1,8 +1,8 @@
 """The world of the desk: an object, fingers, a board and a hand, stepped by the wall clock.
 
 ``python -m tests.desk.world JSON`` with the fields of `Desk`. It prints its ports as one line of
-JSON, obeys the lines of its standard input (``place SEED``, ``report``, ``quit``), answers each
-with a line, and ends with its input. The log has a record of `LOG` every 5 ms.
+JSON, obeys the lines of its standard input (``place SEED``, ``report``), answers each with a line, and
+ends with its input. The log has a record of `LOG` every 5 ms.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import gc
 import json
 import os
 import select
+import struct
 import sys
 import threading
 import time
@@ -40,6 +41,7 @@ from palpate.twin.world import World
 #: Seed of the sheet and the hand of the desk, which its calibrations belong to.
 SHEET_SEED = 5
 LOG = np.dtype([("monotonic_s", "f8"), ("width_mm", "f8"), ("force_n", "f8")])
+_RECORD = struct.Struct("3d")
 _LOG_S, _STEP_S = 0.005, 0.001
 #: Objects that can be 32 mm thick, which the desk makes them.
 OBJECTS, SIZE_MM = ("strawberry", "banana"), 32.0
@@ -135,7 +137,7 @@ class DeskWorld:
         self._late_steps, self._cpu_start_s = 0, time.process_time()
 
     def run(self) -> None:
-        """Run until the standard input ends or asks for it."""
+        """Run until the standard input ends."""
         due_s, typed = 0.0, b""
         while True:
             late_s = self._elapsed_s() - due_s
@@ -148,14 +150,12 @@ class DeskWorld:
             due_s = max(due_s + _STEP_S, self._elapsed_s())
             wait_s = max(due_s - self._elapsed_s(), 0.0)
             if select.select([sys.stdin], [], [], wait_s)[0]:
-                *lines, typed = (typed + os.read(sys.stdin.fileno(), 4096)).split(b"\n")
-                if not lines and not typed:
+                if not (read := os.read(sys.stdin.fileno(), 4096)):
                     return
+                *lines, typed = (typed + read).split(b"\n")
                 for line in lines:
                     with self._lock:
                         print(json.dumps(self._obey(line.decode().split())), flush=True)
-                    if line == b"quit":
-                        return
 
     def _make_board(self, desk: Desk) -> BoardEnd:
         if desk.board == "firmware":
@@ -170,19 +170,15 @@ class DeskWorld:
     def _step_to(self, time_s: float) -> None:
         while self._logged_s + _LOG_S <= time_s:
             self._logged_s += _LOG_S
-            self._advance_to(self._logged_s)
-            width_mm, force_n = self._world.drive_value(self._logged_s), self._world.force_n(
-                self._logged_s
-            )
-            self._log.write(
-                np.array((self._start_s + self._logged_s, width_mm, force_n), LOG).tobytes()
-            )
-        self._advance_to(time_s)
+            self._set_clock(self._logged_s)
+            width_mm = self._world.drive_value(self._logged_s)
+            force_n = self._world.force_n(self._logged_s)
+            self._log.write(_RECORD.pack(self._start_s + self._logged_s, width_mm, force_n))
+        self._set_clock(time_s)
         self._adapter.exchange(time_s)
 
-    def _advance_to(self, time_s: float) -> None:
+    def _set_clock(self, time_s: float) -> None:
         self._clock.sleep_s(max(time_s - self._clock.now_s(), 0.0))
-        self._world.is_moving(self._clock.now_s())
 
     def _obey(self, words: list[str]) -> object:
         if words[0] == "place":
@@ -194,12 +190,15 @@ class DeskWorld:
             return "placed"
         self._log.flush()
         truth = self._world.truth()
+        latest_s, late_steps, self._latest_s, self._late_steps = (
+            self._latest_s, self._late_steps, 0.0, 0
+        )  # fmt: skip
         return Report(
             peak_n=truth.peak_force_n,
             damaged=truth.damaged,
             width_mm=self._world.drive_value(self._clock.now_s()),
-            latest_s=self._latest_s,
-            late_steps=self._late_steps,
+            latest_s=latest_s,
+            late_steps=late_steps,
             cpu_fraction=(time.process_time() - self._cpu_start_s) / self._elapsed_s(),
             overflow_bytes=self._adapter.overflow_bytes,
         )
