@@ -125,8 +125,8 @@ ROWS = {
         inject=_pixel(None),
         outcome=LOST,
         words="pixel R0 C0 reads stuck",
-        # Two movements after the fast approach, and three seconds.
-        detection_s=4.0,
+        # Four movements after the fast approach, each with its rest.
+        detection_s=4.5,
         early=True,
     ),
     "object removed": Row(

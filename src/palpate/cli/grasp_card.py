@@ -116,7 +116,8 @@ def _timings(result: GraspResult) -> Text:
         parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
     if result.peak_force_n is not None:
         parts.append(f"peak force {result.peak_force_n:.1f} N")
-    parts.append(f"{result.frames} frames, {result.frames_lost} lost")
+    skipped = f", {result.frames_skipped} skipped" if result.frames_skipped else ""
+    parts.append(f"{result.frames} frames{skipped}, {result.frames_lost} lost")
     return Text("  ·  ".join(parts), style="dim")
 
 

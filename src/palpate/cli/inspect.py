@@ -100,7 +100,8 @@ def _recording_text(found: dict[str, Any]) -> str:
         "seed": found["seed"],
         "calibration": "in the file" if found["calibrated"] else None,
         "duration": f"{found['duration_s']:.2f} s",
-        "frames": f"{found['frames']}{rate}, {found['frames_lost']} lost",
+        "frames": f"{found['frames']}{rate}, {found['frames_skipped']} skipped, "
+        f"{found['frames_lost']} lost",
         "gripper": f"{found['gripper_states']} states",
         "load cells": found["load_cell_readings"] or None,
         "events": found["events"] or None,

@@ -90,8 +90,8 @@ class HandMotion:
         Time of the first observation.
     now_s, closure : float
         Time and closure (mm or kPa) of the last observation.
-    frames, lost, last_sequence : int
-        Frames received, frames lost, and the last sequence number.
+    frames, skipped, lost, last_sequence : int
+        Frames used, frames skipped for newer ones, frames lost, and the last sequence number.
     tracking_lag : float
         Closure minus reported closure, within the error of reports.
     sent : float
@@ -108,6 +108,7 @@ class HandMotion:
     now_s: float = 0.0
     closure: float = math.nan
     frames: int = 0
+    skipped: int = 0
     lost: int = 0
     last_sequence: int | None = None
     tracking_lag: float = 0.0
@@ -224,10 +225,13 @@ class ContactEstimate(HandMotion):
 
     def count_frame(self, frame: Frame) -> None:
         """Count a frame and record its time, without using its readings."""
-        gap = 0 if self.last_sequence is None else frame.sequence - self.last_sequence - 1
+        gap = 0
+        if self.last_sequence is not None:
+            gap = frame.sequence - self.last_sequence - 1 - frame.skipped
         self.began_s = frame.time_s if self.began_s is None else self.began_s
         self.now_s, self.last_sequence = frame.time_s, frame.sequence
         self.frames, self.lost = self.frames + 1, self.lost + max(gap, 0)
+        self.skipped += frame.skipped
 
     def update(self, observation: Observation, *, plan: Plan) -> None:
         """Update the estimate with an observation: frame count, movement and readings."""

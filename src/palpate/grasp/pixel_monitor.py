@@ -54,9 +54,9 @@ class PixelMonitor:
         self._shorted = np.zeros(self._rest.shape, dtype=bool)
         self._pressed = np.zeros(self._rest.shape, dtype=bool)
         self._loaded = np.zeros(self._rest.shape, dtype=bool)
-        self._unchanged = np.zeros(self._rest.shape, dtype=int)
-        self._shaken = np.zeros(self._rest.shape, dtype=bool)
-        self._counted_at = 0.0
+        #: Movements without a change of each pixel, and of all pixels.
+        self._moves = _IdleMoves(self._rest.size, least=plan.fine_step)
+        self._all_moves = _IdleMoves(min(self._rest.size, 1), least=plan.fine_step)
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
         self._moved_s = -np.inf
@@ -83,7 +83,8 @@ class PixelMonitor:
         counts = np.asarray(frame.counts)[self._watched] / frame.oversampling
         before = counts if self._counts is None else self._counts
         changed = counts != before
-        self._shaken |= changed
+        self._moves.changed |= changed
+        self._all_moves.changed |= changed.any()
         self._count_alike(alike=not changed.any())
         equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
@@ -96,14 +97,18 @@ class PixelMonitor:
         self._closure = closure
         # A long movement at constant speed disturbs the sheet only at its ends: count it once.
         if not moving:
-            self._count_moves(closure)
+            self._all_moves.count(closure)
+        standing = frame.time_s - self._moved_s > READING.quiet_s
+        # A fast hand stops between the frames of a slow sensor, and a quiet pixel may not change in
+        # so few frames.
+        if standing:
+            self._moves.count(closure)
         opened, ended = find_end_readings(counts, layout=self._layout)
         self._opened = np.where(opened, self._opened + 1, 0)
         self._ended = np.where(ended, self._ended + 1, 0)
         jumped = np.abs(counts - before) > PIXELS.jump_fraction * np.maximum(before, 1.0)
         if self._counts is None:
             jumped = ended
-        standing = frame.time_s - self._moved_s > READING.quiet_s
         unloaded_jump = jumped & (~_has_others(jumped) | standing)
         self._loaded = self._under_load(counts)
         short = ~_has_others(self._loaded) | unloaded_jump
@@ -111,13 +116,14 @@ class PixelMonitor:
         self._shorted = ended & (self._shorted | (begins & short))
         self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
         # A saturated reading is not stuck.
-        self._shaken |= self._pressed
+        self._moves.changed |= self._pressed
+        self._all_moves.changed |= self._pressed.any()
         self._counts = counts
         return self._describe_fault()
 
     def _describe_fault(self) -> Alarm | None:
-        unchanged = self._unchanged >= PIXELS.stuck_moves
-        if unchanged.size and (unchanged.all() or self._is_repeating):
+        unchanged = self._all_moves.idle >= PIXELS.stuck_moves
+        if unchanged.any() or self._is_repeating:
             since = f"{self._alike} frames"
             if not self._is_repeating:
                 since = f"{PIXELS.stuck_moves} movements of the fingers"
@@ -165,17 +171,10 @@ class PixelMonitor:
         flickers = before >= PIXELS.max_equal_frames and self._longest <= PIXELS.fault_frames
         return flickers and self._alike > PIXELS.max_equal_frames
 
-    def _count_moves(self, closure: float) -> None:
-        """Count the movements in which each pixel did not change."""
-        if abs(closure - self._counted_at) >= self._plan.fine_step:
-            self._unchanged = np.where(self._shaken, 0, self._unchanged + 1)
-            self._shaken = np.zeros_like(self._shaken)
-            self._counted_at = closure
-
     def _find_stuck_pixels(self) -> NDArray[np.bool_]:
         """Return the pixels unchanged in several movements, if all others changed in the last."""
-        unchanged = self._unchanged >= PIXELS.stuck_moves
-        rest = self._unchanged[~unchanged]
+        unchanged = self._moves.idle >= PIXELS.stuck_moves
+        rest = self._moves.idle[~unchanged]
         return np.asarray(unchanged & (rest.size > 0 and int(rest.max()) <= 1))
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -184,6 +183,27 @@ class PixelMonitor:
         upper = self._layout.divider.taxel_leg == "upper"
         seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
         return np.asarray(full / seen - 1.0 < (1.0 - PIXELS.loaded_fraction) * self._rest)
+
+
+class _IdleMoves:
+    """Counts the movements since readings last changed.
+
+    `least`: travel of a movement that counts, mm or kPa.
+    """
+
+    def __init__(self, readings: int, *, least: float) -> None:
+        #: Movements without a change.
+        self.idle = np.zeros(readings, dtype=int)
+        #: Whether each reading has changed since the last movement.
+        self.changed = np.zeros(readings, dtype=bool)
+        self._least, self._counted_at = least, 0.0
+
+    def count(self, closure: float) -> None:
+        """Count the end of a movement, unless the travel since the last one is too short."""
+        if abs(closure - self._counted_at) >= self._least:
+            self.idle = np.where(self.changed, 0, self.idle + 1)
+            self.changed = np.zeros_like(self.changed)
+            self._counted_at = closure
 
 
 def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -83,8 +83,12 @@ class GraspResult:
         with its variable steps. None for pressure-driven fingers.
     peak_force_n : float or None
         Largest grip force measured during the grasp.
-    frames, frames_lost : int
-        Frames received, and frames missing from their sequence.
+    frames, frames_skipped, frames_lost : int
+        Frames used, frames that had waited too long and were skipped for newer ones (before the
+        grasp, or because a reply of the gripper took longer than a frame), and frames missing
+        from their sequence.
+    largest_frame_age_s : float or None
+        Largest time from the scan of a frame to its use.
     moments : tuple of Moment
         Events in order: `contact` of both fingers, `adjusted`, `on_target`, `damage_limit` (the
         limit kept the force below the target), `answer`, and the outcome. Events of one finger:
@@ -104,7 +108,9 @@ class GraspResult:
     previous_width_mm: float | None = None
     peak_force_n: float | None = None
     frames: int = 0
+    frames_skipped: int = 0
     frames_lost: int = 0
+    largest_frame_age_s: float | None = None
     moments: tuple[Moment, ...] = ()
     faults: tuple[str, ...] = field(default=())
 
@@ -138,7 +144,9 @@ class GraspResult:
             "previous_width_mm": self.previous_width_mm,
             "peak_force_n": self.peak_force_n,
             "frames": self.frames,
+            "frames_skipped": self.frames_skipped,
             "frames_lost": self.frames_lost,
+            "largest_frame_age_s": self.largest_frame_age_s,
             "moments": [moment.to_dict() for moment in self.moments],
             "faults": list(self.faults),
         }

@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from statistics import median
 from types import FrameType
 from typing import TypeAlias, TypeVar
@@ -27,7 +28,7 @@ from palpate.grasp.safety import Alarm, Danger
 from palpate.grasp.state import GraspState
 from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_impossible_value
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
-from palpate.sensor.array import Frame, PressureArray, find_impossible_count
+from palpate.sensor.array import Frame, PressureArray, find_impossible_count, read_newest
 
 #: Receives every observation, for a recorder or view. It must return quickly; after an exception it
 #: is called no more, and the grasp continues.
@@ -39,49 +40,80 @@ _Event = TypeVar("_Event")
 
 
 class _FrameReader:
-    """Reads frames; raises an error for stale or impossible ones."""
+    """Reads the newest frame; raises an error for stale or impossible ones."""
 
     def __init__(self, array: PressureArray, *, clock: Clock, plan: Plan) -> None:
         self._array, self._clock, self._safety = array, clock, plan.safety
         self._layout = plan.layout
         self._last_s: float | None = None
         self._intervals_s = deque[float](maxlen=GUARDS.period_frames)
+        #: Frames skipped since the last one returned, and in all after the first one.
+        self._skipped = self.skipped = 0
+        #: Largest age of a frame returned.
+        self.largest_age_s = 0.0
 
     def read(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
-        """Return the next frame, or an alarm of the hand during the wait."""
+        """Return the newest frame, or an alarm of the hand during the wait.
+
+        An old frame is not stale as long as newer ones arrive: this program may have been late to
+        read it. It is skipped, and a newer one must arrive in time.
+        """
         stale_after_s = GUARDS.patience_s
         if len(self._intervals_s) >= READING.fewest_frames:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
         until_s, polled = self._clock.now_s() + stale_after_s, False
+        is_late = False
         while True:
             left_s = until_s - self._clock.now_s()
             every_s = hand.poll_interval_s(self._clock.now_s()) or left_s
             try:
-                frame = self._array.read(timeout_s=max(min(every_s, left_s), 0.0))
-                break
+                frame = read_newest(
+                    self._array,
+                    clock=self._clock,
+                    timeout_s=max(min(every_s, left_s), 0.0),
+                    fresh_s=self._safety.latency_s,
+                )
             except DeviceTimeoutError as late:
                 if every_s < left_s:
-                    alarm, polled = hand.poll(estimate, now_s=self._clock.now_s()), True
-                elif polled:
-                    raise DeviceTimeoutError(
-                        f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
-                    ) from late
-                else:
+                    polled = True
+                    alarm = hand.poll(estimate, now_s=self._clock.now_s())
+                    if alarm is not None:
+                        return alarm
+                    continue
+                if not polled:
                     raise
-            if alarm is not None:
-                return alarm
-        self._check(frame, stale_after_s=stale_after_s)
+                raise DeviceTimeoutError(
+                    f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
+                ) from late
+            self._skipped += frame.skipped
+            age_s = self._clock.now_s() - frame.time_s
+            if not age_s > stale_after_s:
+                break
+            now_s = self._clock.now_s()
+            if is_late and now_s >= until_s:
+                raise DeviceTimeoutError(
+                    f"the latest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
+                    "check the sensor's cable and the load on this computer"
+                )
+            # From the first look at an old frame on, a newer one must arrive in time.
+            until_s, is_late = until_s if is_late else now_s + stale_after_s, True
+            self._skipped += 1
+        self._check(frame, age_s=age_s, stale_after_s=stale_after_s)
         if self._last_s is not None:
             self._intervals_s.append(frame.time_s - self._last_s)
+            self.skipped += self._skipped
         self._last_s = frame.time_s
+        self.largest_age_s = max(self.largest_age_s, age_s)
+        if frame.skipped != self._skipped:
+            frame = replace(frame, skipped=self._skipped)
+        self._skipped = 0
         return frame
 
-    def _check(self, frame: Frame, *, stale_after_s: float) -> None:
-        age_s = self._clock.now_s() - frame.time_s
-        if not abs(age_s) <= stale_after_s:
-            raise DeviceTimeoutError(
-                f"the latest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
-                "check the sensor's cable and the load on this computer"
+    def _check(self, frame: Frame, *, age_s: float, stale_after_s: float) -> None:
+        if not -age_s <= stale_after_s:
+            raise DeviceError(
+                f"the latest frame is dated {-age_s:.2f} s in the future; the times of the array "
+                "must be those of the rig's clock"
             )
         if self._last_s is not None and frame.time_s <= self._last_s:
             raise DeviceError(
@@ -96,8 +128,8 @@ class _FrameReader:
 class _Hand:
     """The gripper, with checks of its movement and current."""
 
-    def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
-        self._gripper, self._plan = gripper, plan
+    def __init__(self, gripper: Gripper, *, clock: Clock, plan: Plan) -> None:
+        self._gripper, self._clock, self._plan = gripper, clock, plan
         self._limits, self._safety = plan.gripper, plan.safety
         self._current = CurrentMonitor(plan)
         self._speed = SpeedMonitor(plan.gripper, safety=plan.safety)
@@ -106,13 +138,22 @@ class _Hand:
         self._unchecked: CommandTracking | None = None
         self._idle = 0
         self._last: GripperState | None = None
+        self._replies, self._waited_s = 0, 0.0
+
+    @property
+    def mean_reply_s(self) -> float:
+        """Mean time of a report, seconds."""
+        return self._waited_s / max(self._replies, 1)
 
     def state(self) -> GripperState:
         """Return the gripper's state.
 
         Raises `DeviceError` if the gripper does not answer, or reports an impossible state.
         """
+        asked_s = self._clock.now_s()
         state = self._gripper.state()
+        self._replies, self._waited_s = self._replies + 1, self._waited_s - asked_s
+        self._waited_s += self._clock.now_s()
         wrong = find_impossible_value(state, limits=self._limits, before=self._last)
         if wrong is not None:
             raise DeviceError(wrong)
@@ -222,7 +263,7 @@ def run_grasp(
     The result's `faults` have the reasons. `palpate.grasp.safety` defines the hand's movement.
     """
     controller, reader = GraspController(plan), _FrameReader(array, clock=clock, plan=plan)
-    state, hand = controller.state, _Hand(gripper, plan=plan)
+    state, hand = controller.state, _Hand(gripper, clock=clock, plan=plan)
     board, pixels, rest = BoardMonitor(), PixelMonitor(plan), RestMonitor(plan)
     views, watching = list(subscribers), list(watchers)
     requests = Requests() if requests is None else requests
@@ -283,7 +324,13 @@ def run_grasp(
     if unstopped is not None:
         message = f"the stop command failed: {unstopped}"
         controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=message))
-    return state.final_result
+    if reader.skipped > state.estimate.frames:
+        state.add_fault(
+            f"{reader.skipped} of {reader.skipped + state.estimate.frames} frames were skipped: "
+            f"each report of the gripper took {hand.mean_reply_s:.3f} s; a shorter latency of its "
+            "adapter or a lower frame rate avoids this"
+        )
+    return replace(state.final_result, largest_frame_age_s=reader.largest_age_s)
 
 
 def _apply_alarm(

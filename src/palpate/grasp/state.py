@@ -124,6 +124,7 @@ class GraspState:
         return replace(
             self.result,
             frames=estimate.frames,
+            frames_skipped=estimate.skipped,
             frames_lost=estimate.lost,
             peak_force_n=estimate.peak_force_n if estimate.contact_s is not None else None,
         )

@@ -49,13 +49,14 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "/frames": message_schema(
         "palpate.Frame",
         ["sequence", "counts", "oversampling"],
-        sequence={"type": "integer", "description": "Gaps are lost frames."},
+        sequence={"type": "integer", "description": "Gaps are lost or skipped frames."},
         counts={
             "type": "array",
             "items": {"type": "integer"},
             "description": "Raw ADC counts, row by row, summed over `oversampling` conversions.",
         },
         oversampling={"type": "integer"},
+        skipped={"type": "integer", "description": "Older frames received and not used."},
     ),
     "/gripper": message_schema(
         "palpate.GripperState",
@@ -103,6 +104,7 @@ def encode(message: RecordedMessage) -> bytes:
             "sequence": int(message.sequence),
             "counts": message.counts.ravel().tolist(),
             "oversampling": int(message.oversampling),
+            **({"skipped": message.skipped} if message.skipped else {}),
         }
     elif isinstance(message, GripperState):
         sensed = {
@@ -148,6 +150,7 @@ def _decode_frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
         sequence=_require_int64(fields["sequence"]),
         counts=counts.reshape(layout.rows, layout.cols),
         oversampling=oversampling,
+        skipped=max(_require_int64(fields.get("skipped", 0)), 0),
     )
 
 

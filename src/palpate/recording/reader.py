@@ -172,11 +172,13 @@ def _freeze(column: NDArray[_Item]) -> NDArray[_Item]:
 class RecordingSummary:
     """Counts of the messages in a recording.
 
-    `frames_lost` is the number of missing frame numbers; `duration_s` is from the first to the last
+    `frames_skipped` counts frames that arrived and were not used (`Frame.skipped`), and
+    `frames_lost` the other missing frame numbers; `duration_s` is from the first to the last
     frame; `rate_hz` is None with fewer than two frames.
     """
 
     frames: int
+    frames_skipped: int
     frames_lost: int
     duration_s: float
     rate_hz: float | None
@@ -193,15 +195,19 @@ def summarise_recording(reader: RecordingReader, *, state: FileState) -> Recordi
     counts = {Frame: 0, GripperState: 0, Event: 0, LoadCells: 0}
     first: Frame | None = None
     last: Frame | None = None
-    lost = 0
+    lost = skipped = 0
     for message in reader.messages(state=state):
         counts[type(message)] += 1
         if isinstance(message, Frame):
-            lost += 0 if last is None else max(0, message.sequence - last.sequence - 1)
+            if last is not None:
+                gap = message.sequence - last.sequence - 1
+                lost += max(0, gap - message.skipped)
+            skipped += message.skipped
             first, last = first or message, message
     duration_s = 0.0 if first is None or last is None else last.time_s - first.time_s
     return RecordingSummary(
         frames=counts[Frame],
+        frames_skipped=skipped,
         frames_lost=lost,
         duration_s=duration_s,
         rate_hz=(counts[Frame] - 1) / duration_s if duration_s > 0 else None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
@@ -20,7 +20,7 @@ from palpate.clock import Clock
 from palpate.errors import InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.recording.contents import Origin
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import PressureArray, read_waiting
 from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
@@ -97,13 +97,28 @@ class Rig:
         return self.origin != "hardware"
 
     def read(self) -> Reading:
-        """Return the next frame as a reading, without moving the gripper.
+        """Return the newest frame as a reading, without moving the gripper.
+
+        After a pause the frames in between are skipped; `for reading in rig` yields every frame.
+        Each frame is returned once: a call in quick succession waits for the next frame.
 
         Raises `DeviceError` if no frame arrives, or the running grasp ends.
         """
         if self._grip is not None and self._grip.is_holding:
             return self._grip.read()
-        return self._get_reader().read(self.array.read(timeout_s=_FRAME_S))
+        *earlier, newest = read_waiting(self.array, clock=self.clock, timeout_s=_FRAME_S)
+        reader = self._get_reader()
+        reader.follow(earlier)
+        return reader.read(newest, now_s=self.clock.now_s())
+
+    def __iter__(self) -> Iterator[Reading]:
+        """Yield every frame in order as a reading; see `read`."""
+        while True:
+            if self._grip is not None and self._grip.is_holding:
+                yield self._grip.read()
+            else:
+                frame = self.array.read(timeout_s=_FRAME_S)
+                yield self._get_reader().read(frame, now_s=self.clock.now_s())
 
     def grasp(
         self,

@@ -195,7 +195,7 @@ class Grip:
                 self._frame.notify_all()
 
     def _store_reading(self, observation: Observation) -> None:
-        reading = self._reader.read(observation.frame)
+        reading = self._reader.read(observation.frame, now_s=self._rig.clock.now_s())
         with self._frame:
             self._reading = reading
             self._frame.notify_all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -16,6 +17,9 @@ from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import CONTACT_PERCENT, excess_conductance, relative_change_percent
+
+#: Number of waiting frames that the memory of the force law uses.
+_MOST_FOLLOWED = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +38,8 @@ class Reading:
         Present force; None if the calibration has no force law.
     contact : bool
         Whether a pixel's change exceeds the contact threshold (paper, section 4.1).
+    age_s : float
+        Time from the scan to this reading.
     """
 
     time_s: float
@@ -41,6 +47,7 @@ class Reading:
     change_percent: FloatArray
     force_n: Measurement | None
     contact: bool
+    age_s: float = 0.0
 
     def __repr__(self) -> str:
         force = "no force law" if self.force_n is None else f"{self.force_n.text(digits=2)} N"
@@ -63,8 +70,14 @@ class Reader:
         with suppress(CalibrationError):
             self._force = force_now(calibration.force)
 
-    def read(self, frame: Frame) -> Reading:
-        """Return the reading of the next frame."""
+    def follow(self, frames: Sequence[Frame]) -> None:
+        """Update the force with earlier frames; in a long series some suffice."""
+        if self._force is not None:
+            for frame in frames[:: max(len(frames) // _MOST_FOLLOWED, 1)]:
+                self.read(frame)
+
+    def read(self, frame: Frame, *, now_s: float | None = None) -> Reading:
+        """Return the reading of the next frame; its age is 0 without a present time."""
         ohm = pixel_resistance_ohm(
             frame.counts, layout=self._layout, oversampling=frame.oversampling
         )
@@ -79,4 +92,5 @@ class Reader:
             change_percent=change,
             force_n=force,
             contact=bool(np.nanmin(change, initial=0.0) <= CONTACT_PERCENT),
+            age_s=0.0 if now_s is None else max(now_s - frame.time_s, 0.0),
         )

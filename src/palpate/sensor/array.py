@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.clock import Clock
+from palpate.errors import DeviceError
 from palpate.signal.circuit import Divider
 
 #: A sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
 #: Largest number of rows or columns; FlexiTac's board, the largest supported, has 16 x 32.
 MAX_LINES = 64
+#: Longest duration of a read that returns a waiting frame, and age of the newest frame.
+_PROMPT_S = 0.002
 #: Connection of the unselected lines; see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
@@ -125,7 +129,7 @@ class Frame:
     Attributes
     ----------
     time_s : float
-        Scan time: device time mapped to the host's clock. It never decreases from frame to frame.
+        Scan time: device time mapped to the host's clock. It increases from frame to frame.
     sequence : int
         Unwrapped frame number from the device. Gaps are lost frames.
     counts : ndarray of int, shape (rows, cols)
@@ -134,6 +138,8 @@ class Frame:
         Conversions summed per pixel.
     ceiling_tripped : bool
         Whether a pixel has reached the board's ceiling since the ceiling was armed.
+    skipped : int
+        Frames before this one that were received and not used, because a newer one had arrived.
     """
 
     time_s: float
@@ -141,6 +147,7 @@ class Frame:
     counts: NDArray[np.int32]
     oversampling: int = 1
     ceiling_tripped: bool = False
+    skipped: int = 0
 
     def __post_init__(self) -> None:
         counts = np.array(self.counts, dtype=np.int32)
@@ -182,8 +189,10 @@ class LinkCounters:
     lost: int = 0
     #: Packets or lines rejected.
     corrupt: int = 0
-    #: Frames older than 5 periods and 100 ms when read, because the host stalled.
+    #: Frames older than 5 periods and 100 ms on arrival, because the host or the adapter stalled.
     late: int = 0
+    #: Oldest frames removed from a full queue, because no program read them.
+    dropped: int = 0
     #: Streams after the first: the board was reset or the stream was started again.
     restarts: int = 0
     #: Times that the port was reopened.
@@ -210,7 +219,7 @@ class PressureArray(Protocol):
         ...
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, oldest first.
+        """Return the next frame, oldest first. With a timeout of 0, only one that has arrived.
 
         Raises
         ------
@@ -224,6 +233,37 @@ class PressureArray(Protocol):
     def close(self) -> None:
         """Release the source; calling it again does nothing."""
         ...
+
+
+def read_waiting(
+    array: PressureArray, *, clock: Clock, timeout_s: float, fresh_s: float = _PROMPT_S
+) -> list[Frame]:
+    """Return the frames that have arrived, oldest first; wait for one if there is none.
+
+    The newest frame is the last. A program that was busy thus continues with the present.
+
+    `clock`: clock of the frames' times.
+    `fresh_s`: a frame of at most this age is taken as the newest. A larger value preserves the
+        frames that an adapter delivers in bursts.
+    Raises `DeviceError` as `PressureArray.read`.
+    """
+    frames = [array.read(timeout_s=timeout_s)]
+    while (asked_s := clock.now_s()) - frames[-1].time_s > fresh_s:
+        try:
+            frames.append(array.read(timeout_s=0.0))
+        except DeviceError:
+            break  # none is waiting; a lost array is reported by the next read
+        if clock.now_s() - asked_s > _PROMPT_S:
+            break  # an array that ignores the timeout has waited for the next frame
+    return frames
+
+
+def read_newest(
+    array: PressureArray, *, clock: Clock, timeout_s: float, fresh_s: float = _PROMPT_S
+) -> Frame:
+    """Return the newest frame; its `skipped` counts the older ones (`read_waiting`)."""
+    frames = read_waiting(array, clock=clock, timeout_s=timeout_s, fresh_s=fresh_s)
+    return replace(frames[-1], skipped=len(frames) - 1) if len(frames) > 1 else frames[0]
 
 
 def get_link_counters(array: PressureArray) -> LinkCounters | None:

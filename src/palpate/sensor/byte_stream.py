@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import grp
 import os
+import select
+import time
 from typing import Protocol
 
 import serial
@@ -67,6 +69,13 @@ class SerialStream:
         except (serial.SerialException, OSError) as error:
             raise DeviceError(_port_error(self.name)) from error
 
+    def wait_for_bytes(self, timeout_s: float) -> None:
+        """Wait until bytes arrive or the port is lost, at most `timeout_s`."""
+        try:
+            select.select([self._serial.fileno()], [], [], timeout_s)
+        except (OSError, ValueError, serial.SerialException):
+            time.sleep(POLL_S)  # no descriptor, as on Windows, or the port is closed
+
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
         try:
@@ -77,6 +86,14 @@ class SerialStream:
     def close(self) -> None:
         """Release the port; calling it again does nothing."""
         self._serial.close()
+
+
+def wait_for_bytes(stream: ByteStream, *, timeout_s: float) -> None:
+    """Wait until a stream may have bytes, at most `timeout_s` of real time."""
+    if isinstance(stream, SerialStream):
+        stream.wait_for_bytes(timeout_s)
+    else:
+        time.sleep(min(POLL_S, timeout_s))
 
 
 def _port_error(port: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 from operator import itemgetter
 
@@ -13,6 +14,8 @@ BUCKET_S = 0.5
 MAX_BUCKETS = 120
 #: Twice the tolerance of a ceramic resonator. A larger slope is a stall of the host, not drift.
 MAX_DRIFT = 0.01
+#: Smallest increase of the host time from one device time to the next.
+_TICK_S = 1e-6
 
 
 class DeviceClock:
@@ -25,8 +28,8 @@ class DeviceClock:
     the line. The error of the Mega's ceramic resonator is up to 0.5 %, or 5 ms per second.
 
     `floor_s`: the known minimum delay (scan and transmission), which is subtracted.
-    `not_before_s`: latest host time already returned. Time never decreases, even after the line
-        has moved.
+    `not_before_s`: latest host time already returned. Time increases, even after the line has
+        moved.
 
     >>> clock = DeviceClock()
     >>> for k in range(400):
@@ -53,13 +56,31 @@ class DeviceClock:
     def to_host_s(self, device_s: float, *, arrival_s: float) -> float:
         """Return the host time of `device_s` and update the fit with its arrival.
 
-        The result is at most `arrival_s` minus the known minimum delay, unless `not_before_s` is
-        later.
+        The result is at most `arrival_s` minus the known minimum delay, unless the line was higher
+        before.
 
         `device_s`: the board's time, unwrapped and non-decreasing.
         `arrival_s`: host time of the arrival.
         """
-        offset_s = arrival_s - self._floor_s - device_s
+        return self.convert_burst([device_s], arrival_s=arrival_s)[0]
+
+    def convert_burst(self, devices_s: Sequence[float], *, arrival_s: float) -> list[float]:
+        """Return the host times of frames that arrived together, as `to_host_s`.
+
+        The last of them has waited least. The fit uses it before the first is converted, so that
+        the frames keep the distances of the board's clock.
+        """
+        for device_s in devices_s:
+            self._add(device_s, arrival_s - self._floor_s - device_s)
+        hosts_s = []
+        for device_s in devices_s:
+            line_s = self._origin[1] + self._slope * (device_s - self._origin[0])
+            self._latest_s = max(self._latest_s + _TICK_S, device_s + line_s)
+            hosts_s.append(self._latest_s)
+        return hosts_s
+
+    def _add(self, device_s: float, offset_s: float) -> None:
+        """Update the lower bound with the offset of one frame."""
         if self._bucket_end_s is None:
             self._origin = self._lowest = (device_s, offset_s)
             self._bucket_end_s = device_s + BUCKET_S
@@ -70,12 +91,8 @@ class DeviceClock:
             self._bucket_end_s = device_s + BUCKET_S
         elif offset_s < self._lowest[1]:
             self._lowest = (device_s, offset_s)
-        line_s = self._origin[1] + self._slope * (device_s - self._origin[0])
-        if offset_s < line_s:
+        if offset_s < self._origin[1] + self._slope * (device_s - self._origin[0]):
             self._origin = (device_s, offset_s)
-            line_s = offset_s
-        self._latest_s = max(self._latest_s, device_s + line_s)
-        return self._latest_s
 
     def _fit(self) -> None:
         """Fit the line to the hull's edge at the middle; needs two points."""

@@ -99,6 +99,7 @@ class OneWayArray(PortArray):
         except DeviceError:
             self.close()
             raise
+        self._start_reader()
 
     @classmethod
     def open_port(
@@ -125,6 +126,7 @@ class OneWayArray(PortArray):
             lost=self._lost,
             corrupt=self._decoder.corrupt,
             late=self._late,
+            dropped=self._dropped,
             reconnects=self._reconnects,
         )
 
@@ -160,7 +162,7 @@ class OneWayArray(PortArray):
             time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
             frame = Frame(time_s=self._last_s, sequence=self._next, counts=frame_counts)
-            self._waiting.append(frame)
+            self._queue(frame, arrival_s=arrival_s)
             self._next += 1
         self._frames += count
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import groupby
+from operator import attrgetter
 
 import numpy as np
 
@@ -111,6 +113,7 @@ class SerialArray(PortArray):
             divider = replace(layout.divider, adc_bits=bits)
             self._layout = replace(layout, divider=divider)
         self._accept_frames(frames)
+        self._start_reader()
 
     @property
     def identity(self) -> BoardIdentity | None:
@@ -133,6 +136,7 @@ class SerialArray(PortArray):
         return replace(
             self._decoder.counters,
             late=self._late,
+            dropped=self._dropped,
             reconnects=self._reconnects,
             drift_ppm=self._device_clock.drift_ppm,
         )
@@ -147,8 +151,9 @@ class SerialArray(PortArray):
         DeviceError
             If the board is permanently lost.
         """
-        self._fetch()
-        return self._newest
+        with self._arrived:
+            self._update()
+            return self._newest
 
     def send(self, command: Command) -> None:
         """Send a command, e.g. a heartbeat or pressure, without waiting for its answer.
@@ -161,12 +166,12 @@ class SerialArray(PortArray):
         DeviceError
             If the board is unplugged.
         """
-        if self._link is None:
-            raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
-        age_s = self._clock.now_s() - self._last_frame_s
-        is_silent = age_s > _PING_PERIODS / self._rate_hz + _PING_S
-        if not (isinstance(command, Ping) and (is_silent or self._link.is_busy)):
-            self._link.send(command)
+        with self._arrived:
+            link = self._require_link()
+            age_s = self._clock.now_s() - self._last_frame_s
+            is_silent = age_s > _PING_PERIODS / self._rate_hz + _PING_S
+            if not (isinstance(command, Ping) and (is_silent or link.is_busy)):
+                link.send(command)
 
     def arm_ceiling(self, counts: int) -> None:
         """Set the pixel reading at which the board vents and lowers its safe line.
@@ -184,14 +189,15 @@ class SerialArray(PortArray):
         DeviceError
             If the board is unplugged, refuses, or does not answer.
         """
-        if self._link is None:
-            raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
-        ceiling, self._tripped = SetCeiling(counts=counts), False
-        self._setup = (*self._setup[:-2], ceiling, self._setup[-1])
-        self._accept_frames(self._link.execute(ceiling))
+        with self._arrived:
+            link = self._require_link()
+            ceiling, self._tripped = SetCeiling(counts=counts), False
+            self._setup = (*self._setup[:-2], ceiling, self._setup[-1])
+            self._accept_frames(link.execute(ceiling))
 
     def close(self) -> None:
         """Stop the stream and release the port; calling it again does nothing."""
+        self._stop_reader()
         link, self._link = self._link, None
         try:
             if link is not None:
@@ -234,10 +240,18 @@ class SerialArray(PortArray):
         if self._link.was_reset or is_silent:
             self._set_up(self._link)
 
-    def _accept_frames(self, frames: list[FrameMessage]) -> None:
+    def _require_link(self) -> BoardLink:
+        if self._link is None:
+            raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
+        return self._link
+
+    def _accept_frames(self, messages: list[FrameMessage]) -> None:
+        """Queue frames that arrived together, except those sent before the layout was set."""
         self._last_frame_s = self._clock.now_s()
-        for frame in frames:
-            self._accept(frame, arrival_s=self._last_frame_s)
+        shape = (self._layout.rows, self._layout.cols)
+        fitting = [message for message in messages if message.counts.shape == shape]
+        for _, burst in groupby(fitting, key=attrgetter("stream")):
+            self._accept(list(burst), arrival_s=self._last_frame_s)
 
     def _set_up(self, link: BoardLink) -> None:
         """Set up the board again; after a trip omit the ceiling, which would clear it."""
@@ -245,22 +259,24 @@ class SerialArray(PortArray):
             [c for c in self._setup if not (self._tripped and isinstance(c, SetCeiling))]
         )
 
-    def _accept(self, message: FrameMessage, *, arrival_s: float) -> None:
-        if message.counts.shape != (self._layout.rows, self._layout.cols):
-            return  # sent before the layout was set
-        if message.stream != self._stream_number:
-            self._switch_stream(message)
-        self._tripped |= bool(message.status & BoardStatus.CEILING_TRIPPED)
-        time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
-        self._last = Frame(
-            time_s=time_s,
-            sequence=message.sequence + self._sequence_offset,
-            counts=message.counts.astype(np.int32),
-            oversampling=message.oversampling,
-            ceiling_tripped=self._tripped,
+    def _accept(self, burst: list[FrameMessage], *, arrival_s: float) -> None:
+        """Queue frames of one stream."""
+        if burst[0].stream != self._stream_number:
+            self._switch_stream(burst[0])
+        times_s = self._device_clock.convert_burst(
+            [message.time_us * 1e-6 for message in burst], arrival_s=arrival_s
         )
-        self._newest = message
-        self._waiting.append(self._last)
+        for message, time_s in zip(burst, times_s, strict=True):
+            self._tripped |= bool(message.status & BoardStatus.CEILING_TRIPPED)
+            self._last = Frame(
+                time_s=time_s,
+                sequence=message.sequence + self._sequence_offset,
+                counts=message.counts.astype(np.int32),
+                oversampling=message.oversampling,
+                ceiling_tripped=self._tripped,
+            )
+            self._queue(self._last, arrival_s=arrival_s)
+        self._newest = burst[-1]
 
     def _switch_stream(self, message: FrameMessage) -> None:
         """Switch to a new stream: continue the frame numbers and restart the device clock."""

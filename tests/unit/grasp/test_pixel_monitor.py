@@ -37,6 +37,14 @@ def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str 
     return [alarm and alarm.message for alarm in alarms(plan, frames, step_mm=step_mm)]
 
 
+def stopped(plan: Plan, frames: list[Any], *, step_mm: float) -> list[str | None]:
+    """Return the message at each frame; the fingers close by a step and rest before each."""
+    moments = []
+    for number, counts in enumerate(frames):
+        moments += [(number - 0.5, number * step_mm, counts), (number, number * step_mm, counts)]
+    return [alarm and alarm.message for alarm in watched_at(plan, moments)[1::2]]
+
+
 def at_rest(count: int) -> list[Any]:
     """Return frames with a flicker of one count in every pixel."""
     return [np.full((4, 2), REST) + number % 2 for number in range(count)]
@@ -135,10 +143,18 @@ def test_pixel_monitor_pixel_unchanged_by_movements_is_stuck(plan: Plan, rows: i
     frames = at_rest(30)
     for frame in frames:
         frame[1, 0] = REST
-    said = watched(plan, frames, step_mm=0.5)
+    said = stopped(plan, frames, step_mm=0.5)
     first = next(number for number, message in enumerate(said) if message)
     assert said[first] == "pixel R1 C0 reads stuck; run `palpate doctor`"
     assert first == 4
+
+
+def test_pixel_monitor_quiet_pixel_is_not_stuck_while_a_fast_hand_closes(plan: Plan) -> None:
+    """The hand stops between the frames of a slow sensor, and the closing continues."""
+    frames = at_rest(30)
+    for frame in frames:
+        frame[1, 0] = REST
+    assert watched(plan, frames, step_mm=0.5) == [None] * 30
 
 
 @pytest.mark.parametrize("step_mm", [0.5, 0.25])
@@ -304,7 +320,7 @@ def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
     for number, frame in enumerate(frames):
         frame[1, 0] = REST
         frame[2, 1] = REST + (number >= 8 - slept)
-    message = watched(plan, frames, step_mm=0.5)[-1]
+    message = stopped(plan, frames, step_mm=0.5)[-1]
     assert (message is not None) == stuck
     assert not stuck or "R1 C0 reads stuck" in str(message)
 

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import deque
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
+from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
 
 
 def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
@@ -109,16 +117,14 @@ def test_stale_frames_end_the_grasp(plan: Plan, bench: Any) -> None:
     assert bench.stops == 1
 
 
-@pytest.mark.parametrize("back_s", [0.0, 0.1])
+@pytest.mark.parametrize("ahead_s", [1 / 15, 0.1])
 def test_run_grasp_frame_time_that_does_not_increase_ends_the_grasp(
-    plan: Plan, bench: Any, back_s: float
+    plan: Plan, bench: Any, ahead_s: float
 ) -> None:
-    last = list[float]()
+    """The next frame has the same time, or an earlier one."""
 
     def turned(frame: Frame) -> Frame:
-        time_s = last[-1] - back_s if len(last) == 60 else frame.time_s
-        last.append(time_s)
-        return replace(frame, time_s=time_s)
+        return replace(frame, time_s=frame.time_s + ahead_s * (frame.sequence == 60))
 
     bench.change_frames(turned)
     result = bench.grasp(plan)
@@ -221,3 +227,70 @@ def test_missing_frame_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
             bench.sequence += 3
 
     assert bench.grasp(plan, subscribers=[drop]).frames_lost == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate_hz", "waited_s"), [(15, 3.0), (50, 0.4), (250, 0.012), (250, 0.4)])
+def test_grasp_holds_although_frames_have_queued_since_the_rig_was_opened(
+    rate_hz: int, waited_s: float
+) -> None:
+    """Opening a servo and planning a grasp take time, in which the sensor sends frames."""
+    world = World(draw_object(np.random.default_rng(3), "tomato"), seed=5, frame_rate_hz=rate_hz)
+    array, gripper = TwinArray(world), TwinGripper(world)
+    plan = plan_grasp(
+        calibrate_twin(seed=5, level="lab", apart_from="tomato"),
+        gripper=gripper,
+        target_force_n=None,
+        expect_size_mm=None,
+    )
+    world.clock.sleep_s(waited_s)
+    world.drive_value(world.clock.now_s())
+    seen = list[Observation]()
+    result = run_grasp(
+        plan, array=array, gripper=gripper, clock=world.clock, subscribers=[seen.append]
+    )
+    assert result.outcome is Outcome.HELD
+    assert seen[0].frame.time_s >= waited_s - max(1 / rate_hz, 0.02)
+    assert result.frames_lost == 0
+
+
+def test_grasp_with_slow_reports_skips_frames_and_names_the_reason(plan: Plan, bench: Any) -> None:
+    """Each report takes as long as three frames; a queue holds them meanwhile."""
+    bench.change_frames(lambda one: replace(one, counts=one.counts + one.sequence % 2))
+    read, report = bench.read, bench.state
+    queue = deque[Frame]()
+
+    def read_queue(*, timeout_s: float) -> Frame:
+        if not queue and timeout_s == 0.0:
+            raise DeviceTimeoutError("no frame is waiting")
+        return queue.popleft() if queue else read(timeout_s=timeout_s)
+
+    def report_slowly() -> Any:
+        queue.extend(read(timeout_s=1.0) for _ in range(3))
+        return report()
+
+    bench.read, bench.state = read_queue, report_slowly
+    result = bench.grasp(plan)
+    assert result.outcome is Outcome.HELD
+    assert result.frames_lost == 0
+    assert result.frames_skipped > 1.5 * result.frames
+    assert "each report of the gripper took 0.200 s" in result.faults[0]
+
+
+def test_grasp_survives_a_computer_that_stalls_as_long_as_frames_arrive(
+    plan: Plan, bench: Any
+) -> None:
+    """The program is stopped for half a second; the frames of that time wait in a queue."""
+    read, queue = bench.read, deque[Frame]()
+
+    def read_queue(*, timeout_s: float) -> Frame:
+        if bench.sequence == 60:
+            queue.extend(read(timeout_s=1.0) for _ in range(8))
+        if not queue and timeout_s == 0.0:
+            raise DeviceTimeoutError("no frame is waiting")
+        return queue.popleft() if queue else read(timeout_s=timeout_s)
+
+    bench.read = read_queue
+    result = bench.grasp(plan)
+    assert result.outcome is Outcome.HELD
+    assert result.frames_skipped == 7
