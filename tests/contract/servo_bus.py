@@ -54,7 +54,6 @@ class ServoBus:
     The servo answers from its own thread. Runs are repeatable if one host thread advances the clock
     and waits for each answer.
 
-    `lock`: lock of a world that another thread advances; by default the bus is alone with it.
     `silent`: whether the servo ignores all requests.
     `damaged_replies`: number of following replies with a wrong CRC.
     `cut_at`: number of bytes to which each reply is truncated; None for complete replies.
@@ -72,7 +71,6 @@ class ServoBus:
         model_number: int = 1020,
         servo_id: int = 9,
         fingers: CrankFingers | None = None,
-        lock: threading.RLock | None = None,
     ) -> None:
         self._world, self._hand = world, TwinGripper(world)
         self._fingers = fingers or CrankFingers()
@@ -89,7 +87,7 @@ class ServoBus:
         self._put(x.CURRENT_LIMIT, 1193)
         self._put(_MAX_POSITION_LIMIT, 4095)
         self._start()
-        self._lock, self._is_updating = lock or threading.RLock(), False
+        self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
         self.name = self._line.name

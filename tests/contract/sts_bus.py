@@ -52,8 +52,6 @@ class StsBus:
         Position at which the pads touch; positions increase as the jaw opens.
     servo_id, model_number : int
         Identity of the servo.
-    lock : RLock, optional
-        Lock of a world that another thread advances.
 
     Attributes
     ----------
@@ -61,8 +59,6 @@ class StsBus:
         Whether the servo ignores all requests.
     damaged_replies : int
         Number of following replies with a wrong checksum.
-    late_s : float
-        Delay of the replies in real time, seconds.
     state : State
         Protection states, reported in every reply.
     failing_registers : set of Register
@@ -77,17 +73,15 @@ class StsBus:
         closed_tick: int,
         servo_id: int = 6,
         model_number: int = 777,
-        lock: threading.RLock | None = None,
     ) -> None:
         self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
         self._closed, self._id = closed_tick, servo_id
         self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
-        self.late_s = 0.0
         self.failing_registers = set[Register]()
         self._table = bytearray(sts.STATE[1])
         self._put(sts.MODEL_NUMBER, model_number)
         self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
-        self._lock, self._is_updating = lock or threading.RLock(), False
+        self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
         self.name = self._line.name
@@ -150,7 +144,7 @@ class StsBus:
         check = checksum(body)
         if self.damaged_replies:
             self.damaged_replies, check = self.damaged_replies - 1, check ^ 1
-        self._line.send(_HEADER + body + bytes([check]), late_s=self.late_s)
+        self._line.send(_HEADER + body + bytes([check]))
 
     # -- the servo --------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -172,6 +173,7 @@ def run_grasp(case: Case, *, world: WorldProcess, folder: Path) -> Run:
         check=False,
     )
     total_s = time.monotonic() - begin_s
+    (folder / "result.json").write_text(done.stdout + done.stderr, encoding="utf-8")
     try:
         document = json.loads(done.stdout)
     except ValueError:
@@ -204,7 +206,7 @@ def _judge(
         outcome=outcome,
         touch_s=float(touching[0]) - begin_s if touching.size else None,
         answer_s=answer_s,
-        age_s=document.get("age_s"),
+        age_s=document.get("largest_frame_age_s"),
         peak_n=report["peak_n"],
         total_s=total_s,
         world=report,
@@ -294,6 +296,13 @@ def run_cases(cases: Sequence[Case]) -> Iterator[Run]:
             yield run
 
 
+def _keep(folder: Path, case: Case) -> None:
+    """Keep the folder of a failed case in $PALPATE_DESK_KEEP, if given."""
+    if (kept := os.environ.get("PALPATE_DESK_KEEP")) is not None:
+        name = f"{case.use}-{case.board}-{case.rate_hz:g}-{case.hand}-{case.busy}-{case.index}"
+        shutil.copytree(folder, Path(kept) / name, dirs_exist_ok=True)
+
+
 def _run_on_one_desk(cases: Sequence[Case]) -> Iterator[Run]:
     if cases[0].use in GUARDS:
         yield run_guard(cases[0])
@@ -314,4 +323,5 @@ def _run_on_one_desk(cases: Sequence[Case]) -> Iterator[Run]:
                 run = _judge(case, document, begin_s=begin_s, total_s=total_s, world=world)
             yield run
             if run.reason:
+                _keep(folder, case)
                 return

@@ -45,8 +45,9 @@ def open_hand_end(
         return OwnHandEnd(world, lock=lock, late_s=late_s)
     bus: ServoBus | StsBus
     if kind == "dynamixel":
-        bus = ServoBus(world, lock=lock)
+        bus = ServoBus(world)
     else:
-        bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, lock=lock)
-    bus.late_s = late_s
+        bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
+    # Its own lock guards a world that nobody else advances.
+    bus._lock, bus.late_s = lock, late_s
     return bus

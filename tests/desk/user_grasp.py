@@ -20,5 +20,5 @@ with palpate.open_rig("rig.toml") as rig:
         grip.release()
         document = grip.to_dict()
         document["still_held"] = held and bool(ages)
-        document["begin_s"], document["age_s"] = begin_s, max(ages, default=None)
+        document["begin_s"], document["hold_age_s"] = begin_s, max(ages, default=None)
         print(json.dumps(document), flush=True)

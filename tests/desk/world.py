@@ -36,12 +36,15 @@ from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
 from palpate.signal.circuit import Divider
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.world import World
+from palpate.twin.world import OPEN_MM, World
 
 #: Seed of the sheet and the hand of the desk, which its calibrations belong to.
 SHEET_SEED = 5
-LOG = np.dtype([("monotonic_s", "f8"), ("width_mm", "f8"), ("force_n", "f8")])
-_RECORD = struct.Struct("3d")
+#: The target is that of the last movement, in which the hand may have stopped since.
+LOG = np.dtype(
+    [("monotonic_s", "f8"), ("width_mm", "f8"), ("force_n", "f8"), ("target_mm", "f8")]
+)
+_RECORD = struct.Struct("4d")
 _LOG_S, _STEP_S = 0.005, 0.001
 #: Objects that can be 32 mm thick, which the desk makes them.
 OBJECTS, SIZE_MM = ("strawberry", "banana"), 32.0
@@ -114,6 +117,16 @@ def draw_desk_object(seed: int) -> TwinObject:
     return replace(draw_object(rng, str(rng.choice(OBJECTS))), size_mm=SIZE_MM)
 
 
+class LoggedWorld(World):
+    """A world that remembers its last command."""
+
+    target_mm = OPEN_MM
+
+    def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
+        self.target_mm = target
+        return super().drive(target, rate=rate, time_s=time_s)
+
+
 class DeskWorld:
     """The running world; threads of the hands use it under its lock."""
 
@@ -121,7 +134,7 @@ class DeskWorld:
         self._start_s = time.monotonic()
         self._lock = threading.RLock()
         self._clock = ManualClock()
-        self._world = World(
+        self._world = LoggedWorld(
             draw_desk_object(desk.seed),
             seed=desk.seed,
             sheet_seed=SHEET_SEED,
@@ -167,15 +180,16 @@ class DeskWorld:
     def _elapsed_s(self) -> float:
         return time.monotonic() - self._start_s
 
-    def _step_to(self, time_s: float) -> None:
-        while self._logged_s + _LOG_S <= time_s:
+    def _step_to(self, until_s: float) -> None:
+        while self._logged_s + _LOG_S <= until_s:
             self._logged_s += _LOG_S
             self._set_clock(self._logged_s)
             width_mm = self._world.drive_value(self._logged_s)
             force_n = self._world.force_n(self._logged_s)
-            self._log.write(_RECORD.pack(self._start_s + self._logged_s, width_mm, force_n))
-        self._set_clock(time_s)
-        self._adapter.exchange(time_s)
+            time_s, target_mm = self._start_s + self._logged_s, self._world.target_mm
+            self._log.write(_RECORD.pack(time_s, width_mm, force_n, target_mm))
+        self._set_clock(until_s)
+        self._adapter.exchange(until_s)
 
     def _set_clock(self, time_s: float) -> None:
         self._clock.sleep_s(max(time_s - self._clock.now_s(), 0.0))
