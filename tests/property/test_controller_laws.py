@@ -40,8 +40,9 @@ PLAN = Plan(
 )
 
 plans = st.builds(
-    lambda ceiling, target, step: replace(
+    lambda ceiling, target, step, slowest: replace(
         PLAN,
+        gripper=replace(LIMITS, slowest=slowest),
         safety=SafetyLimits(force_ceiling_n=ceiling),
         target_force_n=target,
         step=step,
@@ -49,6 +50,7 @@ plans = st.builds(
     st.floats(0.5, 30.0),
     st.none() | st.floats(0.5, 15.0),
     st.floats(0.2, 5.0),
+    st.sampled_from([0.0, 20.0]),
 )
 
 
@@ -61,6 +63,7 @@ def assert_bounded(
     closing = width - command.target
     if closing <= 0:
         return
+    assert command.rate >= plan.gripper.slowest
     added_n = (closing + command.rate * plan.safety.latency_s) * plan.steepest_n
     limit_n = min(plan.safety.force_ceiling_n, grasp_state.estimate.damage_low_n)
     assert grasp_state.estimate.force_high_n + added_n <= limit_n * (1 + 1e-9)

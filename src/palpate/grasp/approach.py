@@ -151,7 +151,8 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     # The stopping delay is one frame period, the lag of the sheet, and the gripper's latency.
     late_s = estimate.period_s + READING.lag_s + plan.safety.latency_s
     overrun = APPROACH.overrun_steps * approach_step(plan)
-    end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
+    limits = plan.gripper
+    end, rate = limits.span, min(max(overrun / late_s, limits.slowest), limits.fastest)
     # A fast sweep ends far enough before the object for contact detection to recover.
     near = _free_closure(plan) - rate * blind_time_s(estimate.period_s)
     slowed = estimate.sweep is not None

@@ -31,15 +31,18 @@ def filter_command(
     travel = min(closure_of(request.target, plan), plan.gripper.span) - estimate.closure
     if travel <= 0:
         return None
-    overrun = request.rate * plan.safety.latency_s / travel
-    room = min(safe_step(estimate, plan) / (1.0 + overrun), _largest_blind_step(estimate, plan))
+    slowest, latency_s = plan.gripper.slowest, plan.safety.latency_s
+    safe, overrun = safe_step(estimate, plan), request.rate * latency_s / travel
+    room = min(
+        safe / (1.0 + overrun), safe - slowest * latency_s, _largest_blind_step(estimate, plan)
+    )
     target = plan.gripper.target(estimate.closure + travel)
     if travel > room + _EXACT:
-        target = quantize_target(estimate.closure + room, plan, within=True)
+        target = quantize_target(estimate.closure + max(room, 0.0), plan, within=True)
     step = closure_of(target, plan) - estimate.closure
     if step < plan.smallest_step - _EXACT:
         return None
-    return GripperCommand(target=target, rate=request.rate * min(step / travel, 1.0))
+    return GripperCommand(target=target, rate=max(request.rate * min(step / travel, 1.0), slowest))
 
 
 def safe_step(estimate: ContactEstimate, plan: Plan) -> float:

@@ -22,14 +22,16 @@ class GripperLimits:
         The controlled quantity: opening in mm, or pressure in kPa.
     lowest, highest : float
         Range of the target, mm or kPa according to `drive`.
-    fastest : float
-        Largest rate, mm/s or kPa/s.
+    fastest, slowest : float
+        Largest and smallest rate, mm/s or kPa/s. A gripper that can't move as slowly as requested
+        moves at its slowest rate.
     """
 
     drive: Literal["width", "pressure"]
     lowest: float
     highest: float
     fastest: float
+    slowest: float = 0.0
 
     @property
     def span(self) -> float:
@@ -70,7 +72,7 @@ class GripperLimits:
         """
         return GripperCommand(
             target=min(max(wanted.target, self.lowest), self.highest),
-            rate=min(wanted.rate, self.fastest),
+            rate=min(max(wanted.rate, self.slowest), self.fastest),
         )
 
 
