@@ -18,7 +18,6 @@ from tests.commands import Command
 from palpate.gripper.interface import GripperState
 from palpate.plots.style import PAGE_WIDTH_IN
 from palpate.recording import (
-    FileState,
     RecordingInfo,
     RecordingReader,
     RecordingWriter,
@@ -224,10 +223,9 @@ def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait() == 130
         assert recorder.stderr.read() == f"{path}: recorded\n"
-    state = FileState()
     with RecordingReader(path) as reader:
-        kinds = [type(message) for message in reader.messages(state=state)]
-        info = reader.info
+        kinds = [type(message) for message in reader.messages()]
+        info, state = reader.info, reader.state
     assert state.is_intact
     assert kinds.count(Frame) == kinds.count(GripperState) > 30
     assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)

@@ -62,9 +62,8 @@ def is_same(first: RecordedMessage, second: RecordedMessage) -> bool:
 
 
 def read_all(path: Path) -> tuple[list[RecordedMessage], FileState]:
-    state = FileState()
     with RecordingReader(path) as reader:
-        return list(reader.messages(state=state)), state
+        return list(reader.readable_messages()), reader.state
 
 
 def count_with_strict_readers(path: Path) -> int:
