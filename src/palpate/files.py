@@ -138,6 +138,13 @@ def check_writable(output: Path) -> None:
 create it first
     """
     folder = output.parent
+    try:
+        output.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # too long, or with NUL
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{str(output)!r}: {why}; choose another name") from error
     if output.is_dir():
         raise InputError(f"{output} is a folder; name a file")
     if not folder.is_dir():

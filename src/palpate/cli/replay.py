@@ -45,8 +45,8 @@ def replay(
         absent = [what for what in ("gripper", "calibration") if getattr(source.info, what) is None]
         if absent and not frames:
             print_message(
-                f"{file}: no grasp to replay, because the recording has no {' and no '.join(absent)}"
-                "; its frames follow"
+                f"{file}: no grasp to replay, because the recording has no "
+                f"{' and no '.join(absent)}; its frames follow"
             )
         if frames or absent:
             _play(source, as_json=as_json)

@@ -75,7 +75,7 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
     if not _is_host(broker.host):
         raise InputError(
             f"--mqtt {path}: host {broker.host!r:.60} is not a valid host name or IP address; "
-            "write the name alone, e.g. \"broker.local\" (`port` and `tls` are keys of their own)"
+            'write the name alone, e.g. "broker.local" (`port` and `tls` are keys of their own)'
         )
     if broker.port is not None and not 1 <= broker.port <= 65535:
         raise InputError(f"--mqtt {path}: port {broker.port} is not between 1 and 65535")

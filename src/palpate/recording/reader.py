@@ -126,8 +126,8 @@ class RecordingReader:
         self.state.description_matches = check_info(texts)
         if self.state.is_description_damaged:
             raise RecordingError(
-                f"damaged: {self.state.describe()}; nothing can be computed from it. Restore a copy; MCAP "
-                "tools still read its frames"
+                f"damaged: {self.state.describe()}; nothing can be computed from it. Restore a "
+                "copy; MCAP tools still read its frames"
             )
         return decode_info(texts)
 

@@ -141,7 +141,7 @@ def resolve_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
     used = stated["use"]
     if not isinstance(used, str) or not used or "\0" in used:
         raise InputError(
-            f"rig file {path}: use = {used!r:.40} is not a rig; e.g. use = \"sim-rigid\""
+            f'rig file {path}: use = {used!r:.40} is not a rig; e.g. use = "sim-rigid"'
         )
     if used.endswith(".toml") and Path(used).is_file() and "use" in read_rig_table(Path(used)):
         raise InputError(
@@ -298,9 +298,7 @@ def _import_opener(where: object, *, place: str) -> Callable[..., Any]:
         raise InputError(f"{place} needs `open`, {_EXAMPLE}")
     module_name, _, function = where.partition(":")
     if not all(part.isidentifier() for part in [*module_name.split("."), function]):
-        raise InputError(
-            f"{place} open = {where!r:.80} is not a module and a function, {_EXAMPLE}"
-        )
+        raise InputError(f"{place} open = {where!r:.80} is not a module and a function, {_EXAMPLE}")
     try:
         opener = getattr(importlib.import_module(module_name), function)
     except (Exception, SystemExit) as error:  # the module runs code of its own

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 
-
 #: The largest converters have 32 bits.
 LARGEST_ADC_BITS = 32
 #: Ohm and volt: no resistor of a divider or supply is larger.
