@@ -119,7 +119,7 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
     """
     command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
 
-    def show_warning(message: Warning | str, *_: object) -> None:
+    def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
         print(f"{name}: warning: {message}", file=sys.stderr, flush=True)
 
     with warnings.catch_warnings():

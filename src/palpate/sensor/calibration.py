@@ -122,11 +122,12 @@ class ForcePairs:
 
     def _check_sums(self) -> None:
         """Check that `excess` is the sum of the pixels, and that each entry has all pixels."""
+        most = max(map(len, self.pixel_excess), default=0)
         for place, (pixels, total) in enumerate(zip(self.pixel_excess, self.excess, strict=False)):
-            if len(pixels) != len(self.pixel_excess[0]):
+            if len(pixels) != most:
                 raise CalibrationError(
-                    f"force.pixel_excess[{place}] has {len(pixels)} pixels, but the first entry "
-                    f"has {len(self.pixel_excess[0])}; {_REMEDY}"
+                    f"force.pixel_excess[{place}] has {len(pixels)} pixels, but other entries have "
+                    f"{most}; {_REMEDY}"
                 )
             tolerance = _SUM_TOLERANCE * max(1.0, sum(map(abs, pixels)))
             if abs(sum(pixels) - total) > tolerance:
