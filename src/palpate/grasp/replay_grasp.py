@@ -62,8 +62,8 @@ def replay_grasp(
 def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S) -> Plan:
     """Return the plan of a recorded grasp.
 
-    Raises `RecordingError` if the recording has no calibration of its sensor, and `CalibrationError` if that
-    calibration can't be read.
+    Raises `RecordingError` if the recording has no calibration of its sensor, and
+    `CalibrationError` if that calibration can't be read.
     """
     if info.calibration is None:
         raise RecordingError("the recording names no calibration, so its grasps can't be replayed")

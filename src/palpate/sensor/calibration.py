@@ -121,7 +121,7 @@ class ForcePairs:
             )
 
     def _check_sums(self) -> None:
-        """Check that `excess` is the sum of the pixels, and that each entry has all pixels."""
+        """Check that each entry has all pixels and that they add up."""
         most = max(map(len, self.pixel_excess), default=0)
         for place, (pixels, total) in enumerate(zip(self.pixel_excess, self.excess, strict=False)):
             if len(pixels) != most:
@@ -226,7 +226,7 @@ class Calibration:
             )
 
     def _check_layout(self) -> None:
-        """Check that the layout is what its name says, and that every list of pixels fits it."""
+        """Check the layout's name, and the lists of pixels against it."""
         layout = self.layout
         known = _LAYOUTS.get(layout.name)
         if known is not None and (known.rows, known.cols) != (layout.rows, layout.cols):

@@ -48,8 +48,9 @@ def test_open_rig_invalid_file_error_names_fault(tmp_path: Path, text: str, mess
     "opener",
     [
         ":", ":x", "x:", ".:x", "a.:b", ".a:b", "a..b:c", "a b:c", "a:b:c", "a:b.c", "a:b()",
-        "a/b:c", "\\u0000:x", "os:path", "os:sep", "json:dumps", "json:JSONDecoder", "builtins:open",
-        "sys:exit", "builtins:vars", "no_such_module:x", "os.path:no_such", "a" * 3000 + ":b", "1:2",
+        "a/b:c", "\\u0000:x", "os:path", "os:sep", "json:dumps", "builtins:open",
+        "sys:exit", "builtins:vars", "no_such_module:x",
+        "json:JSONDecoder", "os.path:no_such", "a" * 3000 + ":b", "1:2",
         "builtins:breakpoint_", "string:Formatter",
     ],
 )  # fmt: skip

@@ -140,7 +140,7 @@ SHAKY = [None, "x", -1, 0, 1e12, float("nan"), 10**400, [], {}, True, [[1.0]]]
 
 
 def places_of(value: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Yield the place of each table and list, and of one entry in the middle of each list."""
+    """Yield the place of every table, list and middle entry."""
     yield place
     if isinstance(value, dict):
         for name, inner in value.items():
