@@ -122,7 +122,7 @@ def read_case(content: bytes, *, path: Path, recovered: Path | None = None) -> s
     path.write_bytes(content)
     try:
         with RecordingReader(path) as reader:
-            for _ in reader.messages():
+            for _ in reader.readable_messages():
                 pass
         ended = "read"
     except RecordingError:

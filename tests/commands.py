@@ -30,11 +30,15 @@ class Command:
 
     def __call__(self, *words: object, status: int = 0) -> Printed:
         """Run a command line that must end with `status`."""
-        self._capsys.readouterr()
-        ended = run(build_app(), [str(word) for word in words], name="palpate")
-        printed = Printed(*self._capsys.readouterr())
+        printed, ended = self.ended(*words)
         assert ended == status, printed
         return printed
+
+    def ended(self, *words: object) -> tuple[Printed, int]:
+        """Run a command line; return what it printed and its status."""
+        self._capsys.readouterr()
+        status = run(build_app(), [str(word) for word in words], name="palpate")
+        return Printed(*self._capsys.readouterr()), status
 
     def refused(self, *words: object, status: int = 2) -> str:
         """Run a command line that must end with exactly one line of error; return it."""

@@ -35,6 +35,10 @@ class RecordingLostError(RecordingError):
     exit_status = 3
 
 
+class DamageWarning(UserWarning):
+    """A recording that is incomplete, damaged or can't be checked, but still readable."""
+
+
 class MissingExtraError(PalpateError):
     """A missing optional dependency; the message names the extra to install."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
@@ -137,6 +138,13 @@ def check_writable(output: Path) -> None:
 create it first
     """
     folder = output.parent
+    try:
+        output.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # too long, or with NUL
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{str(output)!r}: {why}; choose another name") from error
     if output.is_dir():
         raise InputError(f"{output} is a folder; name a file")
     if not folder.is_dir():
@@ -168,6 +176,32 @@ def escape_csv_cell(value: object) -> object:
     """
     is_formula = isinstance(value, str) and value.lstrip(" ")[:1] in _FORMULA_STARTS
     return f"'{value}" if is_formula else value
+
+
+def load_json(text: str) -> Any:
+    """Parse a JSON file with stricter rules than Python's reader.
+
+    Raises `ValueError` if the text is not JSON, contains NaN or Infinity, which JSON does not know,
+    or names a key twice, of which one would be lost.
+
+    >>> load_json('{"a": 1, "a": 2}')
+    Traceback (most recent call last):
+    ValueError: the key 'a' occurs twice
+    """
+    return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique_keys)
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is not a number")
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"the key {name!r:.40} occurs twice")
+        found[name] = value
+    return found
 
 
 def load_dataclass(kind: type[T], stored: object, *, where: str = "") -> T:

@@ -13,7 +13,7 @@ from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
 from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.calibration import ForcePairs
+from palpate.sensor.calibration import LARGEST_LOAD_N, ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     excess_conductance,
@@ -34,8 +34,6 @@ _SATURATED_OHM = 1.0
 _REST_S = 2.0
 #: Minimum number of loads, and minimum ratio of the largest to the smallest load.
 MIN_LOADS, _MIN_LOAD_RATIO = 3, 2.0
-#: Above the range of this sensor; larger values are probably grams.
-_MAX_LOAD_N = 200.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +89,7 @@ def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
 def _check_newtons(loads: Sequence[float], *, where: str) -> None:
     if not all(np.isfinite(load) and load >= 0 for load in loads):
         raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
-    if max(loads, default=0.0) > _MAX_LOAD_N:
+    if max(loads, default=0.0) > LARGEST_LOAD_N:
         raise InputError(
             f"{where}: a load of {max(loads):g} N is too large for this sensor; "
             "if the loads are in grams, multiply them by 0.00981 for newtons"

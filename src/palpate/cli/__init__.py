@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
+import warnings
 from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Annotated, Any
@@ -13,7 +14,7 @@ import typer
 import palpate
 from palpate.cli.lazy_group import HELP, LazyCommand, LazyGroup
 from palpate.cli.options import opt
-from palpate.errors import PalpateError
+from palpate.errors import DamageWarning, PalpateError
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
@@ -117,6 +118,18 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
     equipment and 130 after Ctrl-C.
     """
     command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
+
+    def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"{name}: warning: {message}", file=sys.stderr, flush=True)
+
+    with warnings.catch_warnings():
+        # Each text once, even if a command reads a file several times.
+        warnings.simplefilter("default", DamageWarning)
+        warnings.showwarning = show_warning
+        return _run(command, arguments, name=name)
+
+
+def _run(command: Any, arguments: Sequence[str], *, name: str) -> int:
     try:
         status = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
         return int(status or 0)

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.files import check_new
 from palpate.plots.recording import recording_figure
 from palpate.plots.style import check_plot, save_figure
-from palpate.recording import FileState, RecordingReader, load_recording
+from palpate.recording import RecordingReader, load_recording
 from palpate.recording import recover as recover_recording
 from palpate.recording.reader import summarise_recording
 
@@ -47,10 +47,9 @@ def inspect(
         if recording.time_s.size == 0:
             raise InputError(f"{file}: no frames to plot")
         save_figure(recording_figure(recording, title=file.name), plot)
-    state = FileState()
     with RecordingReader(file) as reader:
-        summary = summarise_recording(reader, state=state)
-        info = reader.info
+        summary = summarise_recording(reader)
+        info, state = reader.info, reader.state
     document: dict[str, Any] = {
         "path": str(file),
         "bytes": file.stat().st_size,
@@ -63,6 +62,7 @@ def inspect(
         "calibrated": info.calibration is not None,
         **asdict(summary),
         "intact": state.is_intact,
+        "condition": state.describe(),
         **asdict(state),
     }
     if as_json:
@@ -85,6 +85,8 @@ def _recover(file: Path, out: Path) -> None:
             f"{out}: recovered; lost: {found.damaged_chunks} damaged chunks, "
             f"{found.unread_bytes} unreadable bytes at the end"
         )
+        if not found.is_description_checked:
+            report += "; its rig, layout and calibration could not be checked"
     print_message(report)
 
 
@@ -111,11 +113,10 @@ def _recording_text(found: dict[str, Any]) -> str:
 
 
 def _condition_text(found: dict[str, Any]) -> str:
+    condition = found["condition"]
     if found["intact"]:
-        return "complete"
-    damaged, unread = found["damaged_chunks"], found["unread_bytes"]
-    ended = "finished" if found["complete"] else "not finished"
+        return f"complete; {condition}" if condition else "complete"
     return (
-        f"{ended}, {damaged} damaged chunks, {unread} unreadable bytes at the end; "
+        f"{condition}; "
         f"`palpate inspect {found['path']} --recover FILE` writes a complete file for other tools"
     )

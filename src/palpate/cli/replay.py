@@ -8,7 +8,7 @@ from typing import Annotated
 from palpate.cli import options as option
 from palpate.cli.grasp_card import print_card
 from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
-from palpate.cli.output import print_json
+from palpate.cli.output import print_json, print_message
 from palpate.clock import ManualClock
 from palpate.grasp.replay_grasp import evaluate_with_paper_method, replay_grasp
 from palpate.recording import RecordingReader, Replay
@@ -32,7 +32,7 @@ def replay(
     The result equals that of the original grasp. With --method paper, contact, size, settled value
     and force are evaluated with the paper's method on the recorded motion.
 
-    Without a recorded calibration or gripper, the frames are printed.
+    Without a recorded calibration or gripper, the frames are printed, with a word about it.
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """
@@ -42,7 +42,13 @@ def replay(
     clock = ManualClock(start_s)
     source = Replay(file, clock=clock)
     try:
-        if frames or source.info.gripper is None or source.info.calibration is None:
+        absent = [what for what in ("gripper", "calibration") if getattr(source.info, what) is None]
+        if absent and not frames:
+            print_message(
+                f"{file}: no grasp to replay, because the recording has no "
+                f"{' and no '.join(absent)}; its frames follow"
+            )
+        if frames or absent:
             _play(source, as_json=as_json)
             return
         result = (

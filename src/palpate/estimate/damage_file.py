@@ -15,7 +15,7 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import HeldOut
 from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
-from palpate.files import atomic_path, load_dataclass
+from palpate.files import atomic_path, load_dataclass, load_json
 
 FORMAT, VERSION = "palpate-damage-model", 2
 #: Rate of all files of version 1.
@@ -25,6 +25,8 @@ _BROKEN = (
 )
 #: Decimal places: more than closings justify, but readable.
 _DIGITS = 5
+#: Natural logarithm of 22 kN or 22 kN/mm; no fruit is stronger.
+_LARGEST_LOG = 10.0
 _STRENGTH = tuple(f.name for f in fields(Strength))
 
 
@@ -120,7 +122,7 @@ class DamageFile:
         Raises `CalibrationError` as `load` does.
         """
         try:
-            return _read(json.loads(text))
+            return _read(load_json(text))
         except (CalibrationError, InputError) as error:
             raise CalibrationError(f"{where}: {error}") from error
         except (ValueError, RecursionError) as error:
@@ -195,6 +197,12 @@ def _read(document: Any) -> DamageFile:
 
 
 def _check(kind: _StoredKind, *, where: str) -> None:
+    for name in ("log_stiffness", "log_force", "slope", "stiffness_log_sd", "log_sd"):
+        if not abs(getattr(kind, name)) <= _LARGEST_LOG:
+            raise CalibrationError(
+                f"{where}.{name} is {getattr(kind, name):g}; it must be from {-_LARGEST_LOG:g} to "
+                f"{_LARGEST_LOG:g}"
+            )
     for name in ("stiffness_log_sd", "log_sd", "low_share"):
         if not getattr(kind, name) > 0:
             raise CalibrationError(f"{where}.{name} is {getattr(kind, name):g}; it must be above 0")

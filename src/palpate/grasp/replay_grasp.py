@@ -62,12 +62,14 @@ def replay_grasp(
 def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S) -> Plan:
     """Return the plan of a recorded grasp.
 
-    Raises `RecordingError` if the recording has no calibration, and `CalibrationError` if that
-    calibration can't be read.
+    Raises `RecordingError` if the recording has no calibration of its sensor, and
+    `CalibrationError` if that calibration can't be read.
     """
     if info.calibration is None:
         raise RecordingError("the recording names no calibration, so its grasps can't be replayed")
     calibration = Calibration.from_text(info.calibration, where="the recording")
+    if difference := calibration.layout.describe_difference(info.layout):
+        raise RecordingError(f"its calibration belongs to another sensor ({difference})")
     plan = plan_grasp(
         calibration,
         gripper=gripper,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, get_type_hints
@@ -25,6 +26,8 @@ RecordedMessage = Frame | GripperState | Event | LoadCells
 
 RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
+#: Key of the metadata with the checksum of the others. MCAP itself has none for metadata.
+_CHECKSUM = "crc32"
 #: A sum of more conversions of 10 bits overflows the 32 bits of a count.
 _MAX_OVERSAMPLING = 2**21
 #: Fields of the metadata, and the types stored as plain text; other types are stored as JSON.
@@ -197,7 +200,10 @@ def _require_int64(value: Any) -> int:
 
 
 def encode_info(info: RecordingInfo) -> dict[str, str]:
-    """Encode a recording's metadata as MCAP texts; None and empty strings are omitted."""
+    """Encode a recording's metadata as MCAP texts, with their checksum.
+
+    None and empty strings are omitted.
+    """
     texts = {"format": RECORDING_FORMAT}
     for name in _INFO:
         value = getattr(info, name)
@@ -206,7 +212,24 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
         elif value is not None:
             plain = asdict(value) if isinstance(value, ArrayLayout | GripperLimits) else value
             texts[name] = _compact(dict(plain) if isinstance(plain, Mapping) else plain)
-    return {name: text for name, text in texts.items() if text}
+    texts = {name: text for name, text in texts.items() if text}
+    return {**texts, _CHECKSUM: _checksum(texts)}
+
+
+def check_info(texts: Mapping[str, str]) -> bool | None:
+    """Return whether the metadata match their checksum; None without a checksum.
+
+    >>> texts = {"format": "1", "rig": "left"}
+    >>> check_info({**texts, "crc32": "a1d63f3c"}), check_info(texts)
+    (False, None)
+    """
+    stored = texts.get(_CHECKSUM)
+    others = {name: text for name, text in texts.items() if name != _CHECKSUM}
+    return None if stored is None else stored == _checksum(others)
+
+
+def _checksum(texts: Mapping[str, str]) -> str:
+    return f"{zlib.crc32(_compact(sorted(texts.items())).encode()):08x}"
 
 
 def decode_info(texts: dict[str, str]) -> RecordingInfo:

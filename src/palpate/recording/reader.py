@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,10 +14,16 @@ import numpy as np
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from palpate.errors import RecordingError
+from palpate.errors import DamageWarning, RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording.blocks import FileState, read_blocks
-from palpate.recording.channels import METADATA_NAME, RecordedMessage, decode, decode_info
+from palpate.recording.channels import (
+    METADATA_NAME,
+    RecordedMessage,
+    check_info,
+    decode,
+    decode_info,
+)
 from palpate.recording.contents import Event, GripperTrack, LoadCells, Recording, RecordingInfo
 from palpate.sensor.array import Frame
 
@@ -26,7 +33,7 @@ __all__ = ["FileState", "RecordingReader", "load_recording"]
 
 
 class RecordingReader:
-    """Reader of one recording; also a context manager.
+    """Reader of one recording, which checks the whole file first; also a context manager.
 
     Parameters
     ----------
@@ -37,11 +44,14 @@ class RecordingReader:
     ----------
     info : RecordingInfo
         Description of the recorded rig.
+    state : FileState
+        Completeness and damage of the file.
 
     Raises
     ------
     RecordingError
-        If the file can't be opened or isn't a palpate recording.
+        If the file can't be opened, isn't a palpate recording, or its description is damaged: a
+        wrong digit of the calibration would give a wrong answer.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -50,27 +60,34 @@ class RecordingReader:
             self._stream = self.path.open("rb")
         except OSError as error:
             raise RecordingError(f"{self.path}: can't be opened: {error.strerror}") from error
+        except ValueError as error:  # a name with NUL
+            raise RecordingError(f"{str(self.path)!r}: can't be opened: {error}") from error
+        self.state = FileState()
         try:
             self.info = self._read_info()
         except RecordingError as error:
             self._stream.close()
             raise RecordingError(f"{self.path}: {error}") from error
 
-    def messages(self, *, state: FileState | None = None) -> Iterator[RecordedMessage]:
+    def messages(self) -> Iterator[RecordedMessage]:
         """Yield frames, gripper states, events and load cell readings in recorded order.
 
-        Parameters
-        ----------
-        state : FileState, optional
-            Updated while reading with completeness and damage.
+        A file that is incomplete, damaged or can't be checked is named first, in a
+        `DamageWarning`.
 
         Raises
         ------
         RecordingError
             If a message with a valid checksum doesn't match its schema.
         """
+        if condition := self.state.describe():
+            warnings.warn(f"{self.path}: {condition}", DamageWarning, stacklevel=1)
+        yield from self.readable_messages()
+
+    def readable_messages(self) -> Iterator[RecordedMessage]:
+        """Yield the messages without a warning, for a caller that reports `state` itself."""
         topics: dict[int, str] = {}
-        for block in read_blocks(self._stream, state=state or FileState()):
+        for block in read_blocks(self._stream, state=FileState()):
             for record in block:
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
@@ -96,13 +113,23 @@ class RecordingReader:
             raise RecordingError(f"{self.path}: {error}") from error
 
     def _read_info(self) -> RecordingInfo:
-        for block in read_blocks(self._stream, state=FileState()):
+        """Check every record of the file; return the description."""
+        texts: dict[str, str] | None = None
+        for block in read_blocks(self._stream, state=self.state):
             for record in block:
-                if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                    return decode_info(record.metadata)
-        raise RecordingError(
-            "an MCAP file, but not a palpate recording (its metadata are missing or damaged)"
-        )
+                if isinstance(record, Metadata) and record.name == METADATA_NAME and texts is None:
+                    texts = record.metadata
+        if texts is None:
+            raise RecordingError(
+                "an MCAP file, but not a palpate recording (its metadata are missing or damaged)"
+            )
+        self.state.description_matches = check_info(texts)
+        if self.state.is_description_damaged:
+            raise RecordingError(
+                f"damaged: {self.state.describe()}; nothing can be computed from it. Restore a "
+                "copy; MCAP tools still read its frames"
+            )
+        return decode_info(texts)
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
@@ -187,16 +214,13 @@ class RecordingSummary:
     load_cell_readings: int
 
 
-def summarise_recording(reader: RecordingReader, *, state: FileState) -> RecordingSummary:
-    """Count the messages of a recording.
-
-    `state`: updated with completeness and damage.
-    """
+def summarise_recording(reader: RecordingReader) -> RecordingSummary:
+    """Count the readable messages of a recording."""
     counts = {Frame: 0, GripperState: 0, Event: 0, LoadCells: 0}
     first: Frame | None = None
     last: Frame | None = None
     lost = skipped = 0
-    for message in reader.messages(state=state):
+    for message in reader.readable_messages():
         counts[type(message)] += 1
         if isinstance(message, Frame):
             if last is not None:

@@ -31,15 +31,14 @@ def recover(source: str | os.PathLike[str], destination: str | os.PathLike[str])
     RecordingError
         If `source` is not a palpate recording, or `destination` can't be written.
     """
-    state = FileState()
     try:
         with RecordingReader(source) as reader, atomic_path(destination) as partial:
             partial.unlink()  # the writer refuses an existing file
             with RecordingWriter(partial, info=reader.info) as writer:
-                for message in reader.messages(state=state):
+                for message in reader.readable_messages():
                     writer.add(message)
     except RecordingLostError as error:
         raise RecordingError(f"{destination}: {error.__cause__}") from error
     except OSError as error:
         raise RecordingError(f"{destination}: {error.strerror}") from error
-    return state
+    return reader.state

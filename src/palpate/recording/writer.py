@@ -187,9 +187,9 @@ class RecordingWriter:
 
 
 def _create_file(path: Path) -> int:
-    # O_EXCL refuses the second of two recorders with the same path. A device always exists.
-    new = 0 if path.is_char_device() else os.O_CREAT | os.O_EXCL
     try:
+        # O_EXCL refuses the second of two recorders with the same path. A device always exists.
+        new = 0 if path.is_char_device() else os.O_CREAT | os.O_EXCL
         return os.open(path, os.O_WRONLY | new | os.O_CLOEXEC, 0o666)
     except FileExistsError as error:
         raise RecordingError(
@@ -197,6 +197,8 @@ def _create_file(path: Path) -> int:
         ) from error
     except OSError as error:
         raise RecordingError(f"{path}: can't be created: {error.strerror}") from error
+    except ValueError as error:  # a name with NUL
+        raise RecordingError(f"{str(path)!r}: can't be created: {error}") from error
 
 
 def record_frames(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
@@ -34,6 +34,11 @@ _TYPE_NAMES: Mapping[Any, str] = {
     int: "a whole number",
     float: "a finite number",
     bool: "true or false",
+}
+#: What palpate needs of the object that an opener returns.
+_DEVICE_NAMES: Mapping[str, tuple[str, ...]] = {
+    "array": ("layout", "close"),
+    "gripper": ("close",),
 }
 #: Supported numbers of load cells.
 _CELL_COUNTS = (1, 2)
@@ -75,10 +80,11 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
                 f"rig file {path}: only `calibration` is allowed together with `use`; remove the "
                 "other keys"
             )
+        calibrated = find_calibration_file(path)
         rig = open_rig(resolve_used_rig(path, stated), object_name=object_name, seed=seed)
-        if "calibration" not in stated:
+        if calibrated is None:
             return rig
-        return replace_calibration(rig, path.parent / str(stated["calibration"]))
+        return replace_calibration(rig, calibrated)
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
@@ -132,7 +138,11 @@ def resolve_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
     Raises `InputError` if `use` names a rig file with another `use`, because such files could form
     a cycle.
     """
-    used = str(stated["use"])
+    used = stated["use"]
+    if not isinstance(used, str) or not used or "\0" in used:
+        raise InputError(
+            f'rig file {path}: use = {used!r:.40} is not a rig; e.g. use = "sim-rigid"'
+        )
     if used.endswith(".toml") and Path(used).is_file() and "use" in read_rig_table(Path(used)):
         raise InputError(
             f"rig file {path}: `use` names {used}, which also has a `use`; name a rig instead"
@@ -155,11 +165,9 @@ def read_rig_file(path: Path) -> RigFile:
             f"rig file {path}: unknown key {', '.join(sorted(unknown))}; available: use, "
             f"{', '.join(_REQUIRED_PARTS)}, load_cells"
         )
-    if "\0" in str(stated["calibration"]):
-        raise InputError(f"rig file {path}: calibration is not a file name")
     return RigFile(
         path=path,
-        calibration=path.parent / str(stated["calibration"]),
+        calibration=_calibration_path(path, stated),
         array=stated["array"],
         gripper=stated["gripper"],
         newtons_per_count=_parse_newtons_per_count(path, stated),
@@ -235,7 +243,15 @@ def find_calibration_file(path: Path) -> Path | None:
     Raises `InputError` as `read_rig_table` does.
     """
     stated = read_rig_table(path)
-    return path.parent / str(stated["calibration"]) if "calibration" in stated else None
+    return _calibration_path(path, stated) if "calibration" in stated else None
+
+
+def _calibration_path(path: Path, stated: Mapping[str, Any]) -> Path:
+    """Return the path of the stated calibration, which may not exist yet."""
+    name = stated["calibration"]
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise InputError(f"rig file {path}: calibration = {name!r:.40} is not a file name")
+    return path.parent / name
 
 
 def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
@@ -248,13 +264,7 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
         found = ", ".join(sorted(read_rig_table(path))) or "nothing"
         raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_INIT_HINT}")
     where = table.get("open") if isinstance(table, dict) else None
-    if not isinstance(where, str) or ":" not in where:
-        raise InputError(f"rig file {path}: [{part}] needs `open`, {_EXAMPLE}")
-    module_name, _, function = where.partition(":")
-    try:
-        opener = getattr(importlib.import_module(module_name), function)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"rig file {path}: [{part}] open = {where!r}: {error}") from error
+    opener = _import_opener(where, place=f"rig file {path}: [{part}]")
     stated = {key: value for key, value in table.items() if key != "open"}
     if fault := find_option_fault(stated, opener):
         raise InputError(f"rig file {path}: [{part}] {fault}")
@@ -264,9 +274,44 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
         accepted = []
     passed = {name: value for name, value in shared.items() if name in accepted}
     try:
-        return opener(**stated, **passed)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"rig file {path}: [{part}]: {error}") from error
+        device = opener(**stated, **passed)
+    except (PalpateError, OSError):
+        raise
+    except (Exception, SystemExit) as error:
+        why = f"{error}" if isinstance(error, TypeError | ValueError) else repr(error)
+        raise InputError(f"rig file {path}: [{part}]: {_one_line(why)}") from error
+    absent = [name for name in _DEVICE_NAMES[part] if not hasattr(device, name)]
+    if absent:
+        raise InputError(
+            f"rig file {path}: [{part}] open = {where!r} returns {device!r:.40}, which is not "
+            f"{'an array' if part == 'array' else 'a gripper'}: it has no {' or '.join(absent)}"
+        )
+    return device
+
+
+def _import_opener(where: object, *, place: str) -> Callable[..., Any]:
+    """Return the function named "module:function".
+
+    Raises `InputError` if the name has another form, or its function can't be imported.
+    """
+    if not isinstance(where, str) or ":" not in where:
+        raise InputError(f"{place} needs `open`, {_EXAMPLE}")
+    module_name, _, function = where.partition(":")
+    if not all(part.isidentifier() for part in [*module_name.split("."), function]):
+        raise InputError(f"{place} open = {where!r:.80} is not a module and a function, {_EXAMPLE}")
+    try:
+        opener = getattr(importlib.import_module(module_name), function)
+    except (Exception, SystemExit) as error:  # the module runs code of its own
+        raise InputError(f"{place} open = {where!r:.80}: {_one_line(str(error))}") from error
+    if not callable(opener):
+        raise InputError(
+            f"{place} open = {where!r:.80} is {opener!r:.40}, not a function, {_EXAMPLE}"
+        )
+    return cast(Callable[..., Any], opener)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def find_option_fault(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | None:

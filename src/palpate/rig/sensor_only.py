@@ -10,7 +10,7 @@ from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
 from palpate.rig import Rig, open_rig
-from palpate.rig.file import check_layout, open_device, read_rig_table
+from palpate.rig.file import check_layout, find_calibration_file, open_device, read_rig_table
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -48,10 +48,10 @@ def open_rig_or_sensor(
     stated = read_rig_table(path) if name.endswith(".toml") else {"use": name}
     if "use" in stated or "gripper" in stated:
         return open_rig(name, object_name=object_name, seed=seed, rate_hz=rate_hz)
+    file, calibration = find_calibration_file(path), None
     array: PressureArray = open_device(path, "array", stated.get("array"))
-    file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:
-        if file.is_file():
+        if file is not None and file.is_file():
             calibration = Calibration.load(file)
             check_layout(calibration, array, file=file, rig_file=path)
     except CalibrationError:

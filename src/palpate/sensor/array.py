@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Literal, Protocol, TypeAlias, get_args
 
@@ -19,6 +18,8 @@ FRAME_TIMEOUT_S = 2.0
 MAX_LINES = 64
 #: Longest duration of a read that returns a waiting frame, and age of the newest frame.
 _PROMPT_S = 0.002
+#: No finger has pixels a metre apart, and no lead or multiplexer has a megohm.
+LARGEST_PITCH_MM, LARGEST_LINE_OHM = 1000.0, 1e6
 #: Connection of the unselected lines; see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
@@ -70,14 +71,27 @@ class ArrayLayout:
                 f"layout {self.name}: idle_lines {self.idle_lines!r} must be one of "
                 f"{', '.join(get_args(IdleLines))}"
             )
-        if not (math.isfinite(self.line_ohm) and self.line_ohm >= 0):
-            raise ValueError(f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more")
+        if not 0 <= self.line_ohm <= LARGEST_LINE_OHM:
+            raise ValueError(
+                f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more, at most "
+                f"{LARGEST_LINE_OHM:g}"
+            )
         if not (1 <= self.rows <= MAX_LINES and 1 <= self.cols <= MAX_LINES):
             raise ValueError(f"layout {self.name}: rows and cols must be 1 to {MAX_LINES}")
         if len(self.finger_of_row) != self.rows:
             raise ValueError(
                 f"layout {self.name}: finger_of_row has {len(self.finger_of_row)} entries "
                 f"for {self.rows} rows"
+            )
+        if set(self.finger_of_row) != set(range(self.fingers)):
+            raise ValueError(
+                f"layout {self.name}: finger_of_row {list(self.finger_of_row)} must number the "
+                "fingers from 0 without gaps"
+            )
+        if not 0 < self.pitch_mm <= LARGEST_PITCH_MM:
+            raise ValueError(
+                f"layout {self.name}: pitch_mm is {self.pitch_mm:g}; it must be above 0 and at "
+                f"most {LARGEST_PITCH_MM:g}"
             )
 
     @property

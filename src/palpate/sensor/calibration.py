@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.files import atomic_path, load_dataclass
-from palpate.sensor.array import ArrayLayout
+from palpate.files import atomic_path, load_dataclass, load_json
+from palpate.sensor.array import MAX_LINES, RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 
 FORMAT = "palpate-calibration"
 VERSION = 3
@@ -26,6 +26,38 @@ VERSION = 3
 #: Files of all versions may contain the room conditions. The obsolete keys are ignored.
 _READABLE_VERSIONS = (1, 2, VERSION)
 _OBSOLETE_KEYS = ("traces", "observer", "temperature_c", "humidity_percent")
+
+#: Above the range of this sensor; larger values are probably grams.
+LARGEST_LOAD_N = 200.0
+#: Plausible ranges of the stored quantities, by the name of the field, each wider than any rig.
+_RANGES: Mapping[str, tuple[float, float]] = {
+    # A tared load cell drifts by less than this; a lower value has the wrong sign or no tare.
+    "force_n": (-0.2, LARGEST_LOAD_N),
+    # Over a day between two movements, no reading is useful.
+    "since_move_s": (0.0, 86_400.0),
+    # Conductance can't be negative, and a sheet changes by less than a factor of 1000.
+    "pixel_excess": (-1.0, 1e4),
+    "excess": (-float(MAX_LINES**2), 1e7),
+    # Resistance can't be negative; far above the rest value, a contact is open.
+    "relative_percent": (-100.0, 1e4),
+    # Noise above the value itself is no rest.
+    "spread_percent": (0.0, 100.0),
+    # No hand for produce opens a metre. Servos report slightly less than 0 when pressed shut.
+    "block_mm": (0.0, 1000.0),
+    "width_mm": (-20.0, 1000.0),
+    # From a vacuum to ten times the air pressure that soft fingers withstand.
+    "pressure_kpa": (-101.325, 1000.0),
+    # Either direction; above this a servo's cable burns.
+    "current_ma": (-1e5, 1e5),
+    # Above this, the pixel is open: a dry circuit board conducts as well.
+    "ohm": (0.0, 1e9),
+}
+#: Entries of one list. A day of guided calibration gives a tenth; more would take hours to fit.
+_MOST_ENTRIES = 100_000
+#: Sum of the pixels against the stored sum, relative; above rounding, below a changed digit.
+_SUM_TOLERANCE = 0.001
+_REMEDY = "restore a backup or calibrate again"
+_ORIGINS = ("hardware", "simulated")
 
 _INVALID_JSON = "incomplete or invalid JSON ({}); restore a backup or calibrate again"
 
@@ -80,11 +112,29 @@ class ForcePairs:
     def __post_init__(self) -> None:
         missing = () if self.pixel_excess else ("pixel_excess",)
         _check_lengths(self, what="force pairs", ignore=missing)
+        _check_ranges(self, where="force")
+        self._check_sums()
         if len(self.force_n) >= 4 and np.ptp(self.force_n) < 0.01 * max(map(abs, self.force_n)):
             raise CalibrationError(
                 f"force pairs: the reference force stays at {self.force_n[0]:g} N; "
                 "is the load cell connected?"
             )
+
+    def _check_sums(self) -> None:
+        """Check that each entry has all pixels and that they add up."""
+        most = max(map(len, self.pixel_excess), default=0)
+        for place, (pixels, total) in enumerate(zip(self.pixel_excess, self.excess, strict=False)):
+            if len(pixels) != most:
+                raise CalibrationError(
+                    f"force.pixel_excess[{place}] has {len(pixels)} pixels, but other entries have "
+                    f"{most}; {_REMEDY}"
+                )
+            tolerance = _SUM_TOLERANCE * max(1.0, sum(map(abs, pixels)))
+            if abs(sum(pixels) - total) > tolerance:
+                raise CalibrationError(
+                    f"force.excess[{place}] is {total:g}, but its pixels add up to "
+                    f"{sum(pixels):g}; {_REMEDY}"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +162,7 @@ class BlockPairs:
         drives = {"width_mm": self.width_mm, "pressure_kpa": self.pressure_kpa}
         unused = [name for name, values in drives.items() if not values]
         _check_lengths(self, what="block pairs", ignore=unused if len(unused) == 1 else ())
+        _check_ranges(self, where="block")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,16 +212,40 @@ class Calibration:
     held_out: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        shape = (self.layout.rows, self.layout.cols)
-        if self.rest_ohm.shape != shape:
+        if self.origin not in _ORIGINS:
             raise CalibrationError(
-                f"rest: {self.rest_ohm.shape} values for a layout of {shape} pixels"
+                f"origin is {self.origin!r:.40}; it must be one of {', '.join(_ORIGINS)}"
             )
+        self._check_layout()
         if not (self.rest_ohm > 0).all():
             raise CalibrationError("rest: every pixel must have a resistance above 0 ohm")
+        _check_ranges(self.rest, where="rest")
         if not (self.made_at is None or _is_date(self.made_at)):
             raise CalibrationError(
                 f"made_at is {self.made_at!r}; it must be a date such as 2026-05-04T08:00:00+00:00"
+            )
+
+    def _check_layout(self) -> None:
+        """Check the layout's name, and the lists of pixels against it."""
+        layout = self.layout
+        known = _LAYOUTS.get(layout.name)
+        if known is not None and (known.rows, known.cols) != (layout.rows, layout.cols):
+            raise CalibrationError(
+                f"layout.name is {layout.name!r}, which has {known.rows} x {known.cols} pixels, "
+                f"but the file has {layout.rows} x {layout.cols}; {_REMEDY}"
+            )
+        for name, lines in (("ohm", self.rest.ohm), ("spread_percent", self.rest.spread_percent)):
+            columns = sorted({len(line) for line in lines})
+            if (len(lines), columns) != (layout.rows, [layout.cols]):
+                raise CalibrationError(
+                    f"rest.{name}: {len(lines)} rows of {' or '.join(map(str, columns)) or 0} "
+                    f"values for a layout of {layout.rows} x {layout.cols} pixels; {_REMEDY}"
+                )
+        pixels = {len(entry) for entry in self.force.pixel_excess}
+        if pixels - {layout.pixels}:
+            raise CalibrationError(
+                f"force.pixel_excess has {pixels.pop()} pixels, but the layout has "
+                f"{layout.pixels}; {_REMEDY}"
             )
 
     @property
@@ -205,7 +280,7 @@ class Calibration:
             absent = isinstance(error, FileNotFoundError)
             remedy = "; `palpate calibrate rest` creates one" if absent else ""
             raise CalibrationError(f"calibration {path}: {error.strerror}{remedy}") from error
-        except UnicodeDecodeError as error:
+        except ValueError as error:  # not text, or a name with NUL
             raise CalibrationError(f"calibration {path}: {_INVALID_JSON.format(error)}") from error
         return cls.from_text(text, where=f"calibration {path}")
 
@@ -226,9 +301,11 @@ class Calibration:
             Under the same conditions as in `load`.
         """
         try:
-            return cls._from_document(json.loads(text))
-        except (json.JSONDecodeError, RecursionError) as error:
+            document = load_json(text)
+        except (ValueError, RecursionError) as error:
             raise CalibrationError(f"{where}: {_INVALID_JSON.format(error)}") from error
+        try:
+            return cls._from_document(document)
         except (CalibrationError, ValueError) as error:
             raise CalibrationError(f"{where}: {error}") from error
 
@@ -245,6 +322,8 @@ class Calibration:
                 f"written by another version of palpate (file version {version}, "
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
+        if not isinstance(document.get("layout"), dict):
+            raise CalibrationError(f"no table `layout`; {_REMEDY}")
         ignored = ("format", "version", *_OBSOLETE_KEYS)
         return load_dataclass(cls, {k: v for k, v in document.items() if k not in ignored})
 
@@ -254,6 +333,31 @@ def _is_date(value: object) -> bool:
         return isinstance(value, str) and bool(datetime.fromisoformat(value))
     except ValueError:
         return False
+
+
+_LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
+
+
+def _check_ranges(stored: Any, *, where: str) -> None:
+    """Check the numbers of a dataclass against the plausible ranges of its fields."""
+    for name in (one.name for one in fields(stored)):
+        values = getattr(stored, name)
+        if not isinstance(values, tuple):
+            continue
+        if len(values) > _MOST_ENTRIES:
+            raise CalibrationError(
+                f"{where}.{name} has {len(values)} entries; at most {_MOST_ENTRIES} can be used"
+            )
+        if name not in _RANGES:
+            continue
+        low, high = _RANGES[name]
+        for place, entry in enumerate(values):
+            for value in entry if isinstance(entry, tuple) else (entry,):
+                if not low <= value <= high:
+                    raise CalibrationError(
+                        f"{where}.{name}[{place}] is {value:g}; it must be from {low:g} to "
+                        f"{high:g}; {_REMEDY}"
+                    )
 
 
 def _check_lengths(pairs: Any, *, what: str, ignore: Sequence[str]) -> None:
@@ -309,6 +413,7 @@ class CurrentPairs:
             raise CalibrationError("current: give both width_mm and movement, or neither")
         if not np.isfinite([*self.force_n, *self.current_ma, *self.width_mm]).all():
             raise CalibrationError("current: all entries must be finite numbers")
+        _check_ranges(self, where="current")
 
 
 def join_currents(*parts: CurrentPairs) -> CurrentPairs:

@@ -15,6 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 
+#: The largest converters have 32 bits.
+LARGEST_ADC_BITS = 32
+#: Ohm and volt: no resistor of a divider or supply is larger.
+_LARGEST_VALUE = 1e9
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divider:
@@ -36,6 +41,19 @@ class Divider:
     supply_v: float = 5.0
     adc_bits: int = 10
     taxel_leg: Literal["upper", "lower"] = "upper"
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.adc_bits <= LARGEST_ADC_BITS:
+            raise ValueError(
+                f"divider: adc_bits is {self.adc_bits}; it must be from 1 to {LARGEST_ADC_BITS}"
+            )
+        for name in ("reference_ohm", "supply_v"):
+            value = getattr(self, name)
+            if not 0 < value <= _LARGEST_VALUE:
+                raise ValueError(
+                    f"divider: {name} is {value:g}; it must be above 0 and at most "
+                    f"{_LARGEST_VALUE:g}"
+                )
 
     @property
     def full_scale(self) -> int:

@@ -18,7 +18,6 @@ from tests.commands import Command
 from palpate.gripper.interface import GripperState
 from palpate.plots.style import PAGE_WIDTH_IN
 from palpate.recording import (
-    FileState,
     RecordingInfo,
     RecordingReader,
     RecordingWriter,
@@ -141,7 +140,23 @@ def test_replay_of_a_recording_without_a_grasp_prints_frames(
 ) -> None:
     frames = palpate("replay", recorded, "--json").document["frames"]
     assert [frame["counts"][0][0] for frame in frames] == list(range(300, 400))
-    assert len(palpate("replay", recorded).out.splitlines()) == 100
+    printed = palpate("replay", recorded)
+    assert len(printed.out.splitlines()) == 100
+    assert "no gripper and no calibration" in printed.err
+    assert palpate("replay", recorded, "--frames").err == ""
+
+
+@pytest.mark.parametrize("words", [["replay"], ["export", "--out", "t.csv"], ["export", "--holds"]])
+def test_damage_is_named_once_before_anything_is_computed(
+    words: list[str], recorded: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(recorded.parent)
+    truncate(recorded, fraction=0.7)
+    printed, status = palpate.ended(words[0], recorded, *words[1:])
+    first, *_ = printed.err.splitlines()
+    assert first.startswith(f"palpate: warning: {recorded}: not finished, 0 damaged chunks")
+    assert printed.err.count("warning") == 1
+    assert status == (2 if "--holds" in words else 0)  # no rest before the first contact
 
 
 @pytest.mark.parametrize(
@@ -224,10 +239,9 @@ def test_record_ctrl_c_completes_the_file_of_a_rig(tmp_path: Path) -> None:
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait() == 130
         assert recorder.stderr.read() == f"{path}: recorded\n"
-    state = FileState()
     with RecordingReader(path) as reader:
-        kinds = [type(message) for message in reader.messages(state=state)]
-        info = reader.info
+        kinds = [type(message) for message in reader.messages()]
+        info, state = reader.info, reader.state
     assert state.is_intact
     assert kinds.count(Frame) == kinds.count(GripperState) > 30
     assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
@@ -259,3 +273,31 @@ def test_inspect_plot_without_data_is_refused(tmp_path: Path, palpate: Command) 
     error = palpate("inspect", path, "--plot", tmp_path / "run.png", status=2).err
     assert "no frames to plot" in error
     assert not (tmp_path / "run.png").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["x" * 252 + ".mcap", "é" * 130 + ".mcap", "a\0b.mcap", "no-such-folder/a.mcap"]
+)
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["record", "NAME", "--rig", "sim-rigid", "--duration", "1"],
+        ["grasp", "--rig", "sim-rigid", "--record", "NAME"],
+        ["inspect", "NAME"],
+        ["inspect", "whole.mcap", "--recover", "NAME"],
+        ["replay", "NAME"],
+        ["export", "whole.mcap", "--out", "NAME.csv"],
+    ],
+)
+def test_impossible_name_is_refused_in_one_line(
+    name: str,
+    words: list[str],
+    recorded: Path,
+    palpate: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(recorded.parent)
+    recorded.rename("whole.mcap")
+    refused = palpate.refused(*(word.replace("NAME", name) for word in words))
+    assert Path(name).parent.name in refused
+    assert [path.name for path in Path.cwd().iterdir()] == ["whole.mcap"]

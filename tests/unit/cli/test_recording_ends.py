@@ -19,9 +19,8 @@ MAIN = "from palpate.cli import main; main()"
 
 
 def frames_of(path: Path) -> tuple[int, FileState]:
-    state = FileState()
     with RecordingReader(path) as reader:
-        return sum(1 for _ in reader.messages(state=state)), state
+        return sum(1 for _ in reader.readable_messages()), reader.state
 
 
 def test_record_sigterm_completes_the_file(tmp_path: Path) -> None:

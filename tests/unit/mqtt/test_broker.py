@@ -55,6 +55,32 @@ def test_read_broker_resolves_certificate_paths_relative_to_its_folder(tmp_path:
             "port 70000 is not between 1 and 65535",
         ),
         ('host = "hall"\ntopic = "a"\nport = 0', 0o600, "port 0 is not between 1 and 65535"),
+        *(
+            (f'host = "{host}"\ntopic = "a"', 0o600, "write the name alone")
+            for host in (
+                "mqtt://h",
+                "h/",
+                "h:1883",
+                "user@h",
+                "a b",
+                "[::1]",
+                "-h",
+                "10.0.0.300",
+                "h;x",
+                "a.b..",
+                "x" * 64,
+                "a." * 130 + "a",
+                "h?",
+                "1::2::3",
+            )
+        ),
+        *(
+            (f'host = "h"\ntopic = "{topic}"', 0o600, "topic")
+            for topic in ("a" * 70_000, "é" * 600, "a/+/b", "#", "a\\u0000b", "a\\nb", "")
+        ),
+        (f'host = "h"\ntopic = "a"\nusername = "{"u" * 70_000}"', 0o600, "username has 70000"),
+        ('host = "h"\ntopic = "a"\nkey = "k.pem"', 0o600, "key needs `certificate`"),
+        ("[" * 100_000, 0o600, ""),
         ('host = "hall"\ntopic = "a/#"', 0o600, "topic 'a/#' is empty or contains"),
         ('host = "hall"\ntopic = "a"\npassword = "x"', 0o644, "other users can read the password"),
         ('host = "hall"\ntopic = "a"\ntls = false', 0o600, "to hall requires TLS"),
@@ -67,6 +93,22 @@ def test_read_broker_with_an_invalid_file_raises_a_one_line_error(
     file = write_broker_file(tmp_path, text, mode=mode)
     with pytest.raises(InputError, match=f"--mqtt {file}: .*{why}") as refused:
         read_broker(file, environment=SECRET)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "host", ["hall", "line_3.plant.local", "10.0.0.3", "::1", "fe80::1%eth0", "bröker.de", "h."]
+)
+def test_read_broker_accepts_names_and_addresses(tmp_path: Path, host: str) -> None:
+    file = write_broker_file(tmp_path, f'host = "{host}"\ntopic = "werk/größe-1"')
+    assert read_broker(file, environment={}).host == host
+
+
+def test_read_broker_of_binary_data_raises_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "broker.toml"
+    file.write_bytes(b"\xff\xfe\0host")
+    with pytest.raises(InputError, match=r"--mqtt .*broker\.toml: ") as refused:
+        read_broker(file)
     assert "\n" not in str(refused.value)
 
 

@@ -15,10 +15,11 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 from numpy.typing import NDArray
 from tests.full_disk import file_size_limit
 
-from palpate.errors import RecordingError
+from palpate.errors import DamageWarning, RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording import (
     FileState,
@@ -28,8 +29,16 @@ from palpate.recording import (
     load_recording,
     recover,
 )
-from palpate.recording.channels import RecordedMessage, decode, decode_info, encode, encode_info
-from palpate.recording.writer import DirectFile
+from palpate.recording.channels import (
+    METADATA_NAME,
+    RecordedMessage,
+    decode,
+    decode_info,
+    encode,
+    encode_info,
+    topic_of,
+)
+from palpate.recording.writer import DirectFile, register_channels
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 WRITE_UNTIL_KILLED = """
@@ -62,9 +71,8 @@ def is_same(first: RecordedMessage, second: RecordedMessage) -> bool:
 
 
 def read_all(path: Path) -> tuple[list[RecordedMessage], FileState]:
-    state = FileState()
     with RecordingReader(path) as reader:
-        return list(reader.messages(state=state)), state
+        return list(reader.readable_messages()), reader.state
 
 
 def count_with_strict_readers(path: Path) -> int:
@@ -174,6 +182,44 @@ def test_damaged_chunk_loses_only_its_own_messages(
     assert len(messages) - 60 <= len(read) < len(messages)
     recover(recorded, recorded)
     assert count_with_strict_readers(recorded) == len(read)
+
+
+@pytest.mark.parametrize("fraction", [0.5, 1.0])
+def test_changed_digit_of_the_calibration_is_refused(
+    recorded: Path, tmp_path: Path, fraction: float
+) -> None:
+    content = recorded.read_bytes()
+    changed = content.replace(b"resistance_ohm = 1", b"resistance_ohm = 7")
+    assert len(changed) == len(content)
+    assert changed != content
+    recorded.write_bytes(changed[: int(fraction * len(changed))])
+    for read in (RecordingReader, load_recording, lambda path: recover(path, tmp_path / "new")):
+        with pytest.raises(RecordingError, match=r"run\.mcap: damaged: .*calibration") as caught:
+            read(recorded)
+        assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_recording_without_any_checksum_is_read_with_a_warning(
+    tmp_path: Path, info: RecordingInfo, messages: list[RecordedMessage]
+) -> None:
+    texts = encode_info(info)
+    del texts["crc32"]
+    path = tmp_path / "old.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, enable_crcs=False)
+        writer.start()
+        writer.add_metadata(METADATA_NAME, texts)
+        channels = register_channels(writer)
+        for message in messages:
+            writer.add_message(
+                channels[topic_of(message)], log_time=0, data=encode(message), publish_time=0
+            )
+        writer.finish()
+    with pytest.warns(DamageWarning, match="can't be checked: no checksum"):
+        recording = load_recording(path)
+    assert len(recording.time_s) == 200
+    assert recording.info == info
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from palpate.errors import CalibrationError, InputError
+from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.rig import open_rig, rig_names
-from palpate.rig.file import read_rig_file
+from palpate.rig.file import open_device, read_rig_file, read_rig_table
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,62 @@ def test_open_rig_invalid_file_error_names_fault(tmp_path: Path, text: str, mess
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
         open_rig(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "opener",
+    [
+        ":", ":x", "x:", ".:x", "a.:b", ".a:b", "a..b:c", "a b:c", "a:b:c", "a:b.c", "a:b()",
+        "a/b:c", "\\u0000:x", "os:path", "os:sep", "json:dumps", "builtins:open",
+        "sys:exit", "builtins:vars", "no_such_module:x",
+        "json:JSONDecoder", "os.path:no_such", "a" * 3000 + ":b", "1:2",
+        "builtins:breakpoint_", "string:Formatter",
+    ],
+)  # fmt: skip
+def test_open_device_refuses_an_opener_that_opens_no_device(tmp_path: Path, opener: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(f'[array]\nopen = "{opener}"\n')
+    with pytest.raises(InputError, match=r"rig file .*rig\.toml: \[array\]") as caught:
+        open_device(path, "array", read_rig_table(path)["array"])
+    assert "\n" not in str(caught.value)
+
+
+def test_opener_with_a_fault_of_its_own_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_bench.py").write_text("def array():\n    return {}['port']\n")
+    (tmp_path / "worse_bench.py").write_text("def array(:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for module, named in (("broken_bench", "KeyError"), ("worse_bench", "worse_bench.py")):
+        with pytest.raises(InputError, match=named) as caught:
+            open_device(Path("rig.toml"), "array", {"open": f"{module}:array"})
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [1, True, [], {}, "", "a\0b", 1.5, ["sim-rigid"]])
+@pytest.mark.parametrize("key", ["use", "calibration", "array", "gripper", "load_cells"])
+def test_value_of_another_kind_is_refused_in_one_line(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    stated = {
+        "calibration": "pad.json",
+        "array": {"open": "os:sep"},
+        "gripper": {"open": "os:sep"},
+        key: value,
+    }
+    if key == "use":
+        stated = {"use": value}
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "".join(
+            f"{name} = {json.dumps(one).replace('{', '{ ').replace(': ', ' = ')}\n"
+            for name, one in stated.items()
+        )
+    )
+    with pytest.raises(PalpateError) as caught:
+        open_rig(str(path))
+    assert "rig.toml" in str(caught.value) or "pad.json" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

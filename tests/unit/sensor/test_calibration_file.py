@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 import json
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from palpate.calibrate.laws import force_now
 from palpate.errors import CalibrationError
+from palpate.grasp.planning import plan_grasp
+from palpate.rig import open_rig
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
@@ -127,6 +134,97 @@ def test_force_pairs_with_constant_reference_force_are_refused() -> None:
             relative_percent=(-1.0,) * 4,
             force_n=(1.0,) * 4,
         )
+
+
+SHAKY = [None, "x", -1, 0, 1e12, float("nan"), 10**400, [], {}, True, [[1.0]]]
+
+
+def places_of(value: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the place of every table, list and middle entry."""
+    yield place
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from places_of(inner, (*place, name))
+    elif isinstance(value, list) and value:
+        middle = len(value) // 2
+        yield from places_of(value[middle], (*place, middle))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig_name", ["sim-rigid", "sim-soft"])
+def test_each_value_of_a_calibration_is_used_or_refused_in_one_line(rig_name: str) -> None:
+    rig = open_rig(rig_name, seed=1)
+    document = json.loads(rig.calibration.as_text())
+    lines, used = list[str](), 0
+    for place in list(places_of(document))[1:]:
+        for odd in SHAKY:
+            changed = copy.deepcopy(document)
+            holder = changed
+            for key in place[:-1]:
+                holder = holder[key]
+            holder[place[-1]] = odd
+            try:
+                calibration = Calibration.from_text(json.dumps(changed), where="pad.json")
+            except CalibrationError as error:
+                lines.append(str(error))
+                continue
+            used += 1
+            # Other parts affect no answer.
+            if place[0] in ("layout", "rest", "force", "block", "current"):
+                with suppress(CalibrationError):
+                    plan_grasp(calibration, gripper=rig.gripper)
+                with suppress(CalibrationError):
+                    force_now(calibration.force)
+    assert len(lines) > 3 * used > 0
+    assert all(line.startswith("pad.json: ") and "\n" not in line for line in lines)
+
+
+def set_value(document: Any, place: str, value: object) -> None:
+    *outer, last = [int(key) if key.isdigit() else key for key in place.split(".")]
+    for key in outer:
+        document = document[key]
+    document[last] = value
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "named"),
+    [
+        ("force.force_n.1", -0.8, r"force\.force_n\[1\] is -0\.8"),
+        ("force.force_n.2", 214.0, r"force\.force_n\[2\] is 214"),
+        ("block.force_n.0", 1e6, r"block\.force_n\[0\] is 1e\+06"),
+        ("force.since_move_s.0", -1.0, r"force\.since_move_s\[0\] is -1"),
+        ("force.pixel_excess.2", [0.1] * 7, r"force\.pixel_excess\[2\] has 7 pixels"),
+        ("force.pixel_excess", [[0.1] * 6] * 4, r"pixel"),
+        ("force.excess.3", 9.1, r"force\.excess\[3\] is 9\.1, but its pixels add up to"),
+        ("rest.ohm.1", [9e3], r"rest\.ohm: 4 rows of 1 or 2 values"),
+        ("rest.ohm.0.0", 1e12, r"rest\.ohm\[0\] is 1e\+12"),
+        ("rest.spread_percent.0.0", -2.0, r"rest\.spread_percent\[0\] is -2"),
+        ("rest.spread_percent", [[0.1]], r"rest\.spread_percent: 1 rows of 1 values"),
+        ("block.width_mm.0", 4e4, r"block\.width_mm\[0\] is 40000"),
+        ("layout.name", "soft-3x2", r"layout\.name is 'soft-3x2', which has 6 x 2 pixels"),
+        ("layout.finger_of_row", [0, 0, 2, 2], "finger_of_row"),
+        ("layout.pitch_mm", 0.0, "pitch_mm is 0"),
+        ("layout.divider.adc_bits", 10**15, "adc_bits is 10{15}; it must be from 1 to 32"),
+        ("layout.divider.reference_ohm", 0, "reference_ohm is 0"),
+        ("origin", "moon", "origin is 'moon'"),
+    ],
+)
+def test_implausible_value_is_refused_with_its_place(
+    calibration: Calibration, place: str, value: object, named: str
+) -> None:
+    document = json.loads(calibration.as_text())
+    document["force"]["pixel_excess"] = [[x / 8] * 8 for x in calibration.force.excess]
+    Calibration.from_text(json.dumps(document))
+    set_value(document, place, value)
+    with pytest.raises(CalibrationError, match=named) as caught:
+        Calibration.from_text(json.dumps(document), where="pad.json")
+    assert str(caught.value).startswith("pad.json: ")
+
+
+@pytest.mark.parametrize("change", [('"frames": 30', '"frames": 30, "frames": 3'), ("0.8", "NaN")])
+def test_double_key_and_nan_are_refused(calibration: Calibration, change: tuple[str, str]) -> None:
+    with pytest.raises(CalibrationError, match=r"'frames' occurs twice|NaN is not a number"):
+        Calibration.from_text(calibration.as_text().replace(*change))
 
 
 @pytest.mark.parametrize("ohm", [0.0, -1.0, float("nan")])
