@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from tests.desk import bench
+from tests.desk import bench, rigs
 from tests.desk.bench import GUARDS, Case
 from tests.desk.busy import keep_busy
 
@@ -22,6 +22,9 @@ from tests.desk.busy import keep_busy
 BOARDS = ("firmware-15", "firmware-50", "firmware-250", "text-15", "text-50", "text-250")
 MORE_BOARDS = ("text-60", "flexitac-100")
 HANDS = ("dynamixel", "feetech", "servo", "own")
+_QUIET = "quiet"
+#: Desks at a time of the shortened bench, for two processors.
+_SHORT_JOBS = 6
 _COLUMNS = (
     "use", "board", "hand", "load", "held", "touch s", "answer s", "age ms", "peak N", "total s",
     "world late ms",
@@ -66,9 +69,11 @@ def plan_full() -> list[Case]:
 def run_cases(
     cases: Sequence[Case], *, jobs: int, file: Path | None, known: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Run the cases that are not known yet, those with equal load together."""
+    """Run the cases that are not known yet, those with as many busy processes together."""
     done = list(known)
     seen = {json.dumps(run["case"], sort_keys=True) for run in known}
+    for board in {case.board for case in cases}:
+        rigs.calibrate(board)
     writing = Lock()
 
     def run_pair(pair: Sequence[Case]) -> None:
@@ -100,11 +105,16 @@ def describe(run: dict[str, Any]) -> str:
     )
 
 
+def _key(case: dict[str, Any]) -> tuple[str, str, str, str]:
+    """Return the first columns of a case."""
+    return case["use"], f"{case['board']} {case['rate_hz']:g} Hz", case["hand"], _load(case)
+
+
 def _load(case: dict[str, Any]) -> str:
     parts = [f"{case['busy']} busy"] * bool(case["busy"])
     parts += [f"replies {1e3 * case['reply_s']:g} ms"] * (case["reply_s"] != 0.001)
     parts += [f"bursts {1e3 * case['burst_s']:g} ms"] * bool(case["burst_s"])
-    return ", ".join(parts) or "quiet"
+    return ", ".join(parts) or _QUIET
 
 
 def _median(values: Iterable[float | None], *, scale: float = 1.0, worst: bool = False) -> str:
@@ -116,11 +126,9 @@ def _median(values: Iterable[float | None], *, scale: float = 1.0, worst: bool =
 
 def format_table(runs: Sequence[dict[str, Any]]) -> str:
     """Return the table: a row for each pair and load, then the reasons of the failures."""
-    groups = defaultdict[tuple[str, ...], list[dict[str, Any]]](list)
+    groups = defaultdict[tuple[str, str, str, str], list[dict[str, Any]]](list)
     for run in runs:
-        case = run["case"]
-        pair = f"{case['board']} {case['rate_hz']:g} Hz", case["hand"], _load(case)
-        groups[case["use"], *pair].append(run)
+        groups[_key(run["case"])].append(run)
     rows = [_COLUMNS]
     for key, group in groups.items():
         passed = sum(not run["reason"] for run in group)
@@ -141,7 +149,7 @@ def format_table(runs: Sequence[dict[str, Any]]) -> str:
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    failures = defaultdict[tuple[tuple[str, ...], str], int](int)
+    failures = defaultdict[tuple[tuple[str, str, str, str], str], int](int)
     for key, group in groups.items():
         for run in group:
             if run["reason"]:
@@ -152,32 +160,84 @@ def format_table(runs: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def find_failing_groups(runs: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the pairs below the bar.
+
+    The bar is 19 of 20 on a quiet desk, and 18 of 20 with busy processes, slow replies or bursts.
+    A session of Python and a guard never fail.
+    """
+    groups = defaultdict[tuple[str, str, str, str], list[dict[str, Any]]](list)
+    for run in runs:
+        groups[_key(run["case"])].append(run)
+    below = []
+    for key, group in groups.items():
+        failed = sum(bool(run["reason"]) for run in group)
+        allowed = len(group) // (20 if key[3] == _QUIET else 10) * (key[0] == "grasp")
+        if failed > allowed:
+            below.append(f"{' '.join(key)}: {len(group) - failed} of {len(group)}")
+    return below
+
+
+def find_short_failures(runs: Sequence[dict[str, Any]]) -> list[str]:
+    """Return what is below the bar of the shortened bench.
+
+    Several desks load the machine, so its bar is that of a busy one: 18 of 20 in all, and no pair
+    that never held.
+    """
+    groups = defaultdict[tuple[str, str, str, str], list[bool]](list)
+    for run in runs:
+        groups[_key(run["case"])].append(not run["reason"])
+    below = [f"{' '.join(key)}: never" for key, held in groups.items() if not any(held)]
+    passed = sum(map(sum, groups.values()))
+    if passed < 0.9 * len(runs):
+        below.append(f"{passed} of {len(runs)} in all")
+    return below
+
+
 def main() -> None:
-    """Run the bench as the command line says."""
+    """Run the bench."""
     parser = argparse.ArgumentParser(prog="python -m tests.desk", description=__doc__)
-    parser.add_argument("--full", action="store_true", help="all cases of `make desk`")
-    parser.add_argument("--uses", nargs="+", default=["grasp"], choices=["grasp", "python", *GUARDS])
-    parser.add_argument("--boards", nargs="+", default=list(BOARDS))
-    parser.add_argument("--hands", nargs="+", default=list(HANDS), choices=HANDS)
+    whole = parser.add_mutually_exclusive_group()
+    whole.add_argument("--full", action="store_true", help="all cases of `make desk`")
+    whole.add_argument("--short", action="store_true", help="three grasps of each pair")
+    parser.add_argument(
+        "--uses", nargs="+", default=["grasp"], choices=["grasp", "python", *GUARDS]
+    )
+    parser.add_argument("--boards", nargs="+", default=BOARDS, choices=[*BOARDS, *MORE_BOARDS])
+    parser.add_argument("--hands", nargs="+", default=HANDS, choices=HANDS)
     parser.add_argument("--grasps", type=int, default=3, metavar="N", help="runs of each pair")
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy processes")
     parser.add_argument("--reply-ms", type=float, default=1.0, help="delay of the hand's replies")
     parser.add_argument("--burst-ms", type=float, default=0.0, help="timer of the board's adapter")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="worlds at a time")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="runs; known ones are not repeated")
+    parser.add_argument("--jobs", type=int, metavar="N", help="desks at a time")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="runs; known ones are skipped")
     given = parser.parse_args()
-    cases = plan_full() if given.full else list_cases(
-        given.uses, given.boards, given.hands, count=given.grasps, busy=given.busy,
-        reply_s=given.reply_ms / 1e3, burst_s=given.burst_ms / 1e3,
-    )  # fmt: skip
+    if given.full:
+        cases = plan_full()
+    elif given.short:
+        cases = list_cases(["grasp"], BOARDS, HANDS, count=3)
+    else:
+        cases = list_cases(
+            given.uses,
+            given.boards,
+            given.hands,
+            count=given.grasps,
+            busy=given.busy,
+            reply_s=given.reply_ms / 1e3,
+            burst_s=given.burst_ms / 1e3,
+        )
     known = []
     if given.json is not None and given.json.exists():
         known = [json.loads(line) for line in given.json.read_text(encoding="utf-8").splitlines()]
-    runs = run_cases(cases, jobs=given.jobs, file=given.json, known=known)
+    jobs = given.jobs or (_SHORT_JOBS if given.short else 1)
+    runs = run_cases(cases, jobs=jobs, file=given.json, known=known)
     print(format_table(runs))
+    below = find_short_failures(runs) if given.short else find_failing_groups(runs)
     failed = sum(bool(run["reason"]) for run in runs)
     print(f"\n{len(runs) - failed} passed, {failed} failed")
-    sys.exit(failed > 0)
+    if below:
+        print("Below the bar:", *below, sep="\n  ")
+    sys.exit(bool(below))
 
 
 if __name__ == "__main__":

@@ -53,7 +53,9 @@ class Case:
     @property
     def seed(self) -> int:
         """Seed of the object and the noise, from the name of the pair and the number of the run."""
-        return zlib.crc32(f"{self.board} {self.rate_hz:g} {self.hand}".encode()) % 10**6 + self.index
+        return (
+            zlib.crc32(f"{self.board} {self.rate_hz:g} {self.hand}".encode()) % 10**6 + self.index
+        )
 
     @property
     def name(self) -> str:
@@ -67,7 +69,7 @@ class Run:
 
     `reason`: why it failed; empty if it passed. `touch_s`: from the start of the command to the
     contact, from the world's log. `answer_s`: from the contact to the answer. `age_s`: largest age
-    of a frame, as far as the product tells it. `peak_n`: largest true force; for a guard, at the
+    of a frame, according to the result. `peak_n`: largest true force; for a guard, at the
     stop.
     """
 
@@ -113,7 +115,7 @@ class WorldProcess:
             raise RuntimeError(answer)
 
     def report(self) -> Report:
-        """Return what the world says of its present object and of itself."""
+        """Return the report about the present object."""
         report: Report = self.ask("report")
         return report
 
@@ -240,8 +242,8 @@ class Script:
         if not answer:
             self.close()
             self._errors.seek(0)
-            told = self._errors.read().strip().splitlines()
-            return {"outcome": "script failed", "faults": told[-1:] or ["no answer"]}
+            lines = self._errors.read().strip().splitlines()
+            return {"outcome": "script failed", "faults": lines[-1:] or ["no answer"]}
         document: dict[str, Any] = json.loads(answer)
         return document
 
@@ -266,11 +268,11 @@ def run_guard(case: Case) -> Run:
         if not reason:
             at_stop = np.abs(log["monotonic_s"] - document["stop_s"]) < _STOP_S
             stop_n = float(log["force_n"][at_stop].max())
-            told = f"at a true {stop_n:.2f} N, read as at most {document['high_n']:.2f} N"
+            stopped = f"at a true {stop_n:.2f} N, read as at most {document['high_n']:.2f} N"
             if stop_n > GUARD_N:
-                reason = f"stopped too late: {told}"
+                reason = f"stopped too late: {stopped}"
             elif stop_n < GUARD_LEAST_N:
-                reason = f"stopped before the contact: {told}"
+                reason = f"stopped before the contact: {stopped}"
         return Run(
             case=case,
             reason=reason,

@@ -12,41 +12,48 @@ import palpate
 from palpate.gripper.interface import GripperCommand
 
 LIMIT_N, START_MM, STEP_MM, LEAST_MM = 3.0, 32.5, 0.06, 24.0
-mode = sys.argv[1]
-with palpate.open_rig("rig.toml") as rig:
-    width, steps, ages = START_MM, 0, []
-    rig.gripper.command(GripperCommand(target=width, rate=20.0))
-    time.sleep(3.0)
-    moved_s = time.monotonic()
-    while True:
-        reading = rig.read()
-        ages.append(time.monotonic() - reading.time_s)
-        if reading.force_n.high > LIMIT_N:
-            rig.gripper.stop()
-            stop_s = time.monotonic()
-            break
-        rig.gripper.state()
-        if mode != "second" and time.monotonic() - moved_s < 0.2:
-            continue
-        if width < LEAST_MM:
-            sys.exit(f"the hand is at {width:.1f} mm and the guard reads {reading!r}")
-        width -= STEP_MM
-        steps += 1
-        rig.gripper.command(GripperCommand(target=width, rate=5.0))
+
+
+def main():
+    mode = sys.argv[1]
+    with palpate.open_rig("rig.toml") as rig:
+        width, steps, ages = START_MM, 0, []
+        rig.gripper.command(GripperCommand(target=width, rate=20.0))
+        time.sleep(3.0)
         moved_s = time.monotonic()
-        if mode == "second":
-            time.sleep(1.0)
-        elif mode == "pause" and steps % 5 == 0:
-            time.sleep(2.0)
-    print(
-        json.dumps(
-            {
-                "stop_s": stop_s,
-                "high_n": reading.force_n.high,
-                "value_n": reading.force_n.value,
-                "age_s": max(ages),
-            }
-        ),
-        flush=True,
-    )
-    sys.stdin.read()
+        while True:
+            reading = rig.read()
+            ages.append(time.monotonic() - reading.time_s)
+            if reading.force_n.high > LIMIT_N:
+                rig.gripper.stop()
+                stop_s = time.monotonic()
+                break
+            rig.gripper.state()
+            if mode != "second" and time.monotonic() - moved_s < 0.2:
+                continue
+            if width < LEAST_MM:
+                sys.exit(f"the hand is at {width:.1f} mm and the guard reads {reading!r}")
+            width -= STEP_MM
+            steps += 1
+            rig.gripper.command(GripperCommand(target=width, rate=5.0))
+            moved_s = time.monotonic()
+            if mode == "second":
+                time.sleep(1.0)
+            elif mode == "pause" and steps % 5 == 0:
+                time.sleep(2.0)
+        print(
+            json.dumps(
+                {
+                    "stop_s": stop_s,
+                    "high_n": reading.force_n.high,
+                    "value_n": reading.force_n.value,
+                    "age_s": max(ages),
+                }
+            ),
+            flush=True,
+        )
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()

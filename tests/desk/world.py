@@ -1,8 +1,8 @@
 """The world of the desk: an object, fingers, a board and a hand, stepped by the wall clock.
 
 ``python -m tests.desk.world JSON`` with the fields of `Desk`. It prints its ports as one line of
-JSON, obeys the lines of its standard input (``place SEED``, ``report``), answers each with a line, and
-ends with its input. The log has a record of `LOG` every 5 ms.
+JSON, obeys the lines of its standard input (``place SEED``, ``report``), answers each with a line,
+and ends with its input. The log has a record of `LOG` every 5 ms.
 """
 
 from __future__ import annotations
@@ -41,11 +41,10 @@ from palpate.twin.world import OPEN_MM, World
 #: Seed of the sheet and the hand of the desk, which its calibrations belong to.
 SHEET_SEED = 5
 #: The target is that of the last movement, in which the hand may have stopped since.
-LOG = np.dtype(
-    [("monotonic_s", "f8"), ("width_mm", "f8"), ("force_n", "f8"), ("target_mm", "f8")]
-)
+LOG = np.dtype([("monotonic_s", "f8"), ("width_mm", "f8"), ("force_n", "f8"), ("target_mm", "f8")])
 _RECORD = struct.Struct("4d")
-_LOG_S, _STEP_S = 0.005, 0.001
+#: Intervals of the log, and of the steps: about that of the packets on a USB line.
+_LOG_S, _STEP_S = 0.005, 0.002
 #: Objects that can be 32 mm thick, which the desk makes them.
 OBJECTS, SIZE_MM = ("strawberry", "banana"), 32.0
 #: Counts of the paper's array and of a FlexiTac pad; its pixels are 3 mm apart (guess).
@@ -62,7 +61,7 @@ _LATE_S = 0.005
 
 
 class Report(TypedDict):
-    """What the world says of its object and of itself."""
+    """The true values of the object, and the delays and costs of the world."""
 
     #: Largest force on the object, and whether it was damaged.
     peak_n: float
@@ -145,7 +144,7 @@ class DeskWorld:
         self._adapter = Adapter(self._make_board(desk), burst_s=desk.burst_s)
         self._hand = open_hand_end(desk.hand, self._world, lock=self._lock, late_s=desk.reply_s)
         self.ports = {"board": self._adapter.name, "hand": self._hand and self._hand.name}
-        self._log = Path(desk.log).open("wb")
+        self._log = Path(desk.log).open("wb")  # noqa: SIM115
         self._logged_s = self._latest_s = 0.0
         self._late_steps, self._cpu_start_s = 0, time.process_time()
 

@@ -130,7 +130,9 @@ class CommandTracking:
     def is_continued_by(self, later: GripperCommand) -> bool:
         """Return whether a later command leads at least as far in the same direction.
 
-        >>> tracking = CommandTracking(begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> tracking = CommandTracking(
+        ...     begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0
+        ... )
         >>> [
         ...     tracking.is_continued_by(GripperCommand(target=mm, rate=20.0))
         ...     for mm in (28.0, 30.0, 39.0)
@@ -146,7 +148,9 @@ class CommandTracking:
 
         >>> from functools import partial
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-        >>> tracking = CommandTracking(begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> tracking = CommandTracking(
+        ...     begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0
+        ... )
         >>> resting = GripperState(time_s=0.0, width_mm=40.0)
         >>> is_idle = partial(tracking.is_idle, limits=limits, least=0.4)
         >>> [is_idle(resting, now_s=now_s) for now_s in (0.004, 0.1)]
