@@ -391,7 +391,7 @@ def test_dynamixel_stops_after_the_host_process_is_killed(world: World, bus: Ser
             DeviceNotFoundError,
             "no port /dev/no-such-servo; `palpate ports`",
         ),
-        ({"baud": 12345}, DeviceError, "12345 baud"),
+        ({"baud": 12345}, InputError, "baud 12345: must be one of 9600, 57600, 115200"),
         ({"servo_id": 3}, DeviceTimeoutError, "servo 3"),
         ({"lowest_mm": 3.0}, InputError, "carriages move from 20 to 76 mm"),
     ],
