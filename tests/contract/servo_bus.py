@@ -98,7 +98,6 @@ class ServoBus:
         self._put(x.MIN_VOLTAGE_LIMIT, 95)
         self._put(x.PRESENT_VOLTAGE, 120)
         self._put(x.PRESENT_TEMPERATURE, 31)
-        self._put(x.STATUS_RETURN_LEVEL, x.ALL_REPLIES)
         self._start()
         self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
@@ -166,7 +165,8 @@ class ServoBus:
         elif instruction == _READ:
             begin, size = int.from_bytes(given[0:2], "little"), int.from_bytes(given[2:4], "little")
             self._refresh()
-            self._reply(0, bytes(self._table[begin : begin + size]))
+            if self._get(x.STATUS_RETURN_LEVEL):
+                self._reply(0, bytes(self._table[begin : begin + size]))
         elif instruction == _WRITE:
             error = self._write_table(int.from_bytes(given[0:2], "little"), given[2:])
             if self._get(x.STATUS_RETURN_LEVEL) == x.ALL_REPLIES:
@@ -194,6 +194,8 @@ class ServoBus:
     def _start(self) -> None:
         for register in (x.HARDWARE_ERROR, x.TORQUE_ENABLE, x.BUS_WATCHDOG, x.PROFILE_VELOCITY):
             self._put(register, 0)
+        self._put(x.STATUS_RETURN_LEVEL, x.ALL_REPLIES)
+        self._drop_turns()
         self._put(x.GOAL_PWM, self._get(x.PWM_LIMIT))
         self._put(x.GOAL_CURRENT, self._get(x.CURRENT_LIMIT))
 
@@ -210,9 +212,9 @@ class ServoBus:
             return x.PacketError.ACCESS
         if any(map(contains, _GOALS)) and self._get(x.BUS_WATCHDOG) < 0:
             return x.PacketError.DATA_RANGE
-        if contains(x.PROFILE_VELOCITY) and not self._is_time_based():
-            if block.value(x.PROFILE_VELOCITY) > self._get(x.VELOCITY_LIMIT):
-                return x.PacketError.DATA_LIMIT
+        is_fast = contains(x.PROFILE_VELOCITY) and not self._is_time_based()
+        if is_fast and block.value(x.PROFILE_VELOCITY) > self._get(x.VELOCITY_LIMIT):
+            return x.PacketError.DATA_LIMIT
         if contains(x.GOAL_POSITION):
             low, high = self._goal_limits()
             if not low <= block.value(x.GOAL_POSITION) <= high:
@@ -220,10 +222,13 @@ class ServoBus:
         if not any(map(contains, self.failing_registers)):
             self._table[address : address + len(data)] = data
         if contains(x.TORQUE_ENABLE) and self._is_single_turn():
-            self.position_error = (self.position_error + x.TICKS // 2) % x.TICKS - x.TICKS // 2
+            self._drop_turns()
         if contains(x.GOAL_POSITION) and not self.ignores_goals:
             self._move()
         return 0
+
+    def _drop_turns(self) -> None:
+        self.position_error = (self.position_error + x.TICKS // 2) % x.TICKS - x.TICKS // 2
 
     def _is_single_turn(self) -> bool:
         return self._get(x.OPERATING_MODE) == x.Mode.POSITION

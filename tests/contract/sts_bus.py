@@ -79,7 +79,7 @@ class StsBus:
         Registers whose writes are acknowledged but not stored.
     late_s : float
         Delay of the replies in real time, seconds.
-    shift : int
+    position_error : int
         Difference of the positions on the line from those of the jaw, steps.
     packets : int
         Number of requests received.
@@ -97,8 +97,8 @@ class StsBus:
         self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
         self._closed, self._id = closed_tick, servo_id
         self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
-        self.failing_registers, self.shift, self.packets = set[Register](), 0, 0
-        self.late_s = 0.0
+        self.failing_registers, self.packets = set[Register](), 0
+        self.late_s, self.position_error = 0.0, 0
         self._table = bytearray(_TABLE_SIZE)
         self._put(sts.MODEL_NUMBER, model_number)
         for register, value in _FACTORY.items():
@@ -181,7 +181,7 @@ class StsBus:
         low, high = self._get(sts.MIN_POSITION_LIMIT), self._get(sts.MAX_POSITION_LIMIT)
         if low or high:
             goal = min(max(goal, low), high)
-        goal += self._get(sts.HOMING_OFFSET) - self.shift - self._closed
+        goal += self._get(sts.HOMING_OFFSET) - self.position_error - self._closed
         # The jaw is stopped by its mate, and at half a turn.
         goal = min(max(goal, 0), sts.TICKS // 2)
         target_mm = self._jaw.width_mm(goal * sts.RAD_PER_TICK)
@@ -198,7 +198,7 @@ class StsBus:
         state = self._hand.state()
         width_mm = self._world.drive_value(self._world.clock.now_s())
         turned = round(self._jaw.angle_rad(width_mm) / sts.RAD_PER_TICK)
-        position = self._closed + turned + self.shift - self._get(sts.HOMING_OFFSET)
+        position = self._closed + turned + self.position_error - self._get(sts.HOMING_OFFSET)
         if not self._get(sts.PHASE) & sts.Phase.COUNTS_TURNS:
             position %= sts.TICKS
         self._put(sts.PRESENT_POSITION, position)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import IntFlag
-from math import degrees
+from math import degrees, isfinite
 from typing import ClassVar
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, InputError
 from palpate.gripper.fingers import CrankFingers, HingedJaw
 from palpate.gripper.interface import GripperCommand, GripperLimits
 from palpate.gripper.packets import Register, RegisterBlock
@@ -211,6 +211,19 @@ class BusServoGripper(ABC):
                 f"{self._line.name}: {fault[0]}, but the fingers need positions {low} to {high}. "
                 f"Set it to {fault[1]} with {self.TOOL}, or change the range in the rig file"
             )
+
+    def _limit_in_units(
+        self, name: str, value: float, *, units: float, stored: RegisterBlock, register: Register
+    ) -> int:
+        """Return a limit in servo units; raise `InputError` above the servo's stored limit."""
+        max_units = stored.value(register)
+        limit = round(value * units) if isfinite(value) else 0
+        if not 1 <= limit <= max_units:
+            raise InputError(
+                f"{name} {value:g}: must be above 0 and at most {max_units / units:g}, the limit "
+                f"stored in {register} of the servo; {self.TOOL} can change it"
+            )
+        return limit
 
     def _needed_ticks(self) -> tuple[int, int]:
         ends = [self._tick(width_mm) for width_mm in (self.limits.lowest, self.limits.highest)]

@@ -79,9 +79,7 @@ class DynamixelGripper(BusServoGripper):
         watchdog_s: float = 0.5,
         homing_offset: int = 0,
     ) -> None:
-        check_number(
-            "homing_offset", homing_offset, low=-_MAX_OFFSET, high=_MAX_OFFSET, whole=True
-        )
+        check_number("homing_offset", homing_offset, low=-_MAX_OFFSET, high=_MAX_OFFSET, whole=True)
         super().__init__(
             line,
             clock=clock,
@@ -205,16 +203,20 @@ class DynamixelGripper(BusServoGripper):
                 line.write(register, value)
         volatile = {x.PROFILE_ACCELERATION: 0}
         if unit is None:
-            volatile[x.GOAL_PWM] = _limit_in_units(
+            volatile[x.GOAL_PWM] = self._limit_in_units(
                 "pwm_limit_percent",
                 self._pwm_limit_percent,
-                x.FULL_PWM / 100.0,
-                stored,
-                x.PWM_LIMIT,
+                units=x.FULL_PWM / 100.0,
+                stored=stored,
+                register=x.PWM_LIMIT,
             )
         else:
-            volatile[x.GOAL_CURRENT] = _limit_in_units(
-                "current_limit_ma", self._current_limit_ma, 1.0 / unit, stored, x.CURRENT_LIMIT
+            volatile[x.GOAL_CURRENT] = self._limit_in_units(
+                "current_limit_ma",
+                self._current_limit_ma,
+                units=1.0 / unit,
+                stored=stored,
+                register=x.CURRENT_LIMIT,
             )
         for register, value in volatile.items():
             line.write(register, value)
@@ -314,20 +316,6 @@ def _watchdog_steps(watchdog_s: float) -> int:
             f"{max_s:g} s"
         )
     return round(watchdog_s / x.WATCHDOG_STEP_S)
-
-
-def _limit_in_units(
-    name: str, value: float, units: float, stored: RegisterBlock, register: Register
-) -> int:
-    """Return a limit in servo units; raise `InputError` above the servo's stored limit."""
-    max_units = stored.value(register)
-    limit = round(value * units) if math.isfinite(value) else 0
-    if not 1 <= limit <= max_units:
-        raise InputError(
-            f"{name} {value:g}: must be above 0 and at most {max_units / units:g}, the limit "
-            f"stored in {register} of the servo"
-        )
-    return limit
 
 
 def open_gripper(

@@ -86,9 +86,7 @@ class FeetechGripper(BusServoGripper):
         check_number("closed_tick", closed_tick, low=0, high=sts.TICKS - 1, whole=True)
         check_number("torque_limit_percent", torque_limit_percent, low=1.0, high=100.0, unit="%")
         check_number("leash_s", leash_s, low=0.05, high=2.0, unit="s")
-        check_number(
-            "homing_offset", homing_offset, low=-_MAX_OFFSET, high=_MAX_OFFSET, whole=True
-        )
+        check_number("homing_offset", homing_offset, low=-_MAX_OFFSET, high=_MAX_OFFSET, whole=True)
         super().__init__(
             line,
             clock=clock,
@@ -163,21 +161,27 @@ class FeetechGripper(BusServoGripper):
             )
         self._raise_reported_error()
         self._check_settings(stored)
-        torque_limit = round(sts.FULL_TORQUE * torque_limit_percent / 100)
         # The servo would accept more, but somebody has stored this limit to protect it.
-        if torque_limit > (max_torque := stored.value(sts.MAX_TORQUE_LIMIT)):
-            raise InputError(
-                f"torque_limit_percent {torque_limit_percent:g}: must be 1 to "
-                f"{100 * max_torque / sts.FULL_TORQUE:g}, the limit stored in "
-                f"{sts.MAX_TORQUE_LIMIT} of the servo"
-            )
+        torque_limit = self._limit_in_units(
+            "torque_limit_percent",
+            torque_limit_percent,
+            units=sts.FULL_TORQUE / 100.0,
+            stored=stored,
+            register=sts.MAX_TORQUE_LIMIT,
+        )
         position = self._read().value(self.POSITION)
         self._raise_reported_error()
         if not 0 <= position < sts.TICKS:
+            phase = sts.Phase(stored.value(sts.PHASE))
+            remedy = (
+                f"It counts turns: clear bit 4 (16) of {sts.PHASE}, which is {phase.value}, with "
+                f"{self.TOOL}, then switch its supply off and on"
+                if phase & sts.Phase.COUNTS_TURNS
+                else "Switch its supply off and on, and read closed_tick again"
+            )
             raise DeviceError(
-                f"{line.name}: {self.POSITION} is {position}, not 0 to {sts.TICKS - 1}: the servo "
-                f"counts turns ({sts.PHASE} is {stored.value(sts.PHASE)}). Clear bit 4 (16) of "
-                f"{sts.PHASE} with {self.TOOL}, then switch the supply off and on"
+                f"{line.name}: {self.POSITION} is {position}, but goals are 0 to {sts.TICKS - 1}: "
+                f"the servo would turn fully to reach one. {remedy}"
             )
         self._check_travel(position)
         line.write(sts.TORQUE_LIMIT, torque_limit)
@@ -232,7 +236,10 @@ class FeetechGripper(BusServoGripper):
 
     def _describe_misfit(self, tick: int) -> str:
         if self._is_within_travel(2 * self._zero_tick - tick):
-            return f"The jaw opens in the other direction: give opens = {-self._opens}"
+            return (
+                f"With opens = {-self._opens} the jaw would be within: check opens "
+                f"({self._opens}) first, then closed_tick ({self._zero_tick})"
+            )
         return (
             f"Check closed_tick ({self._zero_tick}) and opens ({self._opens}); if they are right, "
             "the jaw is open wider than highest_mm: close it by hand, or give a larger highest_mm"

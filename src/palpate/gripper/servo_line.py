@@ -93,6 +93,7 @@ class ServoLine:
         self._port.setPacketTimeout = self._set_reply_timeout
         self._port.getCurrentTime = lambda: 1e3 * time.monotonic()
         self._port.isPacketTimeout = self._is_reply_overdue
+        self._port.readPort = self._read_port
         self._packets: Any = sdk.PacketHandler(packets.version)
         fast = (False,) if packets is PROTOCOL_2 else ()
         self._receive: Any = lambda: self._packets.rxPacket(self._port, *fast)
@@ -249,16 +250,28 @@ class ServoLine:
         self._late_looks = _LATE_LOOKS
         self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
 
+    def _is_late(self) -> bool:
+        return bool(self._port.getTimeSinceStart() > self._port.packet_timeout)
+
+    def _read_port(self, size: int) -> bytes:
+        """Read bytes; none once the time is over and enough looks were made.
+
+        Otherwise a device that sends without pause would keep the SDK reading for ever.
+        """
+        if self._is_late():
+            if not self._late_looks:
+                return b""
+            self._late_looks -= 1
+        return bytes(self._port.ser.read(size))
+
     def _is_reply_overdue(self) -> bool:
         """Return whether the time is over and all received bytes have been looked at.
 
         This process may not have run for longer than the limit, while the reply arrived in time.
         """
-        if self._port.getTimeSinceStart() <= self._port.packet_timeout:
+        if not self._is_late() or (self._late_looks and self._port.getBytesAvailable()):
             return False
-        if self._late_looks and self._port.getBytesAvailable():
-            self._late_looks -= 1
-            return False
+        # Tells a reply that was cut off by the time limit from a damaged one.
         self._port.packet_timeout = 0
         return True
 

@@ -6,7 +6,7 @@ from palpate.errors import InputError
 
 
 def check_number(
-    name: str, value: float, *, low: float, high: float, unit: str = "", whole: bool = False
+    name: str, value: object, *, low: float, high: float, unit: str = "", whole: bool = False
 ) -> None:
     """Check that a setting is a number in its range.
 
@@ -14,7 +14,7 @@ def check_number(
     ----------
     name : str
         Key in the rig file.
-    value : float
+    value : object
         The given value.
     low, high : float
         Range of the value, with both ends.
@@ -35,11 +35,12 @@ def check_number(
     palpate.errors.InputError: jaw_mm 0: must be 10 to 300 mm
     >>> check_number("servo_id", 254, low=0, high=252, whole=True)
     Traceback (most recent call last):
-    palpate.errors.InputError: servo_id 254: must be a whole number from 0 to 252
+    palpate.errors.InputError: servo_id 254: must be 0 to 252
     """
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and low <= value <= high and (not whole or value == int(value)):
-        return
-    shown = f"{value:g}" if is_number else repr(value)
-    kind = "a whole number from " if whole else ""
-    raise InputError(f"{name} {shown}: must be {kind}{low:g} to {high:g} {unit}".rstrip())
+    allowed = f"{low:.10g} to {high:.10g} {unit}".rstrip()
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} {value!r}: must be a number, {allowed}")
+    if not low <= value <= high:
+        raise InputError(f"{name} {value:.10g}: must be {allowed}")
+    if whole and value != int(value):
+        raise InputError(f"{name} {value:.10g}: must be a whole number from {allowed}")
