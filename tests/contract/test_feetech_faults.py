@@ -273,7 +273,7 @@ def test_feetech_cycle_needs_two_exchanges(
 
 
 def test_feetech_near_half_a_turn_keeps_to_the_servo_s_speed() -> None:
-    """The slope of the jaw is 0 there, so that the speed for a rate has no bound."""
+    """The slope is 0 there, and the speed for a rate has no bound."""
     world = make_world("rigid")
     jaw = HingedJaw(jaw_mm=37.0)
     bus = StsBus(world, jaw=jaw, closed_tick=CLOSED_TICK)

@@ -199,7 +199,7 @@ class BusServoGripper(ABC):
 
     def _check_position_limits(self, settings: RegisterBlock) -> None:
         """Raise `DeviceError` if the stored limits exclude a position that the fingers need."""
-        low, high = self._needed_ticks()
+        low, high = self._goal_ticks()
         smallest, largest = self.POSITION_LIMITS
         fault = None
         if (found := settings.value(smallest)) > low:
@@ -225,7 +225,7 @@ class BusServoGripper(ABC):
             )
         return limit
 
-    def _needed_ticks(self) -> tuple[int, int]:
+    def _goal_ticks(self) -> tuple[int, int]:
         ends = [self._tick(width_mm) for width_mm in (self.limits.lowest, self.limits.highest)]
         return min(ends), max(ends)
 

@@ -232,7 +232,7 @@ class DynamixelGripper(BusServoGripper):
         self._is_set_up = True
 
     def _find_turn(self, position: int) -> int:
-        """Shift the zero to the turn in which the servo counts; return the position as a goal.
+        """Take the turn in which the servo counts; return the position as a goal.
 
         The current-based mode counts turns until the supply is switched off. Goals then lie in the
         same turn. This is safe, because the fingers move through less than half a turn: the turn
@@ -242,7 +242,7 @@ class DynamixelGripper(BusServoGripper):
         if self.model.ma_per_unit is not None:
             self._zero_tick = x.CENTRE_TICK + position - _remove_turns(position)
             return position
-        low, high = self._needed_ticks()
+        low, high = self._goal_ticks()
         return min(max(_remove_turns(position), low), high)
 
     def _check_velocity_limit(self, stored: RegisterBlock) -> None:

@@ -98,7 +98,7 @@ class FeetechGripper(BusServoGripper):
             homing_offset=homing_offset,
         )
         self._leash_s = leash_s
-        low, high = self._needed_ticks()
+        low, high = self._goal_ticks()
         if low < 0 or high >= sts.TICKS:
             raise InputError(
                 f"closed_tick {closed_tick}: the jaw needs positions {low} to {high}, "
@@ -224,8 +224,7 @@ class FeetechGripper(BusServoGripper):
             self._check_position_limits(stored)
 
     def _travel_mm(self) -> tuple[float, float]:
-        # A horn with one jaw can turn through more than half a turn: only the rig file tells its
-        # travel.
+        # A horn with one jaw can turn by more than half a turn. Its travel is in the rig file only.
         return 0.0, self.limits.highest
 
     def _read_errors(self) -> sts.State:

@@ -271,7 +271,7 @@ class ServoLine:
         """
         if not self._is_late() or (self._late_looks and self._port.getBytesAvailable()):
             return False
-        # Tells a reply that was cut off by the time limit from a damaged one.
+        # Distinguishes a reply that was cut off by the time limit from a damaged one.
         self._port.packet_timeout = 0
         return True
 

@@ -18,7 +18,7 @@ def claim_port(descriptor: int) -> None:
 def release_port(descriptor: int) -> None:
     """Undo `claim_port`; call it before closing.
 
-    A real port forgets the claim when it is closed, a pseudo-terminal does not.
+    A real port loses the claim when it is closed, a pseudo-terminal does not.
     """
     _request("TIOCNXCL", descriptor)
 
