@@ -412,11 +412,16 @@ def test_dynamixel_that_acknowledges_no_commands_is_corrected(
     gripper.close()
 
 
-def test_dynamixel_setup_does_not_move_to_an_old_goal(world: World, bus: ServoBus) -> None:
+@pytest.mark.parametrize("model_number", [1020, 1060])
+def test_dynamixel_setup_does_not_move_to_an_old_goal(world: World, model_number: int) -> None:
+    """Not even from an end stop beyond the range of the rig file."""
+    bus = ServoBus(world, model_number=model_number)
+    bus.position_error = 100
     bus.set(x.GOAL_POSITION, x.CENTRE_TICK)
     gripper = open_servo(world, bus)
     assert bus.value(x.GOAL_POSITION) == bus.value(x.PRESENT_POSITION)
     gripper.close()
+    bus.close()
 
 
 def test_dynamixel_opened_again_keeps_its_grip(world: World, bus: ServoBus) -> None:

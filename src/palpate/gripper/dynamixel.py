@@ -221,7 +221,7 @@ class DynamixelGripper(BusServoGripper):
         for register, value in volatile.items():
             line.write(register, value)
         line.confirm({**persistent, **volatile})
-        position = self._find_turn(self._read().value(self.POSITION))
+        position = self._find_turn(self._read().value(self.POSITION), stored)
         if not is_held:
             # Replaces an old goal, to which the servo would move as soon as the torque is on.
             line.write(x.GOAL_POSITION, position)
@@ -231,7 +231,7 @@ class DynamixelGripper(BusServoGripper):
         line.confirm(enabled)
         self._is_set_up = True
 
-    def _find_turn(self, position: int) -> int:
+    def _find_turn(self, position: int, stored: RegisterBlock) -> int:
         """Take the turn in which the servo counts; return the position as a goal.
 
         The current-based mode counts turns until the supply is switched off. Goals then lie in the
@@ -242,7 +242,7 @@ class DynamixelGripper(BusServoGripper):
         if self.model.ma_per_unit is not None:
             self._zero_tick = x.CENTRE_TICK + position - _remove_turns(position)
             return position
-        low, high = self._goal_ticks()
+        low, high = map(stored.value, self.POSITION_LIMITS)
         return min(max(_remove_turns(position), low), high)
 
     def _check_velocity_limit(self, stored: RegisterBlock) -> None:
