@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -116,6 +117,9 @@ def test_hobby_servo_new_driver_keeps_the_finger_position(bench: Bench) -> None:
     [
         ({"open_us": 499}, "open_us 499: must be 500 to 2500"),
         ({"closed_us": 2501}, "closed_us 2501: must be 500 to 2500"),
+        ({"open_us": 700.5}, "open_us 700.5: must be a whole number from 500 to 2500"),
+        ({"open_mm": math.inf}, "open_mm inf: must be 0 to 300 mm"),
+        ({"open_mm": 1e9}, "open_mm 1000000000"),
         ({"closed_us": 690}, "are equal"),
         ({"closed_mm": 74.0}, "closed_mm 74: must be at least 0 and below open_mm 74"),
         ({"closed_mm": -1.0}, "closed_mm -1"),
