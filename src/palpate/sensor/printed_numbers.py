@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 import re
+from typing import NamedTuple
 
 #: Longer than any line of 64 x 64 numbers with their labels.
 _LONGEST_BYTES = 1 << 16
@@ -33,7 +34,7 @@ _HEX = re.compile(r"[\dA-Fa-f]+")
 _WITH_UNIT = re.compile(r"[-+]?\d[\d.]*([^\W\d_]+|%)")
 #: An open pixel: Arduino prints an overflowing float as "ovf", a multimeter as "OL".
 _OPEN = {"ovf": math.inf, "-ovf": -math.inf, "ol": math.inf}
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
+_HEXADECIMAL = "is hexadecimal; print decimal numbers (Serial.print without HEX), or 0x before each"
 
 
 class LineSplitter:
@@ -47,7 +48,7 @@ class LineSplitter:
     """
 
     def __init__(self, end: str | None = None) -> None:
-        self._end = re.compile(re.escape(end.encode())) if end else _LINE_END
+        self._end = re.compile(_custom_end(end)) if end else _LINE_END
         #: A CR or LF that ended the last line, if the other one may follow.
         self._half_end = b""
         #: The beginning of a line.
@@ -75,14 +76,27 @@ class LineSplitter:
         return lines
 
 
+def _custom_end(end: str) -> bytes:
+    """Return a pattern for the end of a line; a closing bracket stays part of the line."""
+    pattern = re.escape(end.encode())
+    return rb"(?<=" + pattern + rb")" if end in "]})" else pattern
+
+
 def _ends_with_pair(data: bytes) -> bool:
     """Return whether the last CR or LF is the second half of a line end."""
     ends = len(data) - len(data.rstrip(b"\r\n"))
     return len(_LINE_END.findall(data[-ends:])[-1]) == 2
 
 
-def read_numbers(line: bytes, *, wanted: int | None = None) -> list[float]:
-    """Return the numbers of a line in their order; an empty list if it contains none.
+class PrintedNumbers(NamedTuple):
+    """The numbers of a line in their order, and how many were printed with a decimal point."""
+
+    values: list[float]
+    points: int
+
+
+def read_numbers(line: bytes, *, wanted: int | None = None) -> PrintedNumbers:
+    """Return the numbers of a line, if any.
 
     Numbers are separated by commas, semicolons, bars or spaces. Labels, keys, brackets and a time
     of day are ignored.
@@ -91,27 +105,28 @@ def read_numbers(line: bytes, *, wanted: int | None = None) -> list[float]:
         inside it has as many, only this is returned.
     Raises `ValueError` with the fault if the line contains anything else.
 
-    >>> read_numbers(b"FSR 1 (A0): 512 | FSR 2 (A1): inf"), read_numbers(b"-----")
+    >>> read_numbers(b"FSR 1 (A0): 512 | FSR 2 (A1): inf").values, read_numbers(b"-----").values
     ([512.0, inf], [])
-    >>> read_numbers(b'{"t": 81, "p0": [[1, 2], [3, 4]]}', wanted=4)
-    [1.0, 2.0, 3.0, 4.0]
+    >>> read_numbers(b'{"t": 81, "p0": [[1, 2], [3, 4.5]]}', wanted=4)
+    PrintedNumbers(values=[1.0, 2.0, 3.0, 4.5], points=1)
     """
     text = _decode(line)
     is_plain = _PLAIN.fullmatch(text) is not None
     if not is_plain:
         text = text.strip()
         if text.startswith("{") and '":' in text.replace(" ", ""):
-            return _read_json(text, wanted)
+            return PrintedNumbers(_read_json(text, wanted), text.count("."))
         if ":" in text or "=" in text:
             text = _LABEL.sub(" ", _PREFIX.sub("", text))
     fields = [field for field in _BETWEEN.split(text) if field]
     if not any(map(_may_contain_reading, fields)):
-        return []
+        return PrintedNumbers([], 0)
+    points = text.count(".")
     if is_plain:
         # Much faster; `float` accepts more than numbers, but not of these characters.
         with contextlib.suppress(ValueError):
-            return [float(field) for field in fields]
-    return _read_fields(fields)
+            return PrintedNumbers([float(field) for field in fields], points)
+    return PrintedNumbers(_read_fields(fields), points)
 
 
 def _may_contain_reading(field: str) -> bool:
@@ -119,7 +134,7 @@ def _may_contain_reading(field: str) -> bool:
 
 
 def _decode(line: bytes) -> str:
-    text = line.decode("utf-8", errors="replace")
+    text = line.decode("utf-8", errors="replace").strip("\0\ufeff")
     if text.isascii() and text.isprintable():
         return text
     text = _ESCAPE.sub("", text)
@@ -131,31 +146,30 @@ def _decode(line: bytes) -> str:
 def _read_fields(fields: list[str]) -> list[float]:
     """Convert hexadecimal numbers and names of open pixels too; raise an error with the fault."""
     if all(map(_HEX.fullmatch, fields)) and any(map(str.isalpha, "".join(fields))):
-        raise HexadecimalError
-    values = []
-    for field in fields:
-        if _NUMBER.fullmatch(field):
-            values.append(float(field))
-        elif field.lower() in _OPEN:
-            values.append(_OPEN[field.lower()])
-        elif field.lower().startswith("0x") and _HEX.fullmatch(field[2:]):
-            values.append(float(int(field, 16)))
-        elif field.lower() in ("null", "none"):
-            values.append(math.nan)
-        elif found := _WITH_UNIT.fullmatch(field):
-            raise ValueError(f'has "{found[1]}" after a number; print the number alone')
-        else:
-            raise ValueError(f'is not a line of numbers ("{field[:20]}"); print only numbers')
-    return values
+        raise FormError(_HEXADECIMAL)
+    return [_read_field(field) for field in fields]
 
 
-class HexadecimalError(ValueError):
-    """A line of hexadecimal numbers without a prefix."""
+def _read_field(field: str) -> float:
+    try:
+        # `float` also accepts digits with underscores.
+        return float(field.replace("_", "?"))
+    except ValueError:
+        pass
+    word = field.lower()
+    if word in _OPEN:
+        return _OPEN[word]
+    if word in ("null", "none"):
+        return math.nan
+    if word.startswith("0x") and _HEX.fullmatch(field[2:]):
+        return float(int(field, 16))
+    if found := _WITH_UNIT.fullmatch(field):
+        raise ValueError(f'has "{found[1]}" after a number; print the number alone')
+    raise ValueError(f'is not a line of numbers ("{field[:20]}"); print only numbers')
 
-    def __init__(self) -> None:
-        super().__init__(
-            "is hexadecimal; print decimal numbers (Serial.print without HEX), or 0x before each"
-        )
+
+class FormError(ValueError):
+    """A line whose form shows that other lines can be misread, although they seem valid."""
 
 
 def _read_json(text: str, wanted: int | None) -> list[float]:

@@ -16,7 +16,7 @@ from palpate.sensor.array import MAX_LINES, ArrayLayout, IdleLines
 from palpate.sensor.board_array import find_layout
 from palpate.sensor.flexitac import MARKER
 from palpate.sensor.one_way_array import OPEN_S, Counts, OneWayArray
-from palpate.sensor.printed_numbers import HexadecimalError, LineSplitter, read_numbers
+from palpate.sensor.printed_numbers import FormError, LineSplitter, read_numbers
 
 #: Resistances and voltages are stored as counts of this divider: one count is at most 0.03 % from
 #: 1 ohm to 10 megohm.
@@ -30,8 +30,11 @@ _NO_NUMBERS = "has no numbers; if the sketch starts slowly, set wait_s in the ri
 #: A number in front of (or behind) the pixels is a clock if it increases in this many lines in a
 #: row, and is above the range of a reading.
 _CLOCK_LINES = 8
-#: Lines rejected after a hexadecimal line, because their numbers can have digits only by chance.
-_HEX_LINES = 50
+#: As many lines of a wrong form are no damage. Then the next lines are rejected although they seem
+#: valid: a hexadecimal number can have digits only, and a difference can be positive.
+_MIN_SUSPECTS, _FORM_LINES = 3, 50
+#: Equal numbers of lines between blank lines, after which the lines seem to be rows of a frame.
+_ROW_BLOCKS = 3
 #: This many markers of FlexiTac's frames do not occur by chance in text at a wrong baud rate.
 _MIN_MARKERS = 4
 _USUAL_BITS = (8, 10, 12, 14, 16, 18, 24)
@@ -98,7 +101,11 @@ class LineDecoder:
         #: Decimal points in the block.
         self._points = 0
         self._has_blank = False
-        self._hex_lines = 0
+        #: Fault of recent lines of a wrong form, their number, and lines for which they count.
+        self._form_fault = ""
+        self._suspects = self._suspect_lines = 0
+        #: Complete lines since the last blank line; blank lines after an equal number of lines.
+        self._lines = self._last_lines = self._equal_blocks = 0
         #: Markers of FlexiTac's frames.
         self._markers = 0
         self._fault = ""
@@ -116,7 +123,7 @@ class LineDecoder:
         if self._splitter.has_ended or not rest:
             return self._fault
         try:
-            if not read_numbers(rest):
+            if not read_numbers(rest).values:
                 return f"{_quote(rest)} {_NO_NUMBERS}"
         except ValueError as error:
             if "not text" in str(error):
@@ -143,6 +150,9 @@ class LineDecoder:
             except ValueError as error:
                 self.corrupt += 1
                 self._fault = f"{_quote(line)} {error}"
+                if isinstance(error, FormError):
+                    self._suspects += 1
+                    self._suspect_lines, self._form_fault = _FORM_LINES, self._fault
             else:
                 frames += [] if frame is None else [frame]
         return frames
@@ -154,25 +164,35 @@ class LineDecoder:
         """
         pixels = self._layout.pixels
         try:
-            values = read_numbers(line, wanted=None if self._columns else pixels)
+            printed, points = read_numbers(line, wanted=None if self._columns else pixels)
         except ValueError as error:
             return self._handle_text(line, error)
-        if not values:
+        if not printed:
             if line.strip():
                 self._fault = self._fault or f"{_quote(line)} {_NO_NUMBERS}"
+            else:
+                is_equal = self._lines == self._last_lines > 1
+                self._equal_blocks = self._equal_blocks + 1 if is_equal else 0
+                self._lines, self._last_lines = 0, self._lines
             return self._end_block()
-        if self._hex_lines:
-            self._hex_lines -= 1
-            raise HexadecimalError
+        values = printed
         if self._columns is not None:
-            values = self._select_columns(values)
-        elif len(values) == pixels + 1 and not self._by_block:
-            values = self._clock.remove(values)
-        points = line.count(b".")
+            values = self._select_columns(printed)
+        elif len(printed) == pixels + 1 and not self._by_block:
+            values = self._clock.remove(printed)
+        if len(values) < len(printed):
+            # The points of a clock in seconds do not matter.
+            points -= sum(value % 1 != 0 for value in printed) - sum(v % 1 != 0 for v in values)
         if self._by_block or (len(values) != pixels and not self._by_line):
             return self._add_to_block(values, points=points)
         if len(values) != pixels:
             raise self._size_error(values)
+        self._lines += 1
+        if self._equal_blocks >= _ROW_BLOCKS:
+            raise ValueError(
+                f"is one of {self._last_lines} lines between blank lines, like the rows of a "
+                f"frame; check layout ({self._last_lines}x{pixels}?)"
+            )
         counts = self._to_counts(values, points=points)
         self._by_line = True
         return counts
@@ -185,9 +205,7 @@ class LineDecoder:
                 "is a binary frame of a FlexiTac board: set "
                 'open = "palpate.sensor.flexitac:open_board" in the rig file'
             ) from error
-        if isinstance(error, HexadecimalError):
-            self._hex_lines = _HEX_LINES
-        elif not self._by_line:
+        if not (self._by_line or isinstance(error, FormError)):
             frame = self._end_block()
             if self._by_block:
                 return frame
@@ -258,6 +276,13 @@ class LineDecoder:
 
     def _to_counts(self, values: list[float], *, points: int) -> Counts:
         counts = self._scale.convert(np.array(values), points=points)
+        if self._suspect_lines:
+            is_wrong = self._suspects >= _MIN_SUSPECTS
+            self._suspect_lines -= 1
+            if not self._suspect_lines:
+                self._suspects = 0
+            if is_wrong:
+                raise ValueError(f"follows {self._form_fault}")
         return counts.reshape(self._layout.rows, self._layout.cols)
 
 
@@ -291,7 +316,7 @@ class _ClockFinder:
     def hint(self) -> str:
         """Remedy if a number increases like a clock; otherwise empty."""
         for place, count in self._increases.items():
-            if count >= 2:
+            if count >= _CLOCK_LINES // 2:
                 first = 2 if place == 0 else 1
                 columns = list(range(first, first + self._pixels))
                 shown = columns if len(columns) <= 8 else [*columns[:2], "...", columns[-1]]
@@ -335,7 +360,7 @@ class _CountScale:
                 f"has nan as reading {place}: the sketch divides by 0; print inf for an open pixel"
             )
         if (numbers < 0).any():
-            raise ValueError("has a negative number; print readings without subtracting anything")
+            raise FormError("has a negative number; print readings without subtracting anything")
         if self._in_ohm:
             return self._to_fine_counts(_OHM_REFERENCE / (_OHM_REFERENCE + numbers))
         if self._supply_v is not None:
@@ -449,7 +474,8 @@ def open_board(
         raise InputError('idle_lines = "held" needs counts: print counts instead of ohms')
     if unit != "volt" and supply_v is not None:
         raise InputError(f'supply_v = {supply_v:g} is only for volts: set unit = "volt" as well')
-    supply_v = (supply_v or 5.0) if unit == "volt" else None
+    if unit == "volt" and supply_v is None:
+        supply_v = 5.0
     if supply_v is not None and not 0 < supply_v < math.inf:
         raise InputError(f"supply_v = {supply_v:g}: give the printed number at the supply voltage")
     if line_end is not None and (not line_end or any(c in "0123456789.+-" for c in line_end)):
