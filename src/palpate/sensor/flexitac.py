@@ -127,7 +127,7 @@ def _has_rival(buffer: bytes, start: int, *, size: int) -> bool | None:
 
 
 def _find_distance(data: bytes) -> int | None:
-    """Return the most frequent distance of two markers, the size of a frame; None if unclear."""
+    """Return the most frequent distance between markers; None if none is frequent."""
     starts = [found.start() for found in re.finditer(MARKER, data)][-_MOST_MARKERS:]
     pairs = Counter(end - start for start in starts for end in starts if end > start)
     if not pairs:

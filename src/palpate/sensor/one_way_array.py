@@ -153,6 +153,8 @@ class OneWayArray(PortArray):
         if self._stream is None:
             if self._reopen_if_due() is not None:
                 self._timing, self._last_s = _FrameTiming(), now_s
+                # Without it, the halves of two lines could form a valid line.
+                getattr(self._decoder, "restart", lambda: None)()
             return
         try:
             data = self._stream.read_waiting()

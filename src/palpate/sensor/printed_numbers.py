@@ -1,4 +1,4 @@
-"""The lines and numbers in the text that a board prints, in the forms common among sketches."""
+"""Lines and numbers in the text that a board prints, in common forms."""
 
 from __future__ import annotations
 
@@ -55,6 +55,10 @@ class LineSplitter:
         self.rest = b""
         #: Whether a line has ended.
         self.has_ended = False
+
+    def clear(self) -> None:
+        """Forget the beginning of a line."""
+        self.rest = self._half_end = b""
 
     def split(self, data: bytes) -> list[bytes]:
         """Append bytes and return the completed lines, without their ends.

@@ -120,7 +120,8 @@ class LineDecoder:
     def fault(self) -> str:
         """Fault of the last rejected line, with the remedy; empty if none."""
         rest = self._splitter.rest
-        if self._splitter.has_ended or not rest:
+        longest = 200 + 16 * self._layout.pixels
+        if not rest or (self._splitter.has_ended and len(rest) < longest):
             return self._fault
         try:
             if not read_numbers(rest).values:
@@ -132,6 +133,11 @@ class LineDecoder:
             f"{_quote(rest)} has no line end: add Serial.println() after each frame, or name the "
             "text that ends a frame with line_end in the rig file"
         )
+
+    def restart(self) -> None:
+        """Forget an incomplete line and block, because the port was opened again."""
+        self._splitter.clear()
+        self._is_synchronized, self._block = False, None
 
     def feed(self, data: bytes) -> list[Counts]:
         """Append bytes and return the completed frames, shape (rows, cols) each."""
@@ -243,7 +249,7 @@ class LineDecoder:
         return self._join_block(self._block) if self._by_block else None
 
     def _end_block(self) -> Counts | None:
-        """Begin a new block at a blank line; return the frame of the first complete block."""
+        """Begin a new block; return the frame of the first complete block."""
         block, self._block = self._block, []
         self._has_blank = True
         try:

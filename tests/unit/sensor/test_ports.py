@@ -1,4 +1,4 @@
-"""The port of a board that was replugged, from its USB number or its USB socket."""
+"""The port of a replugged board, from its USB number or USB socket."""
 
 from __future__ import annotations
 

@@ -275,6 +275,7 @@ def line(values: list[int], spell: Callable[[int], str] = str) -> str:
 
 REFUSED: list[tuple[Callable[[int, list[int]], str], str]] = [
     (lambda _, v: "\t".join(map(str, v)), r"no line end: add Serial.println\(\)"),
+    (lambda k, v: "\n" * (k == 0) + "<" + line(v)[:-2] + ">", "no line end"),
     (lambda k, v: f"{k}," + line(v), r"the first is a clock, set columns = \[2, 3, .*, 9\]"),
     (lambda _, v: line(v, lambda x: f"{x / 205:.2f}"), 'set unit = "volt" and supply_v'),
     (lambda _, v: line(v, lambda x: f"{x / 1023:.4f}"), "supply_v .1 for fractions"),
@@ -371,6 +372,24 @@ def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> Non
     board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
     with pytest.raises(WireError, match="no blank line marks the start of a frame"):
         board.array(LineDecoder(PADS))
+
+
+def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
+    clock: SendingClock,
+) -> None:
+    board = SendingBoard(clock, layout=PADS, encode=lambda _: b"1,2,3,4,5,6,7,8\n")
+    array = board.array(LineDecoder(PADS))
+    array.read(timeout_s=0.1)
+    board.spoil = lambda _, data: b"99,99,99,99,"
+    with pytest.raises(WireError):
+        array.read(timeout_s=0.01)
+    board.unplug()
+    with pytest.raises(DeviceTimeoutError):
+        array.read(timeout_s=0.1)
+    halves = iter([b"5,6,7,8\n"])
+    board.spoil = lambda _, data: next(halves, data)
+    board.plug()
+    assert array.read(timeout_s=1.0).counts.ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
 
 
 def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
