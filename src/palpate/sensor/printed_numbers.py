@@ -81,7 +81,7 @@ class LineSplitter:
 
 
 def _custom_end(end: str) -> bytes:
-    """Return a pattern for the end of a line; a closing bracket stays part of the line."""
+    """Return a pattern for the end of a line; a bracket stays in it."""
     pattern = re.escape(end.encode())
     return rb"(?<=" + pattern + rb")" if end in "]})" else pattern
 
@@ -93,7 +93,7 @@ def _ends_with_pair(data: bytes) -> bool:
 
 
 class PrintedNumbers(NamedTuple):
-    """The numbers of a line in their order, and how many were printed with a decimal point."""
+    """The numbers of a line in order, and the count of decimal points."""
 
     values: list[float]
     points: int

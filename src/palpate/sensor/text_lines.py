@@ -204,7 +204,7 @@ class LineDecoder:
         return counts
 
     def _handle_text(self, line: bytes, error: ValueError) -> Counts | None:
-        """Treat a line of text between blocks as a blank line; raise an error for any other."""
+        """Treat text between blocks as a blank line; raise an error otherwise."""
         self._markers += line.count(MARKER)
         if self._markers >= _MIN_MARKERS:
             raise ValueError(
