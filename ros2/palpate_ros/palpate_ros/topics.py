@@ -26,8 +26,9 @@ from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
+from palpate.sensor.pixel_resistance import PixelExcess, pixel_excess, pixel_resistance_ohm
+from palpate.settling.result import Status
+from palpate.signal.relative import mean_change, relative_change_percent
 from palpate_ros import messages
 
 #: Duration of the frames without contact in a health check, and mean change of a contact.
@@ -107,18 +108,10 @@ class SensorTopics:
         )
         if self._ohm.get_subscription_count():
             self._ohm.publish(messages.ohm_image(ohm, **at))
-        if self._law is not None and any(p.get_subscription_count() for p in self._forces):
-            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
-            found = self._law.force_n(np.maximum(np.nansum(excess), 0.0))
+        if self._rest_ohm is not None:
+            pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=about.info.layout)
             for publisher, force_n in zip(
-                self._forces, (found.value, found.low, found.high), strict=True
-            ):
-                publisher.publish(messages.wrench(float(force_n), **at))
-        if self._follower is not None:
-            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
-            now = self._follower.step(frame.time_s, excess)
-            for publisher, force_n in zip(
-                self._forces, (now.value, now.low, now.high), strict=True
+                self._forces, self._forces_n(frame.time_s, pixels), strict=False
             ):
                 publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
@@ -144,6 +137,28 @@ class SensorTopics:
             *(*self._forces, self._info),
         ):
             self._node.destroy_publisher(publisher)
+
+    def _forces_n(self, time_s: float, pixels: PixelExcess) -> tuple[float, ...]:
+        """Return force, lower and upper limit; empty without a law or a readable pixel.
+
+        With a saturated pixel, the force is a lower bound and the upper limit is infinite.
+        """
+        if self._follower is not None:
+            now = self._follower.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+            if now.status is Status.NOT_MEASURED:
+                return ()
+            # The lower limit of a bound is also the only force that is certain.
+            value = now.low if now.value is None else now.value
+            return value, now.low, np.inf if now.known_ends[1] is None else now.high
+        if self._law is None or np.isnan(pixels.excess).all():
+            return ()
+        if not any(publisher.get_subscription_count() for publisher in self._forces):
+            return ()
+        found = self._law.force_n(np.maximum(np.nansum(pixels.excess), 0.0))
+        low = float(found.low)
+        if pixels.has_saturated:
+            return low, low, np.inf
+        return float(found.value), low, float(found.high)
 
     def _publish_state(self, state: GripperState, **at: object) -> None:
         if np.isfinite(state.width_mm):

@@ -14,9 +14,8 @@ from palpate.errors import CalibrationError, InputError
 from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import ForcePairs
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.signal.relative import (
-    excess_conductance,
     mean_change,
     relative_change_percent,
     rest_baseline,
