@@ -407,8 +407,8 @@ class ForceLaw:
         if readings.min() <= 0:
             at_n = float(np.exp(log_n[readings.argmin()]))
             raise CalibrationError(
-                f"force calibration: the reading at {at_n:.3g} N is {readings.min():.3g}, not above "
-                "the reading at rest; check that the weight was on the sensor"
+                f"force calibration: the reading at {at_n:.3g} N is {readings.min():.3g}, not "
+                "above that at rest; check that the weight was on the sensor"
             )
         order = np.argsort(log_n, kind="stable")
         if (
