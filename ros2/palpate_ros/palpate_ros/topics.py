@@ -17,19 +17,16 @@ from sensor_msgs.msg import FluidPressure, Image, JointState
 from std_msgs.msg import String
 
 from palpate.errors import PalpateError
-from palpate.estimate.force import StaticLaw, law_from_dict
-from palpate.estimate.force_follower import ForceFollower
-from palpate.estimate.force_law import ForceLaw
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
-from palpate.sensor.pixel_resistance import PixelExcess, pixel_excess, pixel_resistance_ohm
-from palpate.settling.result import Status
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate_ros import messages
+from palpate_ros.frame_force import FrameForce
 
 #: Duration of the frames without contact in a health check, and mean change of a contact.
 _CHECKED_S, _TOUCH_PERCENT = 4.0, -3.0
@@ -75,10 +72,8 @@ class SensorTopics:
 
     def __init__(self, node: Node, about: Provenance) -> None:
         self._node, self._about, self._lock = node, about, threading.Lock()
-        law = {} if about.calibration is None else about.calibration.force_law
-        self._law: StaticLaw | None = law_from_dict(law) if law.get("law") == "power" else None
-        learned = law.get("law") == ForceLaw.name
-        self._follower = ForceFollower(ForceLaw.from_dict(law)) if learned else None
+        known = about.calibration
+        self._force = None if known is None else FrameForce(known, layout=about.info.layout)
         self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
         self._quiet: deque[Frame] = deque()
         self._received_s, self._fault, self._last = time.monotonic(), "", None
@@ -108,11 +103,11 @@ class SensorTopics:
         )
         if self._ohm.get_subscription_count():
             self._ohm.publish(messages.ohm_image(ohm, **at))
-        if self._rest_ohm is not None:
-            pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=about.info.layout)
-            for publisher, force_n in zip(
-                self._forces, self._forces_n(frame.time_s, pixels), strict=False
-            ):
+        if self._force is not None and (
+            self._force.has_history or any(p.get_subscription_count() for p in self._forces)
+        ):
+            limits_n = self._force.limits_n(frame.time_s, ohm)
+            for publisher, force_n in zip(self._forces, limits_n, strict=False):
                 publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
             self._publish_state(state, **at)
@@ -137,28 +132,6 @@ class SensorTopics:
             *(*self._forces, self._info),
         ):
             self._node.destroy_publisher(publisher)
-
-    def _forces_n(self, time_s: float, pixels: PixelExcess) -> tuple[float, ...]:
-        """Return force, lower and upper limit; empty without a law or a readable pixel.
-
-        With a saturated pixel, the force is a lower bound and the upper limit is infinite.
-        """
-        if self._follower is not None:
-            now = self._follower.step(time_s, pixels.excess, saturated=pixels.has_saturated)
-            if now.status is Status.NOT_MEASURED:
-                return ()
-            # The lower limit of a bound is also the only force that is certain.
-            value = now.low if now.value is None else now.value
-            return value, now.low, np.inf if now.known_ends[1] is None else now.high
-        if self._law is None or np.isnan(pixels.excess).all():
-            return ()
-        if not any(publisher.get_subscription_count() for publisher in self._forces):
-            return ()
-        found = self._law.force_n(np.maximum(np.nansum(pixels.excess), 0.0))
-        low = float(found.low)
-        if pixels.has_saturated:
-            return low, low, np.inf
-        return float(found.value), low, float(found.high)
 
     def _publish_state(self, state: GripperState, **at: object) -> None:
         if np.isfinite(state.width_mm):

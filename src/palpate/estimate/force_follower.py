@@ -78,7 +78,7 @@ class ForceSource(ABC):
 
     @abstractmethod
     def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
-        """Add a frame to the history and return its force; NaN for pixels without a reading."""
+        """Add a frame, NaN for pixels without a reading, and return its force."""
 
 
 class TouchDetector:

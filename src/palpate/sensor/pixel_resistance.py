@@ -73,7 +73,7 @@ class PixelExcess(NamedTuple):
 
     @property
     def has_saturated(self) -> bool:
-        """Whether any pixel is saturated, so that a force from the excess is a lower bound."""
+        """Whether any pixel is saturated; a force is then a lower bound."""
         return bool(self.saturated.any())
 
 

@@ -195,10 +195,12 @@ def test_force_law_each_weight_narrows_interval() -> None:
     weights_n = [1.5, 4.0, 9.0, 6.0]
     known = [8.0 * n**1.2 for n in weights_n]
     inputs = build_settled_inputs([10.0, 40.0, 100.0])
-    spread = [
-        ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
-        for count in range(1, 5)
-    ]
+    spread = np.array(
+        [
+            ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
+            for count in range(1, 5)
+        ]
+    )
     # Near the first weights, the others add almost nothing.
     assert np.all(np.diff(spread, axis=0) < 0.05 * spread[:-1])
     assert np.all(spread[-1, 1:] < 0.4 * spread[0, 1:])
