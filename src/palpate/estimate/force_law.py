@@ -339,12 +339,12 @@ class ForceLaw:
             for reading in (self.least_reading, self.contact_reading)
         )
         fallen = (self.contact_reading / self.least_reading) ** _FLATTEST
-        threshold_n = min(contact_n, max(least_n * fallen, weakest_n))
+        threshold_n: float = min(contact_n, max(least_n * fallen, weakest_n))
         self._thresholds_n[level] = threshold_n
         return threshold_n
 
     def _upper_n(self, inputs: FloatArray, *, quantile: float) -> float:
-        """Return the smallest upper limit from the reading of a sample to the smallest given one.
+        """Return the smallest upper limit from a reading to the smallest given one.
 
         On one sheet a smaller reading is not a larger force, although the law, extrapolated to weak
         forces, has a larger uncertainty there.

@@ -152,7 +152,7 @@ def test_force_source_without_layout_keeps_no_bad_pixel(
 
 
 def test_lasting_saturation_enters_the_history() -> None:
-    """After a long saturation the fall of the reading counts; after a single frame it does not."""
+    """The fall from a long saturation counts, that from a single frame does not."""
     good, clipped = np.full((2, 2), 3.0), np.full((2, 2), 300.0)
     forces = []
     for saturated_frames in (1, 30):
