@@ -115,7 +115,10 @@ class LiveView:
         if (force := self._reading.force_n) is not None:
             # Without contact, only the upper limit is known.
             newtons = f"[bold]at most {force.high:.2f} N[/], no contact"
-            if self._reading.touching:
+            if force.value is None:
+                unit = " N" if force.known_ends[0] is not None else ""
+                newtons = f"[bold]{force.text(digits=2)}{unit}[/], {force.reason}"
+            elif self._reading.touching:
                 ends = f"{force.low:.2f} to {force.high:.2f}, {force.level:.0%}"
                 newtons = f"[bold]{force.value:.2f} N[/] ({ends})"
             lines.append(Text.from_markup(f"force now {newtons}"))

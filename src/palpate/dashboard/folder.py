@@ -291,7 +291,7 @@ def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
     """Return the curve resampled to few points, evenly spaced in time."""
     if len(curve) < 2:
         return ()
-    forces = [(one.time_s, one.force.value) for one in curve if one.force is not None]
+    forces = [(one.time_s, one.force.middle) for one in curve if one.force is not None]
     time_s, values = zip(*(forces or [(one.time_s, one.percent) for one in curve]), strict=True)
     at_s = np.linspace(time_s[0], time_s[-1], _CURVE_POINTS)
     return tuple(round(float(value), 2) for value in np.interp(at_s, time_s, values))
