@@ -68,6 +68,21 @@ def test_hobby_servo_holds_the_fingers_if_the_host_is_silent(bench: Bench) -> No
     assert bench.gripper.state().width_mm == pytest.approx(stopped_mm, abs=0.3)
 
 
+@pytest.mark.parametrize("width_mm", [74.0, 50.0])
+def test_hobby_servo_at_rest_closes_after_a_pause_of_the_program(
+    bench: Bench, width_mm: float
+) -> None:
+    """The program was busy for seconds, and the fingers had nothing to do."""
+    close_to(bench, width_mm)
+    bench.follow(2.0)
+    bench.world.clock.sleep_s(3.0)
+    bench.follow(0.5)
+    assert bench.gripper.state().width_mm == pytest.approx(width_mm, abs=0.1)
+    close_to(bench, 40.0)
+    bench.follow(2.0)
+    assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
+
+
 def test_hobby_servo_opens_at_the_ceiling_and_refuses_to_close(bench: Bench) -> None:
     bench.array.arm_ceiling(1)
     close_to(bench, 40.0)

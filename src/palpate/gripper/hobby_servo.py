@@ -201,7 +201,11 @@ class HobbyServoGripper:
                 "the board sends no servo pulses: it was reset and has cut power to the servo. "
                 "Open the rig again"
             )
-        if status & BoardStatus.HEARTBEAT_LOST:
+        if status & BoardStatus.HEARTBEAT_LOST and abs(servo_us - self._target_us) <= 1:
+            # The fingers had arrived, and have not moved: this program was busy elsewhere.
+            self._send(SetServo(target_us=servo_us, rate_us_per_s=self._rate))
+            self._commanded_s = self._sent_s
+        elif status & BoardStatus.HEARTBEAT_LOST:
             raise DeviceError(
                 "the board holds the fingers in place: it received nothing for 0.5 s. "
                 "Check its cable and the CPU load of this computer"
