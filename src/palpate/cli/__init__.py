@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
@@ -13,7 +14,14 @@ import typer
 import palpate
 from palpate.cli.lazy_group import HELP, LazyCommand, LazyGroup
 from palpate.cli.options import opt
-from palpate.errors import PalpateError
+from palpate.cli.output import (
+    is_output_lost,
+    is_terminal_lost,
+    print_message,
+    silence_lost_output,
+)
+from palpate.errors import DISK_FAILURES, PalpateError
+from palpate.stop_signals import HANGUP, handle_once, install, interrupt
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
@@ -95,6 +103,10 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             # A terminal with a limited encoding shows a question mark for each unknown character.
             stream.reconfigure(errors="replace")
+    # As the first process of a container, only a signal with a handler ends it. Servers that handle
+    # SIGTERM themselves handle SIGHUP too, because it is passed on.
+    install(handle_once(interrupt), numbers=(signal.SIGTERM,))
+    install(lambda *_: signal.raise_signal(signal.SIGTERM), numbers=HANGUP)
     sys.exit(run(build_app(), sys.argv[1:], name="palpate"))
 
 
@@ -106,22 +118,21 @@ _REMEDIES = {
     errno.EROFS: "choose a writable location",
     errno.ENOSPC: "free some space, or choose another disk",
 }
-#: Disk failures, which a different argument would not remedy.
-_EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
     """Run a Typer app; report each expected failure as one line and an exit status.
 
     Returns 0 for success, 1 for a negative answer, 2 for bad usage or input, 3 for failed
-    equipment and 130 after Ctrl-C.
+    equipment and 130 after Ctrl-C, SIGTERM or SIGHUP.
     """
     command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
     try:
         status = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
+        sys.stdout.flush()
         return int(status or 0)
     except PalpateError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print_message(f"{name}: {error}")
         return error.exit_status
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
@@ -129,21 +140,23 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
         message = " ".join(error.format_message().split()).replace("Value error, ", "")
         if message:  # empty if the help was printed instead
             end = "" if message.endswith((".", "?", "!")) else "."
-            print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
+            print_message(f"{name}: {message}{end} Try `{verb} --help`.")
         return 2
     except (KeyboardInterrupt, typer.Abort) as error:
         if isinstance(error.__context__, EOFError):
-            print(f"\n{name}: no answer on standard input; {_UNANSWERED}", file=sys.stderr)
+            print_message(f"\n{name}: no answer on standard input; {_UNANSWERED}")
             return 2
-        print(f"{name}: stopped", file=sys.stderr)
+        print_message(f"{name}: stopped")
         return EXIT_STOPPED
-    except BrokenPipeError:
-        # The reader of the output closed the pipe (`| head`), which is not an error.
-        sys.stderr.close()
-        return 0
     except OSError as error:
+        if is_output_lost(error):
+            silence_lost_output()
+            # A reader that closes the pipe (`| head`) is not an error.
+            return EXIT_STOPPED if is_terminal_lost(error) else 0
         what = [error.filename, error.strerror or error]
         remedy = _REMEDIES.get(error.errno or 0)
         reason = ": ".join(str(part) for part in what if part)
-        print(f"{name}: {reason}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
-        return 3 if error.errno in _EQUIPMENT else 2
+        print_message(f"{name}: {reason}" + (f"; {remedy}" if remedy else ""))
+        return 3 if error.errno in DISK_FAILURES else 2
+    finally:
+        silence_lost_output()

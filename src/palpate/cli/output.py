@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
+import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 
 from rich.console import Console, Group, RenderableType
@@ -20,8 +23,49 @@ SIMULATED = "[bold yellow]SIMULATED on the twin[/]"
 
 
 def print_message(text: str) -> None:
-    """Print a message on standard error."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a message on standard error, if anything still receives it."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except (OSError, ValueError):
+        silence_lost_output()
+
+
+@contextmanager
+def tolerate_lost_output() -> Iterator[None]:
+    """Continue after the block if the terminal or the reader of standard output is gone."""
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        if not is_output_lost(error):
+            raise
+        silence_lost_output()
+
+
+def is_output_lost(error: OSError) -> bool:
+    """Return whether an error of standard output means that its terminal or reader is gone."""
+    return isinstance(error, BrokenPipeError) or is_terminal_lost(error)
+
+
+def is_terminal_lost(error: OSError) -> bool:
+    """Return whether an error means that the terminal was closed."""
+    if error.errno != errno.EIO or error.filename is not None:
+        return False
+    with suppress(OSError, ValueError):
+        return stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
+    return True
+
+
+def silence_lost_output() -> None:
+    """Discard the further output of each standard stream that can't be written."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                sink = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(sink, stream.fileno())
+                os.close(sink)
 
 
 def print_json(document: object) -> None:

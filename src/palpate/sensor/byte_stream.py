@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import errno
-import grp
 import os
+import sys
+from contextlib import suppress
 from typing import Protocol
 
 import serial
 
 from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.sensor.exclusive_port import claim_port, release_port
 
 BAUD = 1_000_000
 #: Interval between reads of a port, seconds: half of the frame period at 500 Hz.
@@ -45,7 +47,7 @@ class ByteStream(Protocol):
 
 
 class SerialStream:
-    """A `ByteStream` over a serial port, locked against other programs.
+    """A `ByteStream` over a serial port that no other program can open.
 
     `port`: device, e.g. ``"/dev/ttyACM0"``.
     `baud`: baud rate of the firmware.
@@ -59,6 +61,9 @@ class SerialStream:
             self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except serial.SerialException as error:
             raise explain_refusal(port, error) from error
+        if sys.platform != "win32":  # Windows opens ports exclusively.
+            # The lock stops only programs that ask for it.
+            claim_port(self._serial.fileno())
 
     def read_waiting(self) -> bytes:
         """Return all received bytes without waiting."""
@@ -76,6 +81,8 @@ class SerialStream:
 
     def close(self) -> None:
         """Release the port; calling it again does nothing."""
+        if sys.platform != "win32" and self._serial.is_open:
+            release_port(self._serial.fileno())
         self._serial.close()
 
 
@@ -104,8 +111,10 @@ def explain_refusal(port: str, error: OSError) -> DeviceError:
 
 def _port_group(port: str) -> str:
     """Return the user group with access to the port: `dialout` on most systems."""
-    try:
-        name = grp.getgrgid(os.stat(port).st_gid).gr_name
-    except (OSError, KeyError):
-        return "dialout"
-    return "dialout" if name == "root" else name
+    if sys.platform != "win32":
+        with suppress(ImportError, OSError, KeyError):
+            import grp
+
+            name = grp.getgrgid(os.stat(port).st_gid).gr_name
+            return "dialout" if name == "root" else name
+    return "dialout"
