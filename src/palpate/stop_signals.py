@@ -13,54 +13,74 @@ from typing import TypeAlias
 
 Handler: TypeAlias = Callable[[int, FrameType | None], object]
 
-#: Further signals within this time belong to the first, seconds (guess). A terminal and its shell
-#: both send SIGHUP, and users press Ctrl-C repeatedly.
-REPEAT_S = 2.0
+#: A signal within this time after another belongs to the same request, seconds (guess). A terminal
+#: and its shell both send SIGHUP, and users press Ctrl-C repeatedly.
+REPEAT_S = 1.0
 
 #: SIGHUP, which Windows does not have.
 HANGUP: tuple[int, ...] = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))
 ALL: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, *HANGUP)
 
+#: Time until which signals are repetitions of an earlier one.
+_repeat_until_s = -math.inf
 #: Number of running `finish_first` blocks, and whether an interrupt waits for their end.
 _blocks = 0
 _is_waiting = False
 
 
-def handle_once(request: Callable[[], None]) -> Handler:
-    """Return a handler that calls `request` at the first signal.
-
-    Repetitions within `REPEAT_S` are ignored. A later signal means that the request had no effect
-    and raises `KeyboardInterrupt`.
-    """
-    until_s = -math.inf
-    is_requested = False
+def handle_always(request: Callable[[], None]) -> Handler:
+    """Return a handler that calls `request` at each signal."""
 
     def handle(number: int, frame: FrameType | None) -> None:
-        nonlocal until_s, is_requested
-        global _is_waiting
-        now_s = time.monotonic()
-        if now_s < until_s:
-            return
-        until_s = now_s + REPEAT_S
-        if not is_requested:
-            is_requested = True
-            request()
-        elif _blocks:
-            _is_waiting = True
-        else:
-            raise KeyboardInterrupt
+        _is_repeated()
+        request()
 
     return handle
 
 
-def interrupt() -> None:
-    """Raise `KeyboardInterrupt`."""
-    raise KeyboardInterrupt
+def handle_once(request: Callable[[], None]) -> Handler:
+    """Return a handler that calls `request` at the first signal.
+
+    Repetitions are ignored (`REPEAT_S`). A signal after a pause means that the request had no effect
+    and raises `KeyboardInterrupt`.
+    """
+    is_requested = False
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal is_requested
+        if not is_requested:
+            _is_repeated()
+            is_requested = True
+            request()
+        else:
+            interrupt(number, frame)
+
+    return handle
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, unless the signal is a repetition (a handler)."""
+    global _is_waiting
+    if _is_repeated():
+        return
+    if _blocks:
+        _is_waiting = True
+    else:
+        raise KeyboardInterrupt
+
+
+def _is_repeated() -> bool:
+    """Return whether a signal that arrives now is a repetition."""
+    global _repeat_until_s
+    now_s = time.monotonic()
+    is_repeated = now_s < _repeat_until_s
+    _repeat_until_s = now_s + REPEAT_S
+    return is_repeated
 
 
 @contextmanager
 def finish_first() -> Iterator[None]:
-    """Delay an interrupt by a handler of `handle_once` to the end of the block."""
+    """Delay an interrupt by a handler of this module to the end of the block."""
     global _blocks, _is_waiting
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -6,6 +6,7 @@ import errno
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from io import TextIOWrapper
 from typing import Annotated, Any
 
@@ -21,7 +22,7 @@ from palpate.cli.output import (
     silence_lost_output,
 )
 from palpate.errors import DISK_FAILURES, PalpateError
-from palpate.stop_signals import HANGUP, handle_once, install, interrupt
+from palpate.stop_signals import HANGUP, install, interrupt
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
@@ -105,9 +106,17 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     # As the first process of a container, only a signal with a handler ends it. Servers that handle
     # SIGTERM themselves handle SIGHUP too, because it is passed on.
-    install(handle_once(interrupt), numbers=(signal.SIGTERM,))
+    # A shell lets background commands ignore Ctrl-C, which stays so.
+    ignores_ctrl_c = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    install(interrupt, numbers=(signal.SIGTERM, *[signal.SIGINT] * (not ignores_ctrl_c)))
     install(lambda *_: signal.raise_signal(signal.SIGTERM), numbers=HANGUP)
-    sys.exit(run(build_app(), sys.argv[1:], name="palpate"))
+    status = EXIT_STOPPED
+    with suppress(KeyboardInterrupt):
+        status = run(build_app(), sys.argv[1:], name="palpate")
+        # All files are complete. At its end Python would restore the default actions, which change
+        # the status.
+        install(signal.SIG_IGN)
+    sys.exit(status)
 
 
 EXIT_STOPPED = 130

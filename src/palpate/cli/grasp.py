@@ -20,7 +20,7 @@ from palpate.cli.options import (
 )
 from palpate.cli.output import print_json, print_message, tolerate_lost_output
 from palpate.errors import InputError, RecordingLostError
-from palpate.stop_signals import handle_stop_signals
+from palpate.stop_signals import handle_always, handle_stop_signals
 
 #: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
 EXIT_STATUS = {
@@ -131,7 +131,7 @@ def grasp(
         requests = Requests()
         # Signals only set a flag until the devices are closed: after the grasp they must not
         # truncate the recording or the store.
-        stack.enter_context(handle_stop_signals(lambda *_: requests.stop.set()))
+        stack.enter_context(handle_stop_signals(handle_always(requests.stop.set)))
         if calibration is not None:
             devices = replace_calibration(devices, calibration)
         stack.callback(devices.close)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -24,7 +25,7 @@ from palpate.sensor.array import PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
-from palpate.stop_signals import handle_stop_signals
+from palpate.stop_signals import handle_always, handle_stop_signals
 
 
 def record(
@@ -110,6 +111,6 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
     """Intercept the stop signals; yield a function that returns whether one arrived."""
-    received: list[int] = []
-    with handle_stop_signals(lambda number, _: received.append(number)):
-        yield lambda: bool(received)
+    received = threading.Event()
+    with handle_stop_signals(handle_always(received.set)):
+        yield received.is_set
