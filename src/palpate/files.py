@@ -107,13 +107,12 @@ def sync_folder(folder: Path) -> None:
 
     Windows can't open folders, and writes the entries itself.
     """
-    if sys.platform == "win32":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    if sys.platform != "win32":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def check_not_input(output: Path, *, inputs: Iterable[Path]) -> None:

@@ -41,8 +41,8 @@ def handle_always(request: Callable[[], None]) -> Handler:
 def handle_once(request: Callable[[], None]) -> Handler:
     """Return a handler that calls `request` at the first signal.
 
-    Repetitions are ignored (`REPEAT_S`). A signal after a pause means that the request had no effect
-    and raises `KeyboardInterrupt`.
+    Repetitions are ignored (`REPEAT_S`). A signal after a pause means that the request had no
+    effect, and raises `KeyboardInterrupt`.
     """
     is_requested = False
 

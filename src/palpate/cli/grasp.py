@@ -111,7 +111,8 @@ def grasp(
     from palpate.grasp.requests import Requests
     from palpate.grasp.verdict import outcome_text
     from palpate.rig import open_rig
-    from palpate.rig.file import replace_calibration
+    from palpate.rig.file import find_ports, replace_calibration
+    from palpate.sensor.usb_latency import explain_latencies
 
     paper = paper_settings(
         method,
@@ -135,6 +136,8 @@ def grasp(
         if calibration is not None:
             devices = replace_calibration(devices, calibration)
         stack.callback(devices.close)
+        for text in explain_latencies(find_ports(rig, array=devices.array)):
+            print_message(f"palpate grasp: {text}")
         plan = plan_grasp(
             devices.calibration,
             gripper=devices.gripper,

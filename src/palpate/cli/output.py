@@ -15,7 +15,10 @@ from datetime import datetime
 from rich.console import Console, Group, RenderableType
 from rich.panel import Panel
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
+
+from palpate.terminal_table import fit_table, shortest_width
 
 #: Width of a card's frame and padding, characters per line.
 CARD_FRAME = 6
@@ -85,17 +88,40 @@ def print_card(
     subtitle: str | None,
     style: str = "none",
 ) -> None:
-    """Print parts in a frame, with an empty line for each None."""
-    shown = Group(*(Text("") if part is None else part for part in parts))
-    console.print(
-        Panel(
-            shown,
-            title=title,
-            subtitle=subtitle,
-            border_style=style,
-            padding=(1, 2),
-            expand=False,
-        )
+    """Print parts in a frame, with an empty line for each None.
+
+    Tables adapt to the width. Where a word would be broken, the frame is omitted.
+    """
+    console.print(make_card(console, *parts, title=title, subtitle=subtitle, style=style))
+
+
+def make_card(
+    console: Console,
+    *parts: RenderableType | None,
+    title: str | Text,
+    subtitle: str | None,
+    style: str = "none",
+) -> RenderableType:
+    """Return the card that `print_card` prints."""
+
+    def fit(taken: int) -> list[RenderableType]:
+        return [
+            fit_table(part, console=console, taken=taken) if isinstance(part, Table) else part or ""
+            for part in parts
+        ]
+
+    body = Group(*fit(CARD_FRAME))
+    heads = [Text.from_markup(one) if isinstance(one, str) else one for one in (title, subtitle)]
+    widths = [shortest_width(body, console=console), *(head.cell_len for head in heads if head)]
+    if max(widths) + CARD_FRAME > console.width:
+        return Group(heads[0] or "", "", *fit(0), "", heads[1] or "")
+    return Panel(
+        body,
+        title=title,
+        subtitle=subtitle,
+        border_style=style,
+        padding=(1, 2),
+        expand=False,
     )
 
 

@@ -8,8 +8,6 @@ import sys
 from contextlib import suppress
 from typing import Protocol
 
-import serial
-
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.sensor.exclusive_port import claim_port, release_port
 
@@ -58,8 +56,13 @@ class SerialStream:
     def __init__(self, port: str, *, baud: int = BAUD) -> None:
         self.name = port
         try:
+            # Loaded here, so that other sensors work where pyserial doesn't.
+            import serial
+        except ImportError as error:
+            raise DeviceError(f"{port}: no serial ports on this system ({error})") from error
+        try:
             self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        except serial.SerialException as error:
+        except OSError as error:
             raise explain_refusal(port, error) from error
         if sys.platform != "win32":  # Windows opens ports exclusively.
             # The lock stops only programs that ask for it.
@@ -69,14 +72,14 @@ class SerialStream:
         """Return all received bytes without waiting."""
         try:
             return bytes(self._serial.read(_READ_BYTES))
-        except (serial.SerialException, OSError) as error:
+        except OSError as error:
             raise DeviceError(_port_error(self.name)) from error
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
         try:
             self._serial.write(data)
-        except (serial.SerialException, OSError) as error:
+        except OSError as error:
             raise DeviceError(_port_error(self.name)) from error
 
     def close(self) -> None:
