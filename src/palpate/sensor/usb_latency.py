@@ -27,7 +27,7 @@ def latency_timer_ms(port: str, *, sysfs: Path = Path("/sys")) -> int | None:
 
 
 def explain_latency(port: str, *, sysfs: Path = Path("/sys")) -> str | None:
-    """Return one line with the latency of a port and its remedy; None if it is short enough.
+    """Return one line with the latency and its remedy; None if it is short.
 
     >>> print(explain_latency("/dev/ttyACM0", sysfs=Path("no-such-folder")))
     None

@@ -1,4 +1,4 @@
-"""Grasps whose recording can't be written: the hand is safe, the result is shown, status 3."""
+"""Grasps whose recording can't be written: the result is shown, status 3."""
 
 from __future__ import annotations
 
