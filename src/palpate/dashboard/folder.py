@@ -224,7 +224,9 @@ class History:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("ab+", buffering=0) as lines:
             end = lines.seek(0, os.SEEK_END)
-            cut = end > 0 and os.pread(lines.fileno(), 1, end - 1) != b"\n"
+            lines.seek(max(end - 1, 0))
+            # Writes go to the end nevertheless.
+            cut = end > 0 and lines.read(1) != b"\n"
             line = ("\n" if cut else "") + json.dumps(values) + "\n"
             if lines.write(line.encode()) < len(line.encode()):
                 lines.truncate(end)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from serial.tools.list_ports import comports
-
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.sensor.board_link import BoardLink
@@ -54,7 +52,14 @@ def identify_board(usb_id: tuple[int, int] | None) -> str | None:
 
 
 def list_serial_ports() -> list[Port]:
-    """Return the serial ports of this machine, with probable boards first."""
+    """Return the serial ports of this machine, with probable boards first.
+
+    A system without pyserial's modules has none.
+    """
+    try:
+        from serial.tools.list_ports import comports
+    except ImportError:
+        return []
     ports = []
     for found in comports():
         usb_id = None if found.vid is None or found.pid is None else (found.vid, found.pid)
