@@ -7,8 +7,12 @@ equipment raise. `exit_status` is the exit status of the command line for an err
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+#: Failures of a disk, which another argument would not remedy.
+DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 class PalpateError(Exception):

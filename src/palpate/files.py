@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -50,7 +51,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     partial = Path(name)
     try:
         yield partial
-        with partial.open("rb") as written:
+        # Windows syncs only files that are open for writing.
+        with partial.open("r+b") as written:
             os.fsync(written.fileno())
         partial.chmod(_file_mode(final))
         partial.replace(final)
@@ -102,12 +104,16 @@ def _file_mode(final: Path) -> int:
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush a folder's entries to disk, so a new file survives a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    """Flush a folder's entries to disk, so a new file survives a power failure.
+
+    Windows can't open folders, and writes the entries itself.
+    """
+    if sys.platform != "win32":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def check_not_input(output: Path, *, inputs: Iterable[Path]) -> None:

@@ -3,12 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import IO, Any
 
 from rich.console import Console, Group, RenderableType
 from rich.measure import Measurement
+from rich.panel import Panel
 from rich.table import Column, Table
 from rich.text import Text
+
+
+class _WholeWordConsole(Console):
+    """A console that never breaks a word: a longer one extends beyond the terminal's width."""
+
+    def print(self, *objects: Any, **settings: Any) -> None:
+        """Print objects, at the width of the longest word if that exceeds the terminal's."""
+        markup = settings.get("markup")
+        texts = (self.render_str(o, markup=markup) if isinstance(o, str) else o for o in objects)
+        needed = max((shortest_width(one, console=self) for one in texts), default=0)
+        before = self._width
+        if needed > self.width:
+            self._width = needed
+        try:
+            super().print(*objects, **settings)
+        finally:
+            self._width = before
+
+
+def make_console(*, width: int | None = None, file: IO[str] | None = None) -> Console:
+    """Return a console that prints every number whole, however narrow the terminal.
+
+    `width`: characters per line; by default those of the terminal.
+    `file`: receives the output; by default standard output.
+    """
+    return _WholeWordConsole(width=width, file=file, highlight=False, emoji=False)
+
+
+def shortest_width(shown: RenderableType, *, console: Console) -> int:
+    """Return the smallest width at which no word is broken, characters; 0 for a frame.
+
+    A frame measures its longest line, and its content was fitted before.
+    """
+    return 0 if isinstance(shown, Panel) else _measure(shown, console=console).minimum
 
 
 def make_table(columns: Sequence[str], rows: Iterable[Sequence[Any]] = ()) -> Table:
@@ -26,7 +61,7 @@ def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], *, console: Console | None = None
 ) -> None:
     """Print a table that fits the width of the terminal."""
-    console = console or Console(highlight=False, emoji=False)
+    console = console or make_console()
     console.print(fit_table(make_table(columns, rows), console=console))
 
 
@@ -86,13 +121,16 @@ def _gap_width(table: Table) -> int:
     return lines + len(table.columns) * (left + right)
 
 
+def _measure(shown: RenderableType, *, console: Console) -> Measurement:
+    return Measurement.get(console, console.options.update(max_width=10_000), shown)
+
+
 def _column_widths(column: Column, console: Console) -> tuple[int, int]:
     """Return the widths of a column's longest word and longest line."""
-    found = [
-        Measurement.get(console, console.options.update(max_width=10_000), cell)
-        for cell in (column.header, *column.cells)
-    ]
+    found = [_measure(cell, console=console) for cell in (column.header, *column.cells)]
     widest = max(one.maximum for one in found)
+    if column.max_width is not None:
+        widest = min(widest, column.max_width)
     return widest if column.no_wrap else max(one.minimum for one in found), widest
 
 

@@ -2,7 +2,10 @@
 
 The servo implements Protocol 2.0 according to the e-Manual: status packets with CRC-16, error
 codes, memory locked while the torque is on, bus watchdog, hardware errors cleared only by a reboot,
-the sign of the current, and drive modes. Two simplifications: fingers without torque keep their
+the sign of the current, and drive modes; the stored shift of the positions, which position mode
+ignores beyond a quarter turn; stored limits of position (used by position mode only) and velocity,
+beyond which a goal is refused; turns, which position mode drops when the torque is switched on; and
+the errors that switch the torque off. Two simplifications: fingers without torque keep their
 position, and the current limit is checked only when the world is read.
 """
 
@@ -19,14 +22,15 @@ from collections.abc import Callable
 from palpate.gripper import x_series as x
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
-from palpate.gripper.packets import PROTOCOL_2, Register
+from palpate.gripper.packets import PROTOCOL_2, Register, RegisterBlock
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff\xfd\x00"
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
 _GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
-_MAX_POSITION_LIMIT, _MIN_POSITION_LIMIT = Register(48, 4), Register(52, 4)
+#: Positions to which the modes with several turns can go, and the largest shift in position mode.
+_MAX_TURNED, _MAX_SHIFT = 1_048_575, 1024
 #: End of the EEPROM, which can be written only while the torque is off.
 _EEPROM_END = 64
 #: Default profile velocity, in the servo's units.
@@ -60,7 +64,9 @@ class ServoBus:
     `late_s`: delay of the replies in real time, seconds; they keep their order. With `inf` requests
         are executed without a reply.
     `ignores_goals`: whether new position goals are acknowledged but not executed.
-    `position_error`: error of the reported position, steps.
+    `position_error`: difference of the positions on the line, reported and commanded, from those of
+        a horn mounted at its right angle, steps.
+    `packets`: number of requests received.
     `failing_registers`: registers whose writes are acknowledged but not stored.
     """
 
@@ -78,36 +84,46 @@ class ServoBus:
         self.silent, self.damaged_replies = False, 0
         self.cut_at: int | None = None
         self.late_s, self.ignores_goals, self.position_error = 0.0, False, 0
-        self.failing_registers = set[x.Register]()
+        self.failing_registers, self.packets = set[Register](), 0
         self._last_packet_s = world.clock.now_s()
         self._table = bytearray(x.STATE[1])
         self._put(x.MODEL_NUMBER, model_number)
         self._put(x.OPERATING_MODE, x.Mode.POSITION)
         self._put(x.PWM_LIMIT, x.FULL_PWM)
         self._put(x.CURRENT_LIMIT, 1193)
-        self._put(_MAX_POSITION_LIMIT, 4095)
+        self._put(x.VELOCITY_LIMIT, 350)
+        self._put(x.MAX_POSITION_LIMIT, x.TICKS - 1)
+        self._put(x.SHUTDOWN, 0x34)
+        self._put(x.MAX_VOLTAGE_LIMIT, 160)
+        self._put(x.MIN_VOLTAGE_LIMIT, 95)
+        self._put(x.PRESENT_VOLTAGE, 120)
+        self._put(x.PRESENT_TEMPERATURE, 31)
         self._start()
         self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
         self.name = self._line.name
 
-    def value(self, register: x.Register) -> int:
+    def value(self, register: Register) -> int:
         """Return the value of a register, without using the line."""
         with self._lock:
             return self._get(register)
 
-    def set(self, register: x.Register, value: int) -> None:
+    def set(self, register: Register, value: int) -> None:
         """Set a register, as an earlier host would have."""
         with self._lock:
             self._put(register, value)
 
     def fail(self, error: x.HardwareError) -> None:
-        """Set a hardware error, which switches the torque off until a reboot."""
+        """Set a hardware error; one of those in the shutdown register switches the torque off.
+
+        Without an error, the torque is lost all the same.
+        """
         with self._lock:
             self._put(x.HARDWARE_ERROR, error)
-            self._put(x.TORQUE_ENABLE, 0)
-            self._world.halt()
+            if not error or error & self._get(x.SHUTDOWN):
+                self._put(x.TORQUE_ENABLE, 0)
+                self._world.halt()
 
     def unplug(self) -> None:
         """Unplug the adapter, with the servo still powered; repeatable."""
@@ -134,6 +150,7 @@ class ServoBus:
         if packet[4] != self._id or self.silent:
             return
         with self._lock:
+            self.packets += 1
             self._update(self._world.clock.now_s())
             self._last_packet_s = self._world.clock.now_s()
             if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
@@ -148,9 +165,12 @@ class ServoBus:
         elif instruction == _READ:
             begin, size = int.from_bytes(given[0:2], "little"), int.from_bytes(given[2:4], "little")
             self._refresh()
-            self._reply(0, bytes(self._table[begin : begin + size]))
+            if self._get(x.STATUS_RETURN_LEVEL):
+                self._reply(0, bytes(self._table[begin : begin + size]))
         elif instruction == _WRITE:
-            self._reply(self._write_table(int.from_bytes(given[0:2], "little"), given[2:]))
+            error = self._write_table(int.from_bytes(given[0:2], "little"), given[2:])
+            if self._get(x.STATUS_RETURN_LEVEL) == x.ALL_REPLIES:
+                self._reply(error)
         elif instruction == _REBOOT:
             self._reply(0)
             self._start()
@@ -174,32 +194,66 @@ class ServoBus:
     def _start(self) -> None:
         for register in (x.HARDWARE_ERROR, x.TORQUE_ENABLE, x.BUS_WATCHDOG, x.PROFILE_VELOCITY):
             self._put(register, 0)
+        self._put(x.STATUS_RETURN_LEVEL, x.ALL_REPLIES)
+        self._drop_turns()
         self._put(x.GOAL_PWM, self._get(x.PWM_LIMIT))
         self._put(x.GOAL_CURRENT, self._get(x.CURRENT_LIMIT))
 
     def _write_table(self, address: int, data: bytes) -> int:
         """Write to the table; return the error code."""
+        block = RegisterBlock(address, data)
+
+        def contains(register: Register) -> bool:
+            return address <= register.address < address + len(data)
+
         locked = address < _EEPROM_END and self._get(x.TORQUE_ENABLE)
-        failed = address == x.TORQUE_ENABLE.address and self._get(x.HARDWARE_ERROR)
+        failed = contains(x.TORQUE_ENABLE) and self._get(x.HARDWARE_ERROR)
         if locked or failed:
             return x.PacketError.ACCESS
-        if address in {goal.address for goal in _GOALS} and self._get(x.BUS_WATCHDOG) < 0:
+        if any(map(contains, _GOALS)) and self._get(x.BUS_WATCHDOG) < 0:
             return x.PacketError.DATA_RANGE
-        if address == x.GOAL_POSITION.address:
-            goal = int.from_bytes(data, "little", signed=True)
-            if not self._get(_MIN_POSITION_LIMIT) <= goal <= self._get(_MAX_POSITION_LIMIT):
+        is_fast = contains(x.PROFILE_VELOCITY) and not self._is_time_based()
+        if is_fast and block.value(x.PROFILE_VELOCITY) > self._get(x.VELOCITY_LIMIT):
+            return x.PacketError.DATA_LIMIT
+        if contains(x.GOAL_POSITION):
+            low, high = self._goal_limits()
+            if not low <= block.value(x.GOAL_POSITION) <= high:
                 return x.PacketError.DATA_LIMIT
-        if address not in {register.address for register in self.failing_registers}:
+        if not any(map(contains, self.failing_registers)):
             self._table[address : address + len(data)] = data
-        if address == x.GOAL_POSITION.address and not self.ignores_goals:
+        if contains(x.TORQUE_ENABLE) and self._is_single_turn():
+            self._drop_turns()
+        if contains(x.GOAL_POSITION) and not self.ignores_goals:
             self._move()
         return 0
+
+    def _drop_turns(self) -> None:
+        self.position_error = (self.position_error + x.TICKS // 2) % x.TICKS - x.TICKS // 2
+
+    def _is_single_turn(self) -> bool:
+        return self._get(x.OPERATING_MODE) == x.Mode.POSITION
+
+    def _is_time_based(self) -> bool:
+        return bool(self._get(x.DRIVE_MODE) & x.TIME_BASED)
+
+    def _goal_limits(self) -> tuple[int, int]:
+        if self._is_single_turn():
+            return self._get(x.MIN_POSITION_LIMIT), self._get(x.MAX_POSITION_LIMIT)
+        return -_MAX_TURNED, _MAX_TURNED
+
+    def _shift(self) -> int:
+        """Return the difference of the positions on the line from those of the mechanism."""
+        stored = self._get(x.HOMING_OFFSET)
+        is_used = not self._is_single_turn() or abs(stored) <= _MAX_SHIFT
+        return self.position_error + (stored if is_used else 0)
 
     def _move(self) -> None:
         if not self._get(x.TORQUE_ENABLE):
             return
-        turned = self._get(x.GOAL_POSITION) - x.CENTRE_TICK
+        turned = self._get(x.GOAL_POSITION) - x.CENTRE_TICK - self._shift()
+        # Fingers at the end of the mechanism block the servo.
         goal_rad = self._direction() * turned * x.RAD_PER_TICK
+        goal_rad = min(max(goal_rad, -math.pi / 2), math.pi / 2)
         target_mm = self._fingers.width_mm(goal_rad)
         now_mm = self._world.drive_value(self._world.clock.now_s())
         velocity = self._get(x.PROFILE_VELOCITY) or _FASTEST
@@ -207,7 +261,7 @@ class ServoBus:
         travel_mm = abs(target_mm - now_mm)
         if travel_mm > 1e-9:
             duration_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
-            if self._get(x.DRIVE_MODE) & x.TIME_BASED:
+            if self._is_time_based():
                 duration_s = max(self._get(x.PROFILE_VELOCITY), 1) / 1e3
             self._hand.command(GripperCommand(target=target_mm, rate=travel_mm / duration_s))
 
@@ -224,7 +278,7 @@ class ServoBus:
         current = 0 if unit is None else -self._direction() * round(state.current_ma / unit)
         self._put(x.PRESENT_CURRENT, current)
         turned = self._direction() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
-        self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
+        self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self._shift())
 
     def _update(self, time_s: float) -> None:
         """Update the servo: stop it at a watchdog timeout or at its current limit."""
@@ -246,11 +300,11 @@ class ServoBus:
             finally:
                 self._is_updating = False
 
-    def _get(self, register: x.Register) -> int:
+    def _get(self, register: Register) -> int:
         run = self._table[register.address : register.address + register.size]
         return int.from_bytes(run, "little", signed=register.signed)
 
-    def _put(self, register: x.Register, value: int) -> None:
+    def _put(self, register: Register, value: int) -> None:
         end = register.address + register.size
         self._table[register.address : end] = int(value).to_bytes(
             register.size, "little", signed=value < 0

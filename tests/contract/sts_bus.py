@@ -1,8 +1,10 @@
 """A simulated Feetech STS3215 servo on a pseudo-terminal, which moves the twin's fingers.
 
 The servo implements its protocol manual: checksums, state bits in every reply, sign-magnitude
-values. It has no watchdog, and moves to its goal without a host. The torque limit is checked only
-when the world is read, and is converted to a force with a linear law.
+values. It has no watchdog, and moves to its goal without a host. Goals beyond its stored angle
+limits are shortened without an error. With one bit of its phase it counts turns, without another
+its velocities count 50 steps each. The torque limit is checked only when the world is read, and is
+converted to a force with a linear law.
 """
 
 from __future__ import annotations
@@ -24,6 +26,18 @@ _BAD_INSTRUCTION = 0x40
 #: Grip force at full torque, at which the servo yields (2.9 N m on a jaw of 70 mm).
 _FULL_FORCE_N = 41.0
 _FASTEST = 3400
+_TABLE_SIZE = 87
+#: Settings of a new servo.
+_FACTORY = {
+    sts.RESPONSE_LEVEL: 1,
+    sts.MAX_POSITION_LIMIT: sts.TICKS - 1,
+    sts.MAX_VOLTAGE_LIMIT: 80,
+    sts.MIN_VOLTAGE_LIMIT: 40,
+    sts.MAX_TORQUE_LIMIT: sts.FULL_TORQUE,
+    sts.PHASE: 12,
+    sts.PRESENT_VOLTAGE: 74,
+    sts.PRESENT_TEMPERATURE: 29,
+}
 
 
 def checksum(body: bytes) -> int:
@@ -63,6 +77,12 @@ class StsBus:
         Protection states, reported in every reply.
     failing_registers : set of Register
         Registers whose writes are acknowledged but not stored.
+    late_s : float
+        Delay of the replies in real time, seconds.
+    position_error : int
+        Difference of the positions on the line from those of the jaw, steps.
+    packets : int
+        Number of requests received.
     """
 
     def __init__(
@@ -77,10 +97,13 @@ class StsBus:
         self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
         self._closed, self._id = closed_tick, servo_id
         self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
-        self.failing_registers = set[Register]()
-        self._table = bytearray(sts.STATE[1])
+        self.failing_registers, self.packets = set[Register](), 0
+        self.late_s, self.position_error = 0.0, 0
+        self._table = bytearray(_TABLE_SIZE)
         self._put(sts.MODEL_NUMBER, model_number)
-        self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
+        for register, value in _FACTORY.items():
+            self._put(register, value)
+        self._put(sts.TORQUE_LIMIT, self._get(sts.MAX_TORQUE_LIMIT))
         self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
@@ -122,6 +145,7 @@ class StsBus:
         if body[0] != self._id or self.silent or not is_valid:
             return
         with self._lock:
+            self.packets += 1
             self._update(self._world.clock.now_s())
             instruction, given = body[2], body[3:-1]
             if instruction == _PING:
@@ -130,12 +154,14 @@ class StsBus:
                 self._refresh()
                 self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
             elif instruction == _WRITE:
-                if given[0] not in {register.address for register in self.failing_registers}:
-                    self._table[given[0] : given[0] + len(given) - 1] = given[1:]
+                written = range(given[0], given[0] + len(given) - 1)
+                if not any(register.address in written for register in self.failing_registers):
+                    self._table[written.start : written.stop] = given[1:]
                 # With torque on, the servo moves to its present goal.
-                if given[0] in (sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address):
+                if {sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address} & set(written):
                     self._move()
-                self._reply()
+                if self._get(sts.RESPONSE_LEVEL):
+                    self._reply()
             else:
                 self._reply(error=_BAD_INSTRUCTION)
 
@@ -144,7 +170,7 @@ class StsBus:
         check = checksum(body)
         if self.damaged_replies:
             self.damaged_replies, check = self.damaged_replies - 1, check ^ 1
-        self._line.send(_HEADER + body + bytes([check]))
+        self._line.send(_HEADER + body + bytes([check]), late_s=self.late_s)
 
     # -- the servo --------------------------------------------------------------------------------
 
@@ -152,10 +178,18 @@ class StsBus:
         if not self._get(sts.TORQUE_ENABLE):
             return
         goal = self._get(sts.GOAL_POSITION)
-        target_mm = self._jaw.width_mm((goal - self._closed) * sts.RAD_PER_TICK)
+        low, high = self._get(sts.MIN_POSITION_LIMIT), self._get(sts.MAX_POSITION_LIMIT)
+        if low or high:
+            goal = min(max(goal, low), high)
+        goal += self._get(sts.HOMING_OFFSET) - self.position_error - self._closed
+        # The jaw is stopped by its mate, and at half a turn.
+        goal = min(max(goal, 0), sts.TICKS // 2)
+        target_mm = self._jaw.width_mm(goal * sts.RAD_PER_TICK)
         now_mm = self._world.drive_value(self._world.clock.now_s())
-        turn = abs(goal - self._closed - self._jaw.angle_rad(now_mm) / sts.RAD_PER_TICK)
+        turn = abs(goal - self._jaw.angle_rad(now_mm) / sts.RAD_PER_TICK)
         velocity = self._get(sts.GOAL_VELOCITY) or _FASTEST
+        if not self._get(sts.PHASE) & sts.Phase.FINE_VELOCITY:
+            velocity = min(50 * velocity, _FASTEST)
         if abs(target_mm - now_mm) > 1e-9:
             rate = abs(target_mm - now_mm) / turn * velocity
             self._hand.command(GripperCommand(target=target_mm, rate=rate))
@@ -164,7 +198,10 @@ class StsBus:
         state = self._hand.state()
         width_mm = self._world.drive_value(self._world.clock.now_s())
         turned = round(self._jaw.angle_rad(width_mm) / sts.RAD_PER_TICK)
-        self._put(sts.PRESENT_POSITION, self._closed + turned)
+        position = self._closed + turned + self.position_error - self._get(sts.HOMING_OFFSET)
+        if not self._get(sts.PHASE) & sts.Phase.COUNTS_TURNS:
+            position %= sts.TICKS
+        self._put(sts.PRESENT_POSITION, position)
         self._put(sts.PRESENT_CURRENT, round(abs(state.current_ma) / sts.MA_PER_UNIT))
         self._put(sts.MOVING, state.moving)
 
@@ -187,4 +224,4 @@ class StsBus:
 
     def _put(self, register: Register, value: int) -> None:
         end = register.address + register.size
-        self._table[register.address : end] = int(value).to_bytes(register.size, "little")
+        self._table[register.address : end] = register.encode(int(value))

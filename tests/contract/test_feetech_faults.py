@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -14,6 +15,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper import sts_series as sts
 from palpate.gripper.feetech import FeetechGripper, open_gripper
+from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.packets import PROTOCOL_1, Register
 from palpate.gripper.servo_line import ServoLine
@@ -136,6 +138,154 @@ def test_feetech_setup_raises_if_a_register_does_not_keep_its_value(
     assert bus.value(sts.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.parametrize(
+    ("register", "value", "remedy"),
+    [
+        (sts.MIN_POSITION_LIMIT, 1100, "Set it to 1047 or less"),
+        (sts.MAX_POSITION_LIMIT, 1600, "Set it to 1726 or more"),
+        (sts.HOMING_OFFSET, 85, "add homing_offset = 85"),
+        (sts.HOMING_OFFSET, -1200, "Set the register to 0"),
+        (sts.PHASE, 8, "Set bit 2 (4)"),
+        (sts.PHASE, 13, "Set bits 0 (1) and 7 (128) to the same value"),
+        (sts.PHASE, 140, "Set bits 0 (1) and 7 (128) to the same value"),
+        (sts.OPERATING_MODE, 3, "is in operating mode 3; set"),
+        (sts.RESPONSE_LEVEL, 0, "Set it to 1"),
+        (sts.MAX_TORQUE_LIMIT, 200, "torque_limit_percent 30: must be above 0 and at most 20"),
+    ],
+)
+def test_feetech_stored_setting_that_misleads_the_jaw_is_refused(
+    world: World, bus: StsBus, register: Register, value: int, remedy: str
+) -> None:
+    bus.set(register, value)
+    with pytest.raises((DeviceError, InputError)) as raised:
+        open_jaw(world, bus)
+    assert f"{register.name} (address {register.address})" in str(raised.value)
+    assert remedy in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert bus.value(sts.TORQUE_ENABLE) == 0
+
+
+def test_feetech_stored_settings_that_do_no_harm_are_accepted(world: World, bus: StsBus) -> None:
+    """No limits, both directions reversed, and an offset that the rig file knows."""
+    bus.set(sts.MAX_POSITION_LIMIT, 0)
+    bus.set(sts.PHASE, 12 + 1 + 128)
+    bus.set(sts.HOMING_OFFSET, -85)
+    bus.position_error = -85
+    gripper = open_jaw(world, bus, homing_offset=-85)
+    gripper.command(GripperCommand(target=60.0, rate=20.0))
+    for _ in range(20):
+        world.clock.sleep_s(0.1)
+        gripper.state()
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(60.0, abs=0.1)
+    gripper.close()
+
+
+@pytest.mark.parametrize("model_number", [777, 2825])
+@pytest.mark.parametrize(
+    ("ticks", "phase", "words"),
+    [
+        (4096, 28, "Present_Position (address 56) is 5822, but goals are 0 to 4095"),
+        (-4096, 28, "clear bit 4 (16) of Phase (address 18), which is 28"),
+        (-2048, 28, "is -322, but goals are 0 to 4095"),
+        (-2048, 12, "outside the fingers' travel of 1000 to 1726"),
+        (300, 12, "is 2026, 26° outside the fingers' travel of 1000 to 1726"),
+        (-900, 12, "With opens = -1 the jaw would be within: check opens (1) first"),
+    ],
+)
+def test_feetech_outside_its_travel_is_refused(
+    world: World, model_number: int, ticks: int, phase: int, words: str
+) -> None:
+    bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, model_number=model_number)
+    bus.set(sts.PHASE, phase)
+    bus.position_error = ticks
+    with pytest.raises(DeviceError) as raised:
+        open_jaw(world, bus)
+    assert words in str(raised.value)
+    assert bus.value(sts.TORQUE_ENABLE) == 0
+    bus.close()
+
+
+@pytest.mark.parametrize(("ticks", "closed_tick"), [(50, CLOSED_TICK), (1500, CLOSED_TICK + 1500)])
+def test_feetech_at_its_end_stop_is_accepted(
+    world: World, bus: StsBus, ticks: int, closed_tick: int
+) -> None:
+    bus.position_error = ticks
+    gripper = open_gripper(
+        port=bus.name, jaw_mm=70.0, closed_tick=closed_tick, highest_mm=74.0, reply_s=REPLY_S
+    )
+    assert gripper.state().width_mm == pytest.approx(76.0, abs=2.5)
+    gripper.close()
+
+
+def test_feetech_that_opens_in_the_other_direction_is_refused(world: World, bus: StsBus) -> None:
+    with pytest.raises(DeviceError, match="With opens = 1 the jaw would be within"):
+        open_gripper(
+            port=bus.name,
+            jaw_mm=70.0,
+            closed_tick=CLOSED_TICK,
+            highest_mm=74.0,
+            opens=-1,
+            reply_s=REPLY_S,
+        )
+
+
+@pytest.mark.parametrize("torque", [0, 1])
+@pytest.mark.parametrize(
+    ("state", "cause"),
+    [
+        (sts.State.VOLTAGE, "supply is at 12.3 V now (4.0 to 8.0 V are allowed)"),
+        (sts.State.OVERHEATING, "servo is at 71 °C"),
+        (sts.State.OVERCURRENT, "load was too large"),
+        (sts.State.OVERLOAD, "load was too large"),
+        (sts.State.ENCODER, "position sensor"),
+        (sts.State(0x10), "error 0x10"),
+    ],
+)
+def test_feetech_error_names_its_cause_and_the_torque(
+    gripper: FeetechGripper, bus: StsBus, state: sts.State, cause: str, torque: int
+) -> None:
+    bus.set(sts.PRESENT_VOLTAGE, 123)
+    bus.set(sts.PRESENT_TEMPERATURE, 71)
+    bus.set(sts.TORQUE_ENABLE, torque)
+    bus.state = state
+    with pytest.raises(DeviceError, match=f"torque is {['off', 'on'][torque]}") as raised:
+        gripper.state()
+    assert cause in str(raised.value)
+
+
+def test_feetech_cycle_needs_two_exchanges(
+    gripper: FeetechGripper, bus: StsBus, world: World
+) -> None:
+    gripper.command(GripperCommand(target=20.0, rate=10.0))
+    before = bus.packets
+    for _ in range(15):
+        world.clock.sleep_s(1 / 15)
+        gripper.state()
+        gripper.command(GripperCommand(target=20.0, rate=10.0))
+    assert bus.packets - before == 30
+    before = bus.packets
+    for _ in range(50):
+        world.clock.sleep_s(1 / 50)
+        gripper.state()
+    # A further goal is needed for each quarter of the leash of 0.5 s.
+    assert bus.packets - before <= 60
+    assert gripper.state().moving
+
+
+def test_feetech_near_half_a_turn_keeps_to_the_servo_s_speed() -> None:
+    """The slope is 0 there, and the speed for a rate has no bound."""
+    world = make_world("rigid")
+    jaw = HingedJaw(jaw_mm=37.0)
+    bus = StsBus(world, jaw=jaw, closed_tick=CLOSED_TICK)
+    gripper = open_gripper(
+        port=bus.name, jaw_mm=37.0, closed_tick=CLOSED_TICK, highest_mm=74.0, reply_s=REPLY_S
+    )
+    gripper.command(GripperCommand(target=74.0, rate=60.0))
+    assert bus.value(sts.GOAL_VELOCITY) == sts.MAX_VELOCITY
+    gripper.close()
+    bus.close()
+
+
 def test_feetech_stop_on_the_leash_cancels_the_remaining_travel(
     gripper: FeetechGripper, world: World
 ) -> None:
@@ -174,6 +324,17 @@ def test_feetech_unknown_model_is_refused(world: World) -> None:
         ),
         ({"highest_mm": 300.0}, InputError, "the jaw opens from 0 to 140 mm"),
         ({"closed_tick": 4000}, InputError, "remount its horn"),
+        ({"closed_tick": -30}, InputError, "closed_tick -30: must be 0 to 4095"),
+        ({"closed_tick": 4400}, InputError, "closed_tick 4400"),
+        ({"closed_tick": 0.5}, InputError, "must be a whole number from 0 to 4095"),
+        ({"jaw_mm": 0.0}, InputError, "jaw_mm 0: must be 10 to 300 mm"),
+        ({"jaw_mm": -70.0}, InputError, "jaw_mm -70"),
+        ({"servo_id": 254}, InputError, "servo_id 254: must be 0 to 253"),
+        ({"baud": 250}, InputError, "baud 250: must be one of 38400"),
+        ({"reply_s": math.inf}, InputError, "reply_s inf: must be 0.005 to 2 s"),
+        ({"leash_s": math.nan}, InputError, "leash_s nan: must be 0.05 to 2 s"),
+        ({"homing_offset": 3000}, InputError, "homing_offset 3000: must be -2047 to 2047"),
+        ({"lowest_mm": 40.0, "highest_mm": 30.0}, InputError, "lowest_mm is the smaller one"),
         ({"torque_limit_percent": 0.0}, InputError, "must be 1 to 100"),
         ({"opens": 2}, InputError, "opens 2"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -67,6 +68,21 @@ def test_hobby_servo_holds_the_fingers_if_the_host_is_silent(bench: Bench) -> No
     assert bench.gripper.state().width_mm == pytest.approx(stopped_mm, abs=0.3)
 
 
+@pytest.mark.parametrize("width_mm", [74.0, 50.0])
+def test_hobby_servo_at_rest_closes_after_a_pause_of_the_program(
+    bench: Bench, width_mm: float
+) -> None:
+    """The program was busy for seconds, and the fingers had nothing to do."""
+    close_to(bench, width_mm)
+    bench.follow(2.0)
+    bench.world.clock.sleep_s(3.0)
+    bench.follow(0.5)
+    assert bench.gripper.state().width_mm == pytest.approx(width_mm, abs=0.1)
+    close_to(bench, 40.0)
+    bench.follow(2.0)
+    assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
+
+
 def test_hobby_servo_opens_at_the_ceiling_and_refuses_to_close(bench: Bench) -> None:
     bench.array.arm_ceiling(1)
     close_to(bench, 40.0)
@@ -116,6 +132,9 @@ def test_hobby_servo_new_driver_keeps_the_finger_position(bench: Bench) -> None:
     [
         ({"open_us": 499}, "open_us 499: must be 500 to 2500"),
         ({"closed_us": 2501}, "closed_us 2501: must be 500 to 2500"),
+        ({"open_us": 700.5}, "open_us 700.5: must be a whole number from 500 to 2500"),
+        ({"open_mm": math.inf}, "open_mm inf: must be 0 to 300 mm"),
+        ({"open_mm": 1e9}, "open_mm 1000000000"),
         ({"closed_us": 690}, "are equal"),
         ({"closed_mm": 74.0}, "closed_mm 74: must be at least 0 and below open_mm 74"),
         ({"closed_mm": -1.0}, "closed_mm -1"),

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import signal
 import subprocess
 import sys
+import threading
+import time
+import tty
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,6 +33,7 @@ from palpate.gripper import x_series as x
 from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
+from palpate.gripper.packets import Register
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import load_recording
 from palpate.rig import open_rig
@@ -303,6 +310,282 @@ def test_dynamixel_in_reverse_mode_is_refused(world: World, bus: ServoBus) -> No
     assert bus.value(x.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.parametrize("model_number", [1020, 1060])
+@pytest.mark.parametrize("turns", [1, -1, 5])
+def test_dynamixel_counting_other_turns_moves_to_the_true_width(
+    world: World, model_number: int, turns: int
+) -> None:
+    bus = ServoBus(world, model_number=model_number)
+    bus.set(x.OPERATING_MODE, 4)
+    bus.position_error = turns * x.TICKS
+    gripper = open_servo(world, bus)
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
+    gripper.command(GripperCommand(target=50.0, rate=20.0))
+    assert abs(bus.value(x.GOAL_POSITION) - bus.value(x.PRESENT_POSITION)) < 800
+    for _ in range(30):
+        world.clock.sleep_s(0.1)
+        state = gripper.state()
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(50.0, abs=0.1)
+    assert state.width_mm == pytest.approx(50.0, abs=0.1)
+    gripper.close()
+    bus.close()
+
+
+def test_dynamixel_finds_its_turn_again_after_a_reboot(world: World, bus: ServoBus) -> None:
+    bus.position_error = 2 * x.TICKS
+    gripper = open_servo(world, bus)
+    bus.fail(x.HardwareError.OVERLOAD)
+    gripper.clear_errors()
+    gripper.command(GripperCommand(target=60.0, rate=20.0))
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
+    assert abs(bus.value(x.GOAL_POSITION)) < x.TICKS
+    gripper.close()
+
+
+@pytest.mark.parametrize("ticks", [300, 1024, 2048, -2048, 4096 + 700, -2000])
+def test_dynamixel_outside_its_travel_is_refused(world: World, bus: ServoBus, ticks: int) -> None:
+    bus.position_error = ticks
+    with pytest.raises(DeviceError, match=r"Present_Position \(address 132\) is .* horn") as raised:
+        open_servo(world, bus)
+    assert "\n" not in str(raised.value)
+    assert bus.value(x.TORQUE_ENABLE) == 0
+
+
+@pytest.mark.parametrize(("width_mm", "ticks"), [(76.0, 50), (20.0, -50)])
+def test_dynamixel_at_its_end_stop_is_accepted(width_mm: float, ticks: int) -> None:
+    world = make_world("rigid")
+    bus = ServoBus(world, fingers=CrankFingers(offset_mm=74.0 - width_mm))
+    bus.position_error = ticks
+    gripper = open_servo(world, bus)
+    assert gripper.state().width_mm == pytest.approx(width_mm, abs=0.2)
+    # The slope of the mechanism is 0 there, so that any speed of the servo is slow enough.
+    sent = gripper.command(GripperCommand(target=width_mm, rate=60.0))
+    assert bus.value(x.PROFILE_VELOCITY) <= bus.value(x.VELOCITY_LIMIT)
+    assert math.isfinite(sent.rate)
+    gripper.close()
+    bus.close()
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "remedy"),
+    [
+        (x.MIN_POSITION_LIMIT, 2100, "Set it to 1802 or less with DYNAMIXEL Wizard"),
+        (x.MAX_POSITION_LIMIT, 2600, "Set it to 2875 or more with DYNAMIXEL Wizard"),
+        (x.HOMING_OFFSET, -300, "add homing_offset = -300 to"),
+        (x.HOMING_OFFSET, 4096, "Set the register to 0 with DYNAMIXEL Wizard"),
+        (x.VELOCITY_LIMIT, 40, "60 mm/s need"),
+        (x.DRIVE_MODE, x.REVERSE, "Clear bit 0 of Drive_Mode"),
+    ],
+)
+@pytest.mark.parametrize("model_number", [1020, 1060])
+def test_dynamixel_stored_setting_that_misleads_the_fingers_is_refused(
+    world: World, model_number: int, register: Register, value: int, remedy: str
+) -> None:
+    bus = ServoBus(world, model_number=model_number)
+    bus.set(register, value)
+    with pytest.raises(DeviceError) as raised:
+        open_servo(world, bus)
+    message = str(raised.value)
+    assert f"{register.name} (address {register.address})" in message
+    assert str(value) in message
+    assert remedy in message
+    assert bus.value(x.TORQUE_ENABLE) == 0
+    bus.close()
+
+
+def test_dynamixel_expected_homing_offset_is_used(world: World, bus: ServoBus) -> None:
+    """A horn mounted 500 steps too far is corrected by the servo."""
+    bus.position_error = 500
+    bus.set(x.HOMING_OFFSET, -500)
+    gripper = open_servo(world, bus, homing_offset=-500)
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
+    gripper.close()
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_dynamixel_that_acknowledges_no_commands_is_corrected(
+    world: World, bus: ServoBus, level: int
+) -> None:
+    bus.set(x.STATUS_RETURN_LEVEL, level)
+    gripper = open_servo(world, bus)
+    assert bus.value(x.STATUS_RETURN_LEVEL) == x.ALL_REPLIES
+    gripper.close()
+
+
+@pytest.mark.parametrize("model_number", [1020, 1060])
+def test_dynamixel_setup_does_not_move_to_an_old_goal(world: World, model_number: int) -> None:
+    """Not even from an end stop beyond the range of the rig file."""
+    bus = ServoBus(world, model_number=model_number)
+    bus.position_error = 100
+    bus.set(x.GOAL_POSITION, x.CENTRE_TICK)
+    gripper = open_servo(world, bus)
+    assert bus.value(x.GOAL_POSITION) == bus.value(x.PRESENT_POSITION)
+    gripper.close()
+    bus.close()
+
+
+def test_dynamixel_opened_again_keeps_its_grip(world: World, bus: ServoBus) -> None:
+    gripper = open_servo(world, bus)
+    close_slowly(gripper)
+    goal = bus.value(x.GOAL_POSITION)
+    gripper.close()
+    gripper = open_servo(world, bus)
+    assert bus.value(x.GOAL_POSITION) == goal
+    gripper.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "torque", "cause"),
+    [
+        (x.HardwareError.INPUT_VOLTAGE, "on", "supply is at 8.9 V now (9.5 to 16.0 V are allowed)"),
+        (x.HardwareError.OVERHEATING, "off", "servo is at 84 °C"),
+        (x.HardwareError.OVERLOAD, "off", "load was too large"),
+        (x.HardwareError.ELECTRICAL_SHOCK, "off", "short circuit"),
+        (x.HardwareError.ENCODER, "on", "position sensor"),
+        (x.HardwareError(0x40), "on", "error 0x40"),
+    ],
+)
+def test_dynamixel_error_names_its_cause_and_the_torque(
+    gripper: DynamixelGripper,
+    bus: ServoBus,
+    error: x.HardwareError,
+    torque: str,
+    cause: str,
+) -> None:
+    bus.set(x.PRESENT_VOLTAGE, 89)
+    bus.set(x.PRESENT_TEMPERATURE, 84)
+    bus.fail(error)
+    for method in (gripper.state, lambda: close_slowly(gripper)):
+        with pytest.raises(DeviceError, match=f"its torque is {torque}") as raised:
+            method()
+        assert cause in str(raised.value)
+    message = str(raised.value)
+    assert ("V now" in message) == (error is x.HardwareError.INPUT_VOLTAGE)
+    assert ("°C" in message) == (error is x.HardwareError.OVERHEATING)
+
+
+def test_dynamixel_voltage_error_with_shutdown_switches_the_torque_off(
+    gripper: DynamixelGripper, bus: ServoBus
+) -> None:
+    bus.set(x.SHUTDOWN, 0x35)
+    bus.fail(x.HardwareError.INPUT_VOLTAGE)
+    with pytest.raises(DeviceError, match=r"input voltage; its torque is off\. Its supply"):
+        gripper.state()
+
+
+def test_dynamixel_restarted_without_its_settings_is_refused(world: World, bus: ServoBus) -> None:
+    """It was opened with an error, and its supply was switched off and on."""
+    bus.fail(x.HardwareError.OVERLOAD)
+    gripper = open_servo(world, bus)
+    bus.set(x.HARDWARE_ERROR, 0)
+    for method in (gripper.state, lambda: close_slowly(gripper)):
+        with pytest.raises(DeviceError, match="Open the rig again"):
+            method()
+    gripper.close()
+
+
+def test_servo_cycle_needs_two_exchanges(world: World, bus: ServoBus) -> None:
+    """An adapter can delay each reply by 16 ms."""
+    gripper = open_servo(world, bus)
+    world.clock.sleep_s(0.1)
+    before = bus.packets
+    gripper.state()
+    close_slowly(gripper)
+    assert bus.packets - before == 2
+    world.clock.sleep_s(0.1)
+    close_slowly(gripper)
+    assert bus.packets - before == 4, "an old position must be read again"
+    gripper.close()
+
+
+def test_servo_line_reply_16_ms_late_needs_no_second_try(bus: ServoBus) -> None:
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD)
+    bus.late_s = 0.016
+    for _ in range(10):
+        line.read(x.MODEL_NUMBER)
+    assert bus.packets == 10
+    line.close()
+
+
+@pytest.mark.parametrize("pause_s", [0.06, 0.2])
+def test_servo_line_uses_a_reply_that_arrived_while_the_process_did_not_run(
+    bus: ServoBus, pause_s: float
+) -> None:
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.05)
+    bus.late_s, port = 0.02, line._port
+    read, pauses = port.readPort, [pause_s]
+
+    def read_slowly(size: int) -> bytes:
+        data = bytes(read(size))
+        if not data and pauses:
+            time.sleep(pauses.pop())
+        return data
+
+    port.readPort = read_slowly
+    assert line.read(x.MODEL_NUMBER) == 1020
+    assert not pauses
+    assert bus.packets == 1
+    line.close()
+
+
+def test_servo_line_on_the_port_of_a_device_that_never_pauses_times_out() -> None:
+    """The SDK itself reads such a port for ever."""
+    device, port = os.openpty()
+    tty.setraw(port)
+    os.set_blocking(device, False)
+    is_open = threading.Event()
+    is_open.set()
+
+    def send() -> None:
+        while is_open.is_set():
+            with suppress(BlockingIOError):
+                os.write(device, 64 * b"\x55")
+            time.sleep(0.0005)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    line = ServoLine(os.ttyname(port), servo_id=9, baud=BAUD, reply_s=0.02)
+    begin_s = time.monotonic()
+    with pytest.raises(DeviceError):
+        line.read(x.MODEL_NUMBER)
+    took_s = time.monotonic() - begin_s
+    is_open.clear()
+    sender.join()
+    line.close()
+    os.close(device)
+    os.close(port)
+    assert took_s < 1.0
+
+
+_OPEN_AS_USER = (
+    "import os, sys\n"
+    "if os.getuid() == 0: os.setuid(65534)\n"
+    "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
+    "except OSError as error: sys.exit(error.errno)\n"
+)
+
+
+def test_servo_line_claims_its_port_until_it_is_closed(bus: ServoBus) -> None:
+    os.chmod(bus.name, 0o666)
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD)
+    status = []
+    for _ in range(2):
+        command = [sys.executable, "-S", "-c", _OPEN_AS_USER, bus.name]
+        status.append(subprocess.run(command, check=False).returncode)
+        line.close()
+    assert status == [errno.EBUSY, 0]
+
+
+@pytest.mark.slow
+def test_servo_drivers_import_where_there_is_no_termios() -> None:
+    program = (
+        "import sys, types\n"
+        "sys.modules.update(termios=None, fcntl=None, serial=types.ModuleType('serial'))\n"
+        "import palpate.gripper.dynamixel, palpate.gripper.feetech\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
 @pytest.mark.parametrize(
     "register",
     [
@@ -391,8 +674,23 @@ def test_dynamixel_stops_after_the_host_process_is_killed(world: World, bus: Ser
             DeviceNotFoundError,
             "no port /dev/no-such-servo; `palpate ports`",
         ),
-        ({"baud": 12345}, DeviceError, "12345 baud"),
+        ({"baud": 12345}, InputError, "baud 12345: must be one of 9600, 57600, 115200"),
+        ({"baud": -1}, InputError, "baud -1: must be one of"),
         ({"servo_id": 3}, DeviceTimeoutError, "servo 3"),
+        ({"servo_id": 254}, InputError, "servo_id 254: must be 0 to 252"),
+        ({"servo_id": -1}, InputError, "servo_id -1"),
+        ({"servo_id": 0.5}, InputError, "servo_id 0.5: must be a whole number from 0 to 252"),
+        ({"servo_id": "9"}, InputError, "servo_id '9': must be a number, 0 to 252"),
+        ({"reply_s": 0.0}, InputError, "reply_s 0: must be 0.005 to 2 s"),
+        ({"reply_s": -1.0}, InputError, "reply_s -1"),
+        ({"reply_s": math.nan}, InputError, "reply_s nan"),
+        ({"reply_s": 1e9}, InputError, "reply_s 1000000000"),
+        ({"offset_mm": 1e9}, InputError, "offset_mm 1000000000: must be -300 to 300 mm"),
+        ({"offset_mm": math.nan}, InputError, "offset_mm nan"),
+        ({"homing_offset": 2_000_000}, InputError, "must be -1044479 to 1044479"),
+        ({"homing_offset": 0.5}, InputError, "homing_offset 0.5: must be a whole number"),
+        ({"lowest_mm": 40.0, "highest_mm": 30.0}, InputError, "lowest_mm is the smaller one"),
+        ({"highest_mm": math.inf}, InputError, "highest_mm inf"),
         ({"lowest_mm": 3.0}, InputError, "carriages move from 20 to 76 mm"),
     ],
 )

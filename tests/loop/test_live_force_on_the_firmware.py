@@ -51,7 +51,7 @@ def test_live_force_has_an_interval_at_every_frame() -> None:
     assert len(frames) == pytest.approx(RATE_HZ * (2.0 + HELD_S), abs=3)
     console = Console(width=100)
     with console.capture() as shown:
-        console.print(view.render())
+        console.print(view.render(console))
     found = re.search(r"force now (\S+) N \((\S+) to (\S+), 90%\)", shown.get())
     value, low, high = map(float, found.groups())
     assert true_n > 1.0

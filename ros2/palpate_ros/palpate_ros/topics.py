@@ -17,9 +17,6 @@ from sensor_msgs.msg import FluidPressure, Image, JointState
 from std_msgs.msg import String
 
 from palpate.errors import PalpateError
-from palpate.estimate.force import StaticLaw, law_from_dict
-from palpate.estimate.force_follower import ForceFollower
-from palpate.estimate.force_law import ForceLaw
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
@@ -27,8 +24,9 @@ from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
+from palpate.signal.relative import mean_change, relative_change_percent
 from palpate_ros import messages
+from palpate_ros.frame_force import FrameForce
 
 #: Duration of the frames without contact in a health check, and mean change of a contact.
 _CHECKED_S, _TOUCH_PERCENT = 4.0, -3.0
@@ -74,10 +72,8 @@ class SensorTopics:
 
     def __init__(self, node: Node, about: Provenance) -> None:
         self._node, self._about, self._lock = node, about, threading.Lock()
-        law = {} if about.calibration is None else about.calibration.force_law
-        self._law: StaticLaw | None = law_from_dict(law) if law.get("law") == "power" else None
-        learned = law.get("law") == ForceLaw.name
-        self._follower = ForceFollower(ForceLaw.from_dict(law)) if learned else None
+        known = about.calibration
+        self._force = None if known is None else FrameForce(known, layout=about.info.layout)
         self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
         self._quiet: deque[Frame] = deque()
         self._received_s, self._fault, self._last = time.monotonic(), "", None
@@ -107,19 +103,11 @@ class SensorTopics:
         )
         if self._ohm.get_subscription_count():
             self._ohm.publish(messages.ohm_image(ohm, **at))
-        if self._law is not None and any(p.get_subscription_count() for p in self._forces):
-            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
-            found = self._law.force_n(np.maximum(np.nansum(excess), 0.0))
-            for publisher, force_n in zip(
-                self._forces, (found.value, found.low, found.high), strict=True
-            ):
-                publisher.publish(messages.wrench(float(force_n), **at))
-        if self._follower is not None:
-            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
-            now = self._follower.step(frame.time_s, excess)
-            for publisher, force_n in zip(
-                self._forces, (now.value, now.low, now.high), strict=True
-            ):
+        if self._force is not None and (
+            self._force.has_history or any(p.get_subscription_count() for p in self._forces)
+        ):
+            limits_n = self._force.limits_n(frame.time_s, ohm)
+            for publisher, force_n in zip(self._forces, limits_n, strict=False):
                 publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
             self._publish_state(state, **at)

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.calibrate.laws import HORIZON_S
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
 from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.calibration import LARGEST_LOAD_N, ForcePairs
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.calibration import ForcePairs
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.signal.relative import (
-    excess_conductance,
     mean_change,
     relative_change_percent,
     rest_baseline,
@@ -29,19 +29,32 @@ _MAX_WAIT_S = 40.0
 _STRETCH_S, _SETTLED_FRACTION = 2.0, 0.03
 #: Excess conductance below which a relative difference is meaningless.
 _NEGLIGIBLE_EXCESS = 0.1
-#: A pixel with a lower resistance is saturated.
-_SATURATED_OHM = 1.0
+#: Excess of every pixel below which nothing is on the sheet: twice the trend of 1 % that a rest
+#: measurement may have.
+_AT_REST_EXCESS = 0.02
+#: Ratio of two loads whose readings must differ by more than the settled fraction.
+_OTHER_LOAD_RATIO = 1.2
+#: Ratio of two readings of one load that is reported.
+_UNEQUAL_RATIO = 1.5
+#: Largest fraction of frames with a pixel that is saturated or has no reading.
+_UNUSABLE_FRACTION = 0.1
 _REST_S = 2.0
 #: Minimum number of loads, and minimum ratio of the largest to the smallest load.
 MIN_LOADS, _MIN_LOAD_RATIO = 3, 2.0
+#: Weight of 5 kg. Velostat saturates below it; larger values are probably grams.
+_MAX_LOAD_N = 49.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadMeasurement:
-    """Pairs of the settled loads above 0 N, and the unsettled loads."""
+    """Pairs of the usable loads above 0 N, and the loads without a usable reading."""
 
     pairs: ForcePairs
     refused_n: tuple[float, ...]
+
+
+class _UnusableReadingError(Exception):
+    """The reading of one load can't be used; the text is the reason."""
 
 
 def read_loads(path: Path) -> list[float]:
@@ -77,19 +90,32 @@ def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     loads = [float(load) for load in loads_n]
     _check_newtons(loads, where=where)
     laid = sorted({load for load in loads if load > 0})
-    if len(laid) < MIN_LOADS or laid[-1] < _MIN_LOAD_RATIO * laid[0]:
+    if len(laid) < MIN_LOADS:
         raise InputError(
-            f"{where}: {len(loads)} loads, {len(set(loads))} of them different; give at least "
-            f"{MIN_LOADS} spread over the range, the largest {_MIN_LOAD_RATIO:g} times the "
-            "smallest, such as 1.5, 4 and 9 N"
+            f"{where}: {_describe_too_few(laid)}, spread over the range, such as 1.5, 4 and 9 N"
+        )
+    if laid[-1] < _MIN_LOAD_RATIO * laid[0]:
+        raise InputError(
+            f"{where}: the largest weight, {laid[-1]:g} N, must be at least {_MIN_LOAD_RATIO:g} "
+            f"times the smallest, {laid[0]:g} N; spread them over the range, such as 1.5, 4 and 9 N"
         )
     return loads
+
+
+def _describe_too_few(laid: Sequence[float]) -> str:
+    """Return how many different loads there are, and how many are needed.
+
+    >>> _describe_too_few([1.5])
+    'at least 3 different weights are needed, not 1 (1.5 N)'
+    """
+    named = f" ({', '.join(f'{load:g}' for load in laid)} N)" if laid else ""
+    return f"at least {MIN_LOADS} different weights are needed, not {len(laid)}{named}"
 
 
 def _check_newtons(loads: Sequence[float], *, where: str) -> None:
     if not all(np.isfinite(load) and load >= 0 for load in loads):
         raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
-    if max(loads, default=0.0) > LARGEST_LOAD_N:
+    if max(loads, default=0.0) > _MAX_LOAD_N:
         raise InputError(
             f"{where}: a load of {max(loads):g} N is too large for this sensor; "
             "if the loads are in grams, multiply them by 0.00981 for newtons"
@@ -103,6 +129,7 @@ def measure_loads(
     place: Callable[[float], None],
     clock: Clock,
     settled: Callable[[float, float], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> LoadMeasurement:
     """Read the settled value under each load.
 
@@ -110,31 +137,50 @@ def measure_loads(
     `loads_n`: loads in order of application; each is requested after the previous reading.
     `place`: called with each load; returns once the load is on the sheet.
     `clock`: clock of the frames' timestamps; frames from before the placement are dropped.
-    `settled`: called with the excess conductance and load of each settled reading.
-    Raises `CalibrationError` if a pixel saturates under a load, or fewer than three readings
-    settle.
+    `settled`: called with the excess conductance and load of each usable reading.
+    `tell`: called with a sentence for each load that is left out, and for unequal readings of one
+        load. A load is left out if its reading does not settle, is that at rest, or is that of
+        another load just before.
+    Raises `CalibrationError` if a pixel saturates under a load, or fewer than three different loads
+    have a usable reading.
     """
+    tell = tell or (lambda _: None)
     rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
     settled_n, excess, relative = list[float](), list[float](), list[float]()
     refused: list[float] = []
+    previous: tuple[float, float] | None = None
     for load_n in loads_n:
         place(load_n)
         placed_s = clock.now_s()
         while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < placed_s:
             pass
-        reading = _measure_settled(array, rest_ohm, load_n)
-        if reading is None:
+        try:
+            reading = _measure_settled(array, rest_ohm, load_n)
+            if load_n > 0:
+                _check_reading(reading, load_n, previous=previous)
+        except _UnusableReadingError as error:
             refused.append(load_n)
-        elif load_n > 0:
-            settled_n.append(load_n)
-            excess.append(reading[0])
-            relative.append(reading[1])
-            if settled is not None:
-                settled(reading[0], load_n)
-    if len(settled_n) < MIN_LOADS:
+            tell(f"excluded: {load_n:g} N {error}")
+            continue
+        previous = load_n, reading.excess
+        if load_n <= 0:
+            continue
+        for other_n, other in zip(settled_n, excess, strict=True):
+            if other_n == load_n and abs(np.log(reading.excess / other)) > np.log(_UNEQUAL_RATIO):
+                tell(
+                    f"{load_n:g} N read {other:.3g} before and {reading.excess:.3g} now (excess "
+                    "conductance); the interval of the force includes both"
+                )
+                break
+        settled_n.append(load_n)
+        excess.append(reading.excess)
+        relative.append(reading.relative_percent)
+        if settled is not None:
+            settled(reading.excess, load_n)
+    if len(set(settled_n)) < MIN_LOADS:
         raise CalibrationError(
-            f"force calibration: {len(settled_n)} loads settled, at least {MIN_LOADS} needed; "
-            "avoid vibration and place the weights on a flat stamp"
+            f"force calibration: {_describe_too_few(sorted(set(settled_n)))}, with a settled "
+            "reading; avoid vibration and place the weights on a flat stamp"
         )
     pairs = ForcePairs(
         run=(0,) * len(settled_n),
@@ -151,36 +197,73 @@ def has_unloading(force_n: Sequence[float]) -> bool:
     return bool((np.diff(np.asarray(force_n, dtype=float)) < 0).any())
 
 
-def _measure_settled(
-    array: PressureArray, rest_ohm: np.ndarray, load_n: float
-) -> tuple[float, float] | None:
-    """Return the settled excess and relative change, or None after the maximum time."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LoadReading:
+    """Excess conductance of all pixels and of the highest one, and mean relative change."""
+
+    excess: float
+    highest: float
+    relative_percent: float
+
+
+def _measure_settled(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> _LoadReading:
+    """Return the settled reading; raise `_UnusableReadingError` after the maximum time."""
     waited_s = HORIZON_S - 2 * _STRETCH_S
     _ohm(array, waited_s)
-    before, _ = _measure_load(array, rest_ohm, load_n)
+    before = _measure_load(array, rest_ohm, load_n)
     while waited_s < _MAX_WAIT_S:
-        after, relative = _measure_load(array, rest_ohm, load_n)
-        if abs(after - before) <= max(_SETTLED_FRACTION * abs(after), _NEGLIGIBLE_EXCESS):
-            return after, relative
+        after = _measure_load(array, rest_ohm, load_n)
+        change = abs(after.excess - before.excess)
+        if change <= max(_SETTLED_FRACTION * abs(after.excess), _NEGLIGIBLE_EXCESS):
+            return after
         before = after
         waited_s += _STRETCH_S
-    return None
+    raise _UnusableReadingError("did not settle")
 
 
-def _measure_load(array: PressureArray, rest_ohm: np.ndarray, load_n: float) -> tuple[float, float]:
-    """Return excess conductance and relative change, averaged over a stretch."""
-    ohm = _ohm(array, _STRETCH_S)
-    if float(np.min(ohm.mean(axis=0))) < _SATURATED_OHM:
-        raise CalibrationError(
-            f"force calibration: a pixel is saturated at {load_n:g} N; use a smaller "
-            "reference resistor, or smaller loads"
+def _check_reading(
+    reading: _LoadReading, load_n: float, *, previous: tuple[float, float] | None
+) -> None:
+    """Raise `_UnusableReadingError` for the reading at rest, or that of another load before."""
+    if reading.highest < _AT_REST_EXCESS or reading.excess <= 0:
+        raise _UnusableReadingError(
+            "has the reading at rest; place the weight on the pixels, then repeat it"
         )
-    excess = total_excess(excess_conductance(ohm, rest_ohm=rest_ohm))
-    relative = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
-    return float(np.mean(excess)), float(np.mean(relative))
+    if previous is None or previous[0] <= 0:
+        return
+    other_load = abs(np.log(load_n / previous[0])) > np.log(_OTHER_LOAD_RATIO)
+    if other_load and abs(np.log(reading.excess / previous[1])) < _SETTLED_FRACTION:
+        raise _UnusableReadingError(
+            f"has the reading of {previous[0]:g} N just before; check that the weight was changed "
+            "and that the sensor is within its range"
+        )
 
 
-def _ohm(array: PressureArray, duration_s: float) -> np.ndarray:
+def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> _LoadReading:
+    """Return the reading averaged over a stretch, without its few unusable frames."""
+    ohm = _ohm(array, _STRETCH_S)
+    pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=array.layout)
+    for unusable, text in (
+        (pixels.saturated, "is saturated"),
+        (pixels.open, "has no reading"),
+    ):
+        if float(np.mean(unusable.any(axis=(1, 2)))) > _UNUSABLE_FRACTION:
+            remedy = "use a smaller reference resistor, or smaller loads"
+            raise CalibrationError(
+                f"force calibration: a pixel {text} at {load_n:g} N; "
+                + (remedy if unusable is pixels.saturated else "run `palpate doctor`")
+            )
+    usable = ~(pixels.saturated | pixels.open).any(axis=(1, 2))
+    change = relative_change_percent(ohm[usable], rest_ohm=rest_ohm)
+    excess = pixels.excess[usable]
+    return _LoadReading(
+        excess=float(np.mean(total_excess(excess))),
+        highest=float(np.max(np.nan_to_num(excess.mean(axis=0)))),
+        relative_percent=float(np.mean(mean_change(change))),
+    )
+
+
+def _ohm(array: PressureArray, duration_s: float) -> FloatArray:
     frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while frames[-1].time_s < frames[0].time_s + duration_s:
         frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))

@@ -16,10 +16,9 @@ from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.signal.relative import (
     RestBaseline,
-    excess_conductance,
     mean_change,
     relative_change_percent,
     rest_baseline,
@@ -294,9 +293,8 @@ def _take_reading(
 ) -> SheetReading:
     """Take a reading `since_move_s` after a movement, averaged over the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
-    # A saturated pixel has at least the conductance of the converter's last step.
-    readable_ohm = np.maximum(ohm, bench.array.layout.divider.least_ohm)
-    excess = np.nan_to_num(excess_conductance(readable_ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
+    pixels = pixel_excess(ohm, rest_ohm=rest.rest_ohm, layout=bench.array.layout)
+    excess = np.nan_to_num(pixels.excess).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
     return SheetReading(
         since_move_s=since_move_s,

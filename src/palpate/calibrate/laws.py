@@ -13,6 +13,7 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ForceLaws, ForceNow
+from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.estimate.pixel_law import PixelReading, PlacementReadings, fit_laws
 from palpate.estimate.sheet_creep import SheetCreep
 from palpate.estimate.weights_check import score_held_out_loads, score_held_out_placements
@@ -50,7 +51,10 @@ def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
         As `laws_of`.
     """
     excess, force_n = pairs_at(pairs, since_move_s=HORIZON_S)
-    return laws_of(pairs)._replace(memory=ForceLaw.fit(excess, force_n=force_n))
+    # Below the threshold of a contact, the reading has no information on force.
+    read = excess > CONTACT_EXCESS
+    memory = ForceLaw.fit(excess[read], force_n=force_n[read]) if read.any() else None
+    return laws_of(pairs)._replace(memory=memory)
 
 
 def force_now(pairs: ForcePairs) -> ForceSource:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from io import TextIOWrapper
 from typing import Annotated, Any
 
@@ -14,7 +16,14 @@ import typer
 import palpate
 from palpate.cli.lazy_group import HELP, LazyCommand, LazyGroup
 from palpate.cli.options import opt
-from palpate.errors import DamageWarning, PalpateError
+from palpate.cli.output import (
+    is_output_lost,
+    is_terminal_lost,
+    print_message,
+    silence_lost_output,
+)
+from palpate.errors import DISK_FAILURES, DamageWarning, PalpateError
+from palpate.stop_signals import HANGUP, install, interrupt
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
@@ -96,7 +105,19 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             # A terminal with a limited encoding shows a question mark for each unknown character.
             stream.reconfigure(errors="replace")
-    sys.exit(run(build_app(), sys.argv[1:], name="palpate"))
+    # As the first process of a container, only a signal with a handler ends it. Servers that handle
+    # SIGTERM themselves handle SIGHUP too, because it is passed on.
+    # A shell lets background commands ignore Ctrl-C, which stays so.
+    ignores_ctrl_c = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    install(interrupt, numbers=(signal.SIGTERM, *[signal.SIGINT] * (not ignores_ctrl_c)))
+    install(lambda *_: signal.raise_signal(signal.SIGTERM), numbers=HANGUP)
+    status = EXIT_STOPPED
+    with suppress(KeyboardInterrupt):
+        status = run(build_app(), sys.argv[1:], name="palpate")
+        # All files are complete. At its end Python would restore the default actions, which change
+        # the status.
+        install(signal.SIG_IGN)
+    sys.exit(status)
 
 
 EXIT_STOPPED = 130
@@ -107,20 +128,18 @@ _REMEDIES = {
     errno.EROFS: "choose a writable location",
     errno.ENOSPC: "free some space, or choose another disk",
 }
-#: Disk failures, which a different argument would not remedy.
-_EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
     """Run a Typer app; report each expected failure as one line and an exit status.
 
     Returns 0 for success, 1 for a negative answer, 2 for bad usage or input, 3 for failed
-    equipment and 130 after Ctrl-C.
+    equipment and 130 after Ctrl-C, SIGTERM or SIGHUP.
     """
     command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
 
     def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-        print(f"{name}: warning: {message}", file=sys.stderr, flush=True)
+        print_message(f"{name}: warning: {message}")
 
     with warnings.catch_warnings():
         # Each text once, even if a command reads a file several times.
@@ -132,9 +151,10 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
 def _run(command: Any, arguments: Sequence[str], *, name: str) -> int:
     try:
         status = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
+        sys.stdout.flush()
         return int(status or 0)
     except PalpateError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print_message(f"{name}: {error}")
         return error.exit_status
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
@@ -142,21 +162,23 @@ def _run(command: Any, arguments: Sequence[str], *, name: str) -> int:
         message = " ".join(error.format_message().split()).replace("Value error, ", "")
         if message:  # empty if the help was printed instead
             end = "" if message.endswith((".", "?", "!")) else "."
-            print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
+            print_message(f"{name}: {message}{end} Try `{verb} --help`.")
         return 2
     except (KeyboardInterrupt, typer.Abort) as error:
         if isinstance(error.__context__, EOFError):
-            print(f"\n{name}: no answer on standard input; {_UNANSWERED}", file=sys.stderr)
+            print_message(f"\n{name}: no answer on standard input; {_UNANSWERED}")
             return 2
-        print(f"{name}: stopped", file=sys.stderr)
+        print_message(f"{name}: stopped")
         return EXIT_STOPPED
-    except BrokenPipeError:
-        # The reader of the output closed the pipe (`| head`), which is not an error.
-        sys.stderr.close()
-        return 0
     except OSError as error:
+        if is_output_lost(error):
+            silence_lost_output()
+            # A reader that closes the pipe (`| head`) is not an error.
+            return EXIT_STOPPED if is_terminal_lost(error) else 0
         what = [error.filename, error.strerror or error]
         remedy = _REMEDIES.get(error.errno or 0)
         reason = ": ".join(str(part) for part in what if part)
-        print(f"{name}: {reason}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
-        return 3 if error.errno in _EQUIPMENT else 2
+        print_message(f"{name}: {reason}" + (f"; {remedy}" if remedy else ""))
+        return 3 if error.errno in DISK_FAILURES else 2
+    finally:
+        silence_lost_output()

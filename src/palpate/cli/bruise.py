@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli import options as option
@@ -18,7 +17,7 @@ from palpate.errors import InputError
 from palpate.produce.bruise.examination import ItemBruise, examine_item, learn_bruise_model
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 
 def bruise(
@@ -90,7 +89,7 @@ def _learn(store: Store, item: str) -> BruiseModel:
 
 
 def _print(item: str, found: ItemBruise) -> None:
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     verdict, note = "bruised" if found.is_bruised else "sound", " (simulated)" * found.simulated
     console.print(f"[bold]{escape(item)}: {verdict}[/bold]{note}")
     rows = [

@@ -242,9 +242,8 @@ def _weigh_loads(
             place=place,
             clock=RealClock(),
             settled=series.add,
+            tell=print_message,
         )
-    for load_n in weighing.refused_n:
-        print_message(f"excluded: {load_n:g} N did not settle")
     calibration = add_force_law(replace(earlier, force=weighing.pairs))
     held_out = {
         **calibration.held_out,

@@ -6,8 +6,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
-from rich.console import Console
-
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import DEFAULT_FILE, load_earlier_calibration
 from palpate.cli.options import opt
@@ -17,7 +15,7 @@ from palpate.files import check_writable
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.rest_calibration import compute_rest, replace_rest
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 
 def calibrate_rest(
@@ -90,7 +88,7 @@ def _print(calibration: Calibration, *, path: Path, earlier: Calibration | None)
                 )
             )
     simulated = "  [bold yellow]SIMULATED[/]" if calibration.origin == "simulated" else ""
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     console.print(f"[bold]Rest values of {layout.name}[/], {values.frames} frames{simulated}\n")
     columns = ("pixel", ">finger", ">rest, ohm", ">spread", *[">since before"] * renewed)
     print_table(columns, rows, console=console)

@@ -11,13 +11,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from palpate.cli import options as option
 from palpate.cli.options import opt
-from palpate.cli.output import CARD_FRAME, finite_or_none, print_card, print_json, print_message
+from palpate.cli.output import finite_or_none, print_card, print_json, print_message
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
 from palpate.recording import load_recording
@@ -26,7 +25,8 @@ from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.press_order import PressMonitor, order_findings
-from palpate.terminal_table import fit_table, make_table
+from palpate.sensor.usb_latency import explain_latencies
+from palpate.terminal_table import make_console, make_table
 
 
 def doctor(
@@ -77,10 +77,14 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
     rest = source.frames(duration_s)
     counters = source.link_counters().count_since(before)
     all_frames = rest
-    extra: tuple[Finding, ...] = ()
+    extra = tuple(
+        Finding("latency", text, severity=Severity.ADVICE)
+        for text in explain_latencies(source.ports)
+    )
     if press:
         frames = iter(lambda: source.array.read(timeout_s=FRAME_TIMEOUT_S), None)
-        all_frames, extra = _follow_presses(frames, rest=rest, layout=layout, prompt=print_message)
+        all_frames, found = _follow_presses(frames, rest=rest, layout=layout, prompt=print_message)
+        extra += found
     health = check_health(
         rest,
         layout=layout,
@@ -203,12 +207,12 @@ def print_health(examined: Examined) -> None:
     color = "green" if health.is_healthy else "red"
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     summary = "healthy" if health.is_healthy else f"{faults} fault{'s' * (faults > 1)}"
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     print_card(
         console,
         Text(summary.capitalize(), style=f"bold {color}"),
         None,
-        fit_table(_pixels(examined), console=console, taken=CARD_FRAME),
+        _pixels(examined),
         None,
         _summary(examined),
         *((None, _findings(health)) if health.findings else ()),

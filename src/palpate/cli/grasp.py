@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -19,11 +18,9 @@ from palpate.cli.options import (
     opt,
     paper_settings,
 )
-from palpate.cli.output import print_json, print_message
-from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.grasp.result import GraspResult
+from palpate.cli.output import print_json, print_message, tolerate_lost_output
+from palpate.errors import InputError, RecordingLostError
+from palpate.stop_signals import handle_always, handle_stop_signals
 
 #: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
 EXIT_STATUS = {
@@ -39,8 +36,6 @@ EXIT_STATUS = {
 }
 #: Exit status if writing to the local store or the recording failed.
 _EXIT_NOT_STORED = 3
-#: Prefix of the faults of the recording subscriber.
-RECORDER = "recorder"
 
 
 def grasp(
@@ -113,8 +108,11 @@ def grasp(
     from palpate.grasp.paper_method import use_paper_method
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.pull import judge_pull
+    from palpate.grasp.requests import Requests
+    from palpate.grasp.verdict import outcome_text
     from palpate.rig import open_rig
-    from palpate.rig.file import replace_calibration
+    from palpate.rig.file import find_ports, replace_calibration
+    from palpate.sensor.usb_latency import explain_latencies
 
     paper = paper_settings(
         method,
@@ -131,9 +129,15 @@ def grasp(
     with ExitStack() as stack:
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed, rate_hz=rate_hz)
+        requests = Requests()
+        # Signals only set a flag until the devices are closed: after the grasp they must not
+        # truncate the recording or the store.
+        stack.enter_context(handle_stop_signals(handle_always(requests.stop.set)))
         if calibration is not None:
             devices = replace_calibration(devices, calibration)
         stack.callback(devices.close)
+        for text in explain_latencies(find_ports(rig, array=devices.array)):
+            print_message(f"palpate grasp: {text}")
         plan = plan_grasp(
             devices.calibration,
             gripper=devices.gripper,
@@ -144,8 +148,15 @@ def grasp(
         )
         if paper is not None:
             plan = use_paper_method(plan, paper, calibration=devices.calibration)
+        recording = stack.enter_context(ExitStack())
         result = run_watched(
-            plan, rig=devices, limit=limit, entry=entry, record=record, stack=stack
+            plan,
+            rig=devices,
+            limit=limit,
+            entry=entry,
+            record=record,
+            requests=requests,
+            stack=recording,
         )
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.to_dict(result)
@@ -155,49 +166,48 @@ def grasp(
         pull = None
         if pull_n is not None and friction is not None:
             pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
-        if as_json:
-            document = grasp_document(
-                result,
-                target_force_n=target_force_n,
-                damage_limit=limited,
-                names=stored_names,
-                simulated=devices.is_simulated,
-                truth=truth,
-                subject=devices.subject,
-            )
-            if entry is not None:
-                document["item"] = entry.item_document()
-            if pull is not None:
-                document["pull"] = pull.to_dict()
-            print_json(document)
-        else:
-            print_card(
-                result,
-                target_force_n=target_force_n,
-                title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
-                simulated=devices.is_simulated,
-                seed=seed,
-                truth=truth,
-                limited=limited,
-            )
-            if pull is not None:
-                print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
-            sys.stdout.flush()
+        with tolerate_lost_output():
+            if as_json:
+                document = grasp_document(
+                    result,
+                    target_force_n=target_force_n,
+                    damage_limit=limited,
+                    names=stored_names,
+                    simulated=devices.is_simulated,
+                    truth=truth,
+                    subject=devices.subject,
+                )
+                if entry is not None:
+                    document["item"] = entry.item_document()
+                if pull is not None:
+                    document["pull"] = pull.to_dict()
+                print_json(document)
+            else:
+                print_card(
+                    result,
+                    target_force_n=target_force_n,
+                    title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
+                    simulated=devices.is_simulated,
+                    seed=seed,
+                    truth=truth,
+                    limited=limited,
+                )
+                if pull is not None:
+                    print(
+                        f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}"
+                    )
         # Stored after the result is printed, because the store may be slow or unreachable.
-        is_unstored = entry is not None and not entry.store()
-    if status := _exit_status(result, is_unstored=is_unstored):
-        raise typer.Exit(status)
-
-
-def _exit_status(result: GraspResult, *, is_unstored: bool) -> int:
-    """Return the exit status; print the reason if equipment or a file failed."""
-    from palpate.grasp.verdict import outcome_text
-
+        is_lost = entry is not None and not entry.store()
+        try:
+            recording.close()
+        except RecordingLostError as error:
+            print_message(f"palpate grasp: {error}")
+            is_lost = True
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
         print_message(f"palpate grasp: {why}")
-    lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
-    if lost is not None and status < _EXIT_NOT_STORED:
-        print_message(f"palpate grasp: {lost}")
-    return max(status, _EXIT_NOT_STORED) if lost is not None or is_unstored else status
+    if is_lost:
+        status = _EXIT_NOT_STORED
+    if status:
+        raise typer.Exit(status)

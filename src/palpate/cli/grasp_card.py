@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -14,7 +13,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
 from palpate.settling.result import Status
-from palpate.terminal_table import make_table
+from palpate.terminal_table import make_console, make_table
 
 #: Name of the measurement, label with unit, decimal places.
 _ROWS = (
@@ -58,7 +57,7 @@ def print_card(
     if summary["on_target"] is not None:
         target = "target within the interval" if summary["on_target"] else "off target"
         headline.append(f"  ·  {target} ({summary['target_force_n']:g} N)", style="bold")
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     parts: list[Text | Table | None] = [headline]
     if damaged:
         damage = "The object was damaged: the force exceeded its yield force."

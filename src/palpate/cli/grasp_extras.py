@@ -13,6 +13,7 @@ from palpate.errors import InputError, StoreError
 from palpate.grasp.document import damage_limit_document
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
@@ -163,12 +164,12 @@ def run_watched(
     limit: Limit | None,
     entry: StoreEntry | None,
     record: Path | None,
+    requests: Requests,
     stack: ExitStack,
 ) -> GraspResult:
     """Run a grasp with its damage limit, store entry and recording attached.
 
-    `stack`: closes the recording after the result is printed.
-    """
+    `stack`: closes the recording after the result is printed."""
     subscribers: list[Subscriber] = []
     watchers: list[Watcher] = [] if limit is None else [limit.add_state]
     if entry is not None:
@@ -186,6 +187,7 @@ def run_watched(
         clock=rig.clock,
         subscribers=subscribers,
         watchers=watchers,
+        requests=requests,
     )
     if recorder is not None:
         recorder.end(result)

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from palpate.cli import options as option
 from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption, opt
 from palpate.cli.output import (
-    CARD_FRAME,
     SIMULATED,
     format_percent,
     format_time,
@@ -37,7 +36,7 @@ from palpate.produce.store.item_history import (
     read_item_histories,
     read_item_history,
 )
-from palpate.terminal_table import fit_table, make_table, print_table
+from palpate.terminal_table import make_console, make_table, print_table
 
 _SETTABLE = ("kind", "batch", "label")
 #: Maximum number of latest grasps and verdicts shown for an item.
@@ -231,7 +230,7 @@ def _export(
 
 def _print_items(histories: Sequence[ItemHistory], *, has_more: bool) -> None:
     """Print one line per item."""
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     if not histories:
         console.print("no items; `palpate grasp --item NAME` adds one")
         return
@@ -273,11 +272,11 @@ def _print_page(page: ItemHistory) -> None:
     seen = None if item.first_seen is None else f"first seen {format_time(item.first_seen)}"
     rank = None if page.firmness_rank is None else page.firmness_rank.text
     facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     parts: list[RenderableType | None] = [Text("  ·  ".join(facts))]
     tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)
     for table in tables:
-        parts += [None, fit_table(table, console=console, taken=CARD_FRAME)]
+        parts += [None, table]
     if not page.grasps:
         parts.append(
             Text(f"not grasped yet; use palpate grasp --item {item.item_id!r}", style="dim")

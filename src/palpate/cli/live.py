@@ -95,7 +95,7 @@ def live(
             now_s = clock.now_s()
             if now_s - drawn_s >= 1.0 / DRAW_HZ:
                 drawn_s = now_s
-                screen.update(view.render(), refresh=True)
+                screen.update(view.render(console), refresh=True)
             if now_s >= end_s:
                 break
 

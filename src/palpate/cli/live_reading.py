@@ -17,10 +17,9 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
-    excess_conductance,
     mean_change,
     relative_change_percent,
 )
@@ -97,8 +96,10 @@ class LiveReading:
             finger for finger in set(self._layout.finger_of_row) if self._is_touching(finger)
         )
         if self._force is not None:
-            excess = excess_conductance(self.ohm, rest_ohm=self._rest_ohm)
-            self.force_n = self._force.step(frame.time_s, excess)
+            pixels = pixel_excess(self.ohm, rest_ohm=self._rest_ohm, layout=self._layout)
+            self.force_n = self._force.step(
+                frame.time_s, pixels.excess, saturated=pixels.has_saturated
+            )
 
     @property
     def rate_hz(self) -> float:

@@ -6,13 +6,13 @@ import math
 from collections import deque
 
 from rich.columns import Columns
-from rich.console import Group, RenderableType
-from rich.panel import Panel
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from palpate.arrays import FloatArray
 from palpate.cli.live_reading import LiveReading
+from palpate.cli.output import CARD_FRAME, make_card
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, is_dark, pixel_color
 from palpate.sensor.array import Frame
 from palpate.signal.relative import finger_means, mean_change
@@ -35,6 +35,8 @@ class LiveView:
         self._reading, self._layout = reading, reading.source.array.layout
         self._curve: deque[float] = deque(maxlen=_CURVE_COLUMNS)
         self._column = -1
+        #: Characters per line inside the frame.
+        self._room = _CURVE_COLUMNS
 
     def add(self, frame: Frame) -> None:
         """Add a frame."""
@@ -50,30 +52,32 @@ class LiveView:
             self._curve.append(depth_percent)
         self._column = column
 
-    def render(self) -> RenderableType:
-        """Return the current view."""
+    def render(self, console: Console) -> RenderableType:
+        """Return the current view, fitted to the width of a console."""
+        self._room = console.width - CARD_FRAME
         simulated = self._reading.source.simulated
         title = f"[bold]palpate live[/]  {self._reading.source.name}"
-        return Panel(
-            Group(self._body(), Text(""), self._link()),
+        return make_card(
+            console,
+            *self._body(),
+            None,
+            self._link(),
             title=title,
             subtitle="[bold yellow]SIMULATED: closes and opens[/]" if simulated else "live",
-            border_style="red" if self._reading.is_stale else "green",
-            padding=(1, 2),
-            expand=False,
+            style="red" if self._reading.is_stale else "green",
         )
 
-    def _body(self) -> RenderableType:
+    def _body(self) -> list[RenderableType | None]:
         change = self._reading.change_percent
         if change is None:
-            return Text("measuring rest values: do not touch the sensor", style="yellow")
+            return [Text("measuring rest values: do not touch the sensor", style="yellow")]
         fingers = sorted(set(self._layout.finger_of_row))
         means = finger_means(change, finger_of_row=self._layout.finger_of_row)
         maps = [
             self._finger(change, finger, float(mean))
             for finger, mean in zip(fingers, means, strict=True)
         ]
-        return Group(Columns(maps, padding=(0, 4)), Text(""), self._aggregate(change))
+        return [Columns(maps, padding=(0, 4)), None, self._aggregate(change)]
 
     def _finger(self, change: FloatArray, finger: int, mean: float) -> RenderableType:
         rows = [
@@ -100,7 +104,8 @@ class LiveView:
             red, green, blue = pixel_color(value)
             ink = "white" if is_dark(value) else "black"
             style = f"{ink} on rgb({red},{green},{blue})"
-        width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
+        cols = self._layout.cols
+        width = next((w for most, w in _CELL_WIDTHS if cols <= most and cols * w <= self._room), 1)
         blank = " " * width
         shown = words if width >= 7 else words.removesuffix(" %") if width >= 4 else ""
         middle = f"{shown:^{width}}"
@@ -108,14 +113,18 @@ class LiveView:
 
     def _aggregate(self, change: FloatArray) -> RenderableType:
         mean = float(mean_change(change))
-        curve = "".join(map(_curve_block, self._curve)).rjust(_CURVE_COLUMNS)
+        columns = max(1, min(_CURVE_COLUMNS, self._room))
+        curve = "".join(map(_curve_block, self._curve))[-columns:].rjust(columns)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
-        span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
+        span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {columns * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
         if (force := self._reading.force_n) is not None:
             # Without contact, only the upper limit is known.
             newtons = f"[bold]at most {force.high:.2f} N[/], no contact"
-            if self._reading.touching:
+            if force.value is None:
+                unit = " N" if force.known_ends[0] is not None else ""
+                newtons = f"[bold]{force.text(digits=2)}{unit}[/], {force.reason}"
+            elif self._reading.touching:
                 ends = f"{force.low:.2f} to {force.high:.2f}, {force.level:.0%}"
                 newtons = f"[bold]{force.value:.2f} N[/] ({ends})"
             lines.append(Text.from_markup(f"force now {newtons}"))

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
+import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 
 from rich.console import Console, Group, RenderableType
 from rich.panel import Panel
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
+
+from palpate.terminal_table import fit_table, shortest_width
 
 #: Width of a card's frame and padding, characters per line.
 CARD_FRAME = 6
@@ -20,8 +26,49 @@ SIMULATED = "[bold yellow]SIMULATED on the twin[/]"
 
 
 def print_message(text: str) -> None:
-    """Print a message on standard error."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a message on standard error, if anything still receives it."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except (OSError, ValueError):
+        silence_lost_output()
+
+
+@contextmanager
+def tolerate_lost_output() -> Iterator[None]:
+    """Continue after the block if the terminal or the reader of standard output is gone."""
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        if not is_output_lost(error):
+            raise
+        silence_lost_output()
+
+
+def is_output_lost(error: OSError) -> bool:
+    """Return whether an error of standard output means that its terminal or reader is gone."""
+    return isinstance(error, BrokenPipeError) or is_terminal_lost(error)
+
+
+def is_terminal_lost(error: OSError) -> bool:
+    """Return whether an error means that the terminal was closed."""
+    if error.errno != errno.EIO or error.filename is not None:
+        return False
+    with suppress(OSError, ValueError):
+        return stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
+    return True
+
+
+def silence_lost_output() -> None:
+    """Discard the further output of each standard stream that can't be written."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                sink = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(sink, stream.fileno())
+                os.close(sink)
 
 
 def print_json(document: object) -> None:
@@ -41,17 +88,40 @@ def print_card(
     subtitle: str | None,
     style: str = "none",
 ) -> None:
-    """Print parts in a frame, with an empty line for each None."""
-    shown = Group(*(Text("") if part is None else part for part in parts))
-    console.print(
-        Panel(
-            shown,
-            title=title,
-            subtitle=subtitle,
-            border_style=style,
-            padding=(1, 2),
-            expand=False,
-        )
+    """Print parts in a frame, with an empty line for each None.
+
+    Tables adapt to the width. Where a word would be broken, the frame is omitted.
+    """
+    console.print(make_card(console, *parts, title=title, subtitle=subtitle, style=style))
+
+
+def make_card(
+    console: Console,
+    *parts: RenderableType | None,
+    title: str | Text,
+    subtitle: str | None,
+    style: str = "none",
+) -> RenderableType:
+    """Return the card that `print_card` prints."""
+
+    def fit(taken: int) -> list[RenderableType]:
+        return [
+            fit_table(part, console=console, taken=taken) if isinstance(part, Table) else part or ""
+            for part in parts
+        ]
+
+    body = Group(*fit(CARD_FRAME))
+    heads = [Text.from_markup(one) if isinstance(one, str) else one for one in (title, subtitle)]
+    widths = [shortest_width(body, console=console), *(head.cell_len for head in heads if head)]
+    if max(widths) + CARD_FRAME > console.width:
+        return Group(heads[0] or "", "", *fit(0), "", heads[1] or "")
+    return Panel(
+        body,
+        title=title,
+        subtitle=subtitle,
+        border_style=style,
+        padding=(1, 2),
+        expand=False,
     )
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
-from rich.console import Console
 
 from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
@@ -23,7 +22,7 @@ from palpate.fabrication.drawing import (
 from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.files import atomic_path
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 _TAIL, _CUTTER = "Copper and tape", "Limits of the cutter"
 Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]
@@ -194,7 +193,7 @@ def _document(pattern: Pattern, files: list[Path]) -> dict[str, Any]:
 
 def _print(document: dict[str, Any], *, folder: Path) -> None:
     """Print the layers, the pixels and the spacing of the upper registration marks."""
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     layers = [
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])
         for row in document["layers"]

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import finite_or_none, print_json, print_message
@@ -28,7 +27,7 @@ from palpate.produce.qualify.agreement import (
 )
 from palpate.produce.qualify.readings import read_pairs
 from palpate.produce.qualify.scatter import estimate_scatter
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 #: Default tolerance without repeated reference readings, as a fraction of the scatter between
 #: items (guess).
@@ -112,7 +111,7 @@ def qualify(
     if as_json:
         print_json(document)
         return
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     console.print(f"{document['items']} items, {document['pairs']} paired readings")
     columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
     print_table(columns, figure_rows(document), console=console)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -25,6 +25,7 @@ from palpate.sensor.array import PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
+from palpate.stop_signals import handle_always, handle_stop_signals
 
 
 def record(
@@ -38,8 +39,8 @@ def record(
 ) -> None:
     """Record a board, or a rig with its gripper.
 
-    The file is readable during the recording. Ctrl-C or SIGTERM ends the recording with a complete
-    file and exit status 130.
+    The file is readable during the recording. Ctrl-C, SIGTERM or a closed terminal ends the
+    recording with a complete file and exit status 130.
 
     Example: palpate record apple.mcap --port /dev/ttyACM0 --duration 30
     """
@@ -109,14 +110,7 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
 
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
-    """Intercept Ctrl-C and SIGTERM; yield a function that returns whether one arrived."""
-    received: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, _: received.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield lambda: bool(received)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    """Intercept the stop signals; yield a function that returns whether one arrived."""
+    received = threading.Event()
+    with handle_stop_signals(handle_always(received.set)):
+        yield received.is_set

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from palpate.cli import options as option
@@ -32,7 +31,7 @@ from palpate.produce.ripeness.history import (
 )
 from palpate.produce.ripeness.rule import CONFIDENT_PROBABILITY, Days, Ripeness, RipenessRule
 from palpate.produce.store import Store
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
 
@@ -175,7 +174,7 @@ class _Judge:
 
 def _print(judged: Sequence[_Judged]) -> None:
     """Print one row per item and, for a single item, its days."""
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     rows = [
         (
             Text(one.item.item_id),

@@ -12,7 +12,7 @@ from palpate.cli.options import resolve_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
-from palpate.rig.file import find_calibration_file, open_device, read_rig_table
+from palpate.rig.file import find_calibration_file, find_ports, open_device, read_rig_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.calibration import Calibration
@@ -36,6 +36,8 @@ class SensorSource:
     gripper: Gripper | None = None
     #: Whether the frames are simulated.
     simulated: bool = False
+    #: Serial ports of the sensor and of its rig file.
+    ports: tuple[str, ...] = ()
 
     @property
     def requested_rate_hz(self) -> float | None:
@@ -106,7 +108,8 @@ def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSou
     rig = resolve_rig(rig, port)
     if rig is None:
         opened = open_board(port=port)
-        return SensorSource(name=opened.name, array=opened)
+        ports = tuple(find_ports(None, array=opened))
+        return SensorSource(name=opened.name, array=opened, ports=ports)
     if rig.endswith(".toml"):
         path = Path(rig)
         stated = read_rig_table(path)
@@ -114,7 +117,12 @@ def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSou
             array: PressureArray = open_device(path, "array", stated.get("array"))
             # The calibration file may not exist yet.
             place = find_calibration_file(path)
-            return SensorSource(name=path.name, array=array, calibration_path=place)
+            return SensorSource(
+                name=path.name,
+                array=array,
+                calibration_path=place,
+                ports=tuple(find_ports(rig, array=array)),
+            )
     devices = open_rig(rig)
     return SensorSource(
         name=devices.name,

@@ -30,7 +30,7 @@ from palpate.scoring.table import (
     print_scores,
 )
 from palpate.settling.result import SettlingMethod
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
 #: Number of listed holds, largest errors first.
@@ -138,7 +138,7 @@ def _overviews(source: HoldSource) -> Iterator[tuple[str, CutColumn]]:
 
 def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
     """Print the predictions, then the errors of holds that last until the horizon."""
-    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, emoji=False)
+    console = make_console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
     _print_holds(document, console)
     for method in dict.fromkeys(row.method for row in document.predictions):
         counts = Counter(str(r.status) for r in document.predictions if r.method == method)

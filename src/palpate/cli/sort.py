@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli import options as option
@@ -32,7 +31,7 @@ from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 
 def sort(
@@ -160,7 +159,7 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
 def _print_identity(
     item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
 ) -> None:
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     confidence = "" if identity.rejected else f" with {100 * identity.confidence:.0f} %"
     title = escape(f"{item}: {identity.kind}{confidence}")
     console.print(f"[bold]{title}[/bold]{' (simulated)' * simulated}")

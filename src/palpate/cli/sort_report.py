@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli.output import print_json
 from palpate.produce.sorting.rules import RuleBook
 from palpate.produce.sorting.run import Sorted
 from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, score_sorting
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 
 @dataclass(kw_only=True)
@@ -81,7 +80,7 @@ class SortReport:
         }
 
     def _print(self, document: dict[str, Any]) -> None:
-        console = Console(highlight=False, emoji=False)
+        console = make_console()
         rows = []
         for one in document["rows"]:
             wrong = one["belongs"] not in (None, one["bin"])

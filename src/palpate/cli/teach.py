@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli.items import add_label, open_store
@@ -19,7 +18,7 @@ from palpate.produce.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate.produce.records import About
 from palpate.produce.store import Store
 from palpate.produce.training_tables import read_labelled, read_labels_about
-from palpate.terminal_table import print_table
+from palpate.terminal_table import make_console, print_table
 
 
 class Question(StrEnum):
@@ -121,7 +120,7 @@ def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[s
 def _print(
     score: LearnedScore, named: Sequence[dict[str, Any]], *, method: str, labels: Sequence[str]
 ) -> None:
-    console = Console(highlight=False, emoji=False)
+    console = make_console()
     console.print(
         f"{score.items} labelled items, {method}: {format_percent(score.right)} named "
         f"correctly when held out ({format_percent(score.right_by_chance)} for the most common "

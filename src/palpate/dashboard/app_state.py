@@ -127,7 +127,7 @@ class DeviceClient:
         self.send(Shutdown())
         self._process.join(_EXIT_TIMEOUT_S)
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()
             self._process.join()
         self._thread.join()
         self._connection.close()

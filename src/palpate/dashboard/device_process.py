@@ -59,6 +59,7 @@ from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import open_rig_or_sensor
 from palpate.sensor.health import Health
 from palpate.sensor.serial_array import SerialArray
+from palpate.stop_signals import install
 from palpate.twin.paced_array import PacedArray
 
 _JOBS: dict[type[Order], Callable[..., Grasped | CalibrationRenewed | Health | None]] = {
@@ -75,9 +76,9 @@ _WATCH_TIMEOUT_S, _RETRY_S = 0.2, 0.5
 
 def run_devices(connection: Connection) -> None:
     """Serve the page over a pipe until the pipe closes (main function of the process)."""
-    # Ctrl-C in the terminal also reaches this process. It is ignored, except during a grasp, when
-    # the runner handles it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C, a closed terminal or a service manager also signals this process. The page ends it in
+    # order, so signals are ignored, except during a grasp, when the runner handles them.
+    install(signal.SIG_IGN)
     DeviceProcess(connection).run()
 
 

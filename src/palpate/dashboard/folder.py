@@ -224,7 +224,9 @@ class History:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("ab+", buffering=0) as lines:
             end = lines.seek(0, os.SEEK_END)
-            cut = end > 0 and os.pread(lines.fileno(), 1, end - 1) != b"\n"
+            lines.seek(max(end - 1, 0))
+            # Writes go to the end nevertheless.
+            cut = end > 0 and lines.read(1) != b"\n"
             line = ("\n" if cut else "") + json.dumps(values) + "\n"
             if lines.write(line.encode()) < len(line.encode()):
                 lines.truncate(end)
@@ -291,7 +293,7 @@ def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
     """Return the curve resampled to few points, evenly spaced in time."""
     if len(curve) < 2:
         return ()
-    forces = [(one.time_s, one.force.value) for one in curve if one.force is not None]
+    forces = [(one.time_s, one.force.middle) for one in curve if one.force is not None]
     time_s, values = zip(*(forces or [(one.time_s, one.percent) for one in curve]), strict=True)
     at_s = np.linspace(time_s[0], time_s[-1], _CURVE_POINTS)
     return tuple(round(float(value), 2) for value in np.interp(at_s, time_s, values))

@@ -25,10 +25,10 @@ from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.settling.result import Status
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import (
-    excess_conductance,
     finger_means,
     mean_change,
     relative_change_percent,
@@ -206,7 +206,7 @@ class Live:
             return []
         if force is None or ohm is None or rest_ohm is None:
             return []
-        excess = _excess(source, ohm, rest_ohm)
+        excess = pixel_excess(ohm, rest_ohm=rest_ohm, layout=source.layout).excess
         fingers = np.array(source.layout.finger_of_row)[:, None]
         reading = source.laws.reading.reading
         read = [float(reading(np.where(fingers == one, excess, 0))) for one in np.unique(fingers)]
@@ -294,7 +294,9 @@ class Live:
         source, rest_ohm = self.source, self._rest_ohm
         if self._force is None or source is None or rest_ohm is None:
             return None
-        return self._force.step(time_s, _excess(source, ohm, rest_ohm))
+        pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=source.layout)
+        force = self._force.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+        return None if force.status is Status.NOT_MEASURED else force
 
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:
         """Record movements of the fingers from the reports of successive frames."""
@@ -310,12 +312,6 @@ class Live:
         elif self.moving and not moving and self.moves:
             self.moves[-1][1] = time_s
         self.moving = moving
-
-
-def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
-    """Return the excess conductance as in a grasp; a short counts as `least_ohm`."""
-    read = np.maximum(ohm, source.layout.divider.least_ohm)
-    return excess_conductance(read, rest_ohm=rest_ohm)
 
 
 def finite_or_none(values: Sequence[float] | FloatArray) -> list[float | None]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import resource
 import socket
 import sys
 from collections.abc import Awaitable
+from contextlib import suppress
 from ipaddress import ip_address
 from threading import Thread
 from typing import ClassVar, TypeVar
@@ -87,8 +87,13 @@ class BoundedConnection(HttpToolsProtocol):
 
 def connection_limit() -> int:
     """Return the maximum number of connections: at most half of the limit on open files."""
-    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return MAX_CONNECTIONS if soft < 0 else min(MAX_CONNECTIONS, soft // 2)
+    if sys.platform != "win32":
+        with suppress(ImportError):
+            import resource
+
+            soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+            return MAX_CONNECTIONS if soft < 0 else min(MAX_CONNECTIONS, soft // 2)
+    return MAX_CONNECTIONS
 
 
 #: Python's thread switch interval, seconds. During the construction of a page, the median response

@@ -2,58 +2,113 @@
 
 from __future__ import annotations
 
+import copy
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force_law import ForceLaw, build_settled_inputs
 from palpate.estimate.force_states import ForceStates, log_reading
 from palpate.estimate.measurement import Measurement
+from palpate.settling.result import Status
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Excess conductance above which a pixel has contact (paper, section 4.1, as conductance); contact
 #: ends below half of it.
 _TOUCHED = 1.0 / (1.0 + CONTACT_PERCENT / 100.0) - 1.0
-#: Excess of a short pixel, above that of any calibration.
-_MOST_EXCESS = 1e5
 #: First forces of a calibration with weights, newtons, at which it also reports its intervals. They
 #: are spread over the range of a gripper. With these three weights, the error of real staircases
 #: was 0.20 in ln force; with first weights of 0.6 to 1.2 N it was 1.0.
 SPREAD_N = (1.5, 4.0, 9.0)
-#: Search range of the reading of a force: 0.2 to 20 000 times the rest conductance.
+#: Search range of the reading of a force, in the law's unit: 0.2 to 20 000.
 _READINGS = np.geomspace(0.2, 2e4, 400)
 
 
-class ForceSource(Protocol):
-    """Converts frames to the present force."""
+class ForceSource(ABC):
+    """Converts frames to the present force.
 
-    def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Process a frame of shape (rows, cols), and return the present force."""
-        ...
+    A frame without a readable pixel is not measured. With a saturated pixel, the force is a lower
+    bound. A single saturated frame may be a disturbance. It enters the history only if the next
+    frame is saturated too, so that the force of the next good frame is right.
+    """
+
+    def __init__(self) -> None:
+        #: The single saturated frame before this one, and whether more than one was saturated.
+        self._single: tuple[float, FloatArray] | None = None
+        self._stays_saturated = False
+
+    def step(self, time_s: float, excess: ArrayLike, *, saturated: bool = False) -> Measurement:
+        """Process a frame and return the present force; without contact, 0 with an upper limit.
+
+        `time_s`: not earlier than that of the last frame.
+        `excess`, shape (rows, cols): excess conductance, as from `pixel_excess`; NaN for pixels
+            without a reading. Of an infinite excess nothing is known, and its pixel is saturated.
+        `saturated`: whether a pixel is saturated.
+        """
+        grid = np.asarray(excess, dtype=float)
+        short = np.isposinf(grid)
+        if short.any():
+            saturated, grid = True, np.where(short, 0.0, grid)
+        if np.isnan(grid).all():
+            return Measurement(
+                value=None,
+                low=0.0,
+                high=np.inf,
+                unit="n",
+                status=Status.NOT_MEASURED,
+                reason="no pixel has a reading",
+            )
+        if not saturated:
+            self._single, self._stays_saturated = None, False
+            return self._follow(time_s, grid)
+        if self._stays_saturated or self._single is not None:
+            if self._single is not None:
+                self._follow(*self._single)
+            self._single, self._stays_saturated = None, True
+            force = self._follow(time_s, grid)
+        else:
+            self._single = (time_s, grid)
+            force = copy.deepcopy(self)._follow(time_s, grid)
+        return replace(force, status=Status.AT_LEAST, reason="a pixel is saturated")
+
+    @abstractmethod
+    def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
+        """Add a frame, NaN for pixels without a reading, and return its force."""
 
 
 class TouchDetector:
     """Detects contact of any pixel, with hysteresis.
+
+    `law`: law of the sheet, if its smallest calibrated reading may be below the threshold.
 
     >>> detector = TouchDetector()
     >>> [detector.step([[excess]]) for excess in (0.05, 0.2, 0.08, 0.02)]
     [False, True, True, False]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, law: ForceLaw | None = None) -> None:
         self._touched = False
+        # On a sheet that hardly responds, no pixel reaches the usual threshold under a known load.
+        least = np.inf if law is None else law.least_reading
+        self._total = 0.5 * least if least < 2.0 * _TOUCHED else np.inf
 
     def step(self, excess: ArrayLike) -> bool:
         """Return whether a frame shows contact; `excess` has shape (rows, cols)."""
-        highest = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0))
-        self._touched = highest > _TOUCHED * (0.5 if self._touched else 1.0)
+        grid = np.asarray(excess, dtype=float)
+        fraction = 0.5 if self._touched else 1.0
+        highest = float(np.nanmax(grid, initial=0.0))
+        self._touched = (
+            highest > _TOUCHED * fraction or float(np.nansum(grid)) > self._total * fraction
+        )
         return self._touched
 
 
-class ForceFollower:
+class ForceFollower(ForceSource):
     """Estimates the force at every frame from the summed excess conductance and its history.
 
     Without any measured force, the law is that of other sensors, and the interval is wide:
@@ -67,17 +122,12 @@ class ForceFollower:
     """
 
     def __init__(self, law: ForceLaw) -> None:
-        self._law, self._states, self._touch = law, ForceStates(), TouchDetector()
+        super().__init__()
+        self._law, self._states, self._touch = law, ForceStates(), TouchDetector(law)
 
-    def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Process a frame and return the present force; without contact, 0 with an upper limit.
-
-        `time_s`: not earlier than that of the last frame.
-        `excess`, shape (rows, cols): excess conductance; NaN for pixels without a reading.
-        """
-        grid = np.minimum(np.asarray(excess, dtype=float), _MOST_EXCESS)
-        inputs = self._states.step(time_s, float(log_reading(np.nansum(grid))))
-        return self._law.force(inputs, touched=self._touch.step(grid))
+    def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
+        inputs = self._states.step(time_s, float(log_reading(np.nansum(excess))))
+        return self._law.force(inputs, touched=self._touch.step(excess))
 
 
 def half_width_percent(law: ForceLaw, force_n: float) -> float:
@@ -109,5 +159,6 @@ def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> floa
 
 def _reading_at(law: ForceLaw, force_n: float) -> float:
     """Return the settled excess conductance at which the law gives a force."""
-    log_n = law.log_force(build_settled_inputs(_READINGS))[0]
-    return float(_READINGS[np.argmin(np.abs(log_n - np.log(force_n)))])
+    readings = _READINGS / law.scale
+    log_n = law.log_force(build_settled_inputs(readings))[0]
+    return float(readings[np.argmin(np.abs(log_n - np.log(force_n)))])

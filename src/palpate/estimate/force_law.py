@@ -5,6 +5,10 @@ conductance, x1 to x6 are its low-passed copies, and `fall` is the fall from its
 weights w of a contact are Gaussian. Their prior is the distribution over other sensors (the
 population), and every measured force is one Kalman update. The interval includes the remaining
 covariance of the weights and the scatter about the law.
+
+The unit of the readings is that of the sensor. Settled readings given to `ForceLaw.fit` are scaled
+so that their median is the population's middle reading, so that a sensor without a conductance at
+rest, whose reading has no natural unit, has the same force in any unit.
 """
 
 from __future__ import annotations
@@ -39,6 +43,19 @@ MOST_SAMPLES = 25.0
 #: timing error resembles memory. There, weights other than the constant get this fraction of an
 #: update (fraction 1: strokes .110/.225 and presses .045; fraction 0.3: .103/.201 and .028).
 MEMORY_FRACTION = 0.3
+#: Smallest given reading over the reading of a contact, for a weight up to the usual first weight,
+#: newtons; proportionally more for a heavier one. On a sheet like those of the population, 1.5 N is
+#: an excess of 4, and contact begins at 0.1.
+_LEAST_OVER_CONTACT, _FIRST_N = 40.0, 1.5
+#: Number of readings up to the smallest given one whose smallest upper limit applies to a reading.
+_LARGER = 9
+#: Smallest and largest exponent of force over excess near the threshold. On ladders of real
+#: Velostat it is 0.6 to 1.3, and on a conductive rubber 1.4.
+_FLATTEST, _STEEPEST = 0.5, 2.0
+#: Margin of a limit that is to include a number.
+_ROUNDING = 1.0 + 1e-9
+#: Fewest given weights whose reversed order is a wrong reading, and not scatter.
+_FEWEST_REVERSED = 3
 #: Difference of ln excess from its 0.1 s copy that counts as a rise, and that copy's input index.
 _RISING, _COPY = 0.05, 3
 
@@ -131,6 +148,14 @@ class ForceLaw:
         Number of measured forces so far.
     least_n : float
         Weakest measured force, newtons; the interval of a smaller force includes 0.
+    scale : float
+        Factor from the sensor's readings to those of the population.
+    least_reading, contact_reading : float
+        Smallest settled reading of `fit`, or the median of readings with history, and the reading
+        above which there is contact.
+    misfit : float
+        Factor of the scatter, at least 1, with which the interval at each settled reading of `fit`
+        includes the force given there.
 
     Examples
     --------
@@ -142,6 +167,13 @@ class ForceLaw:
     >>> after = law.force(40.0)
     >>> after.low < 9.0 < after.high, after.high / after.low < 0.5 * before.high / before.low
     (True, True)
+
+    A sensor without a conductance at rest, such as an FSR: its conductance, in any unit:
+
+    >>> siemens = ForceLaw.fit([2e-5, 6e-5, 12e-5], force_n=[1.5, 4.0, 9.0]).force(9e-5)
+    >>> micro = ForceLaw.fit([20.0, 60.0, 120.0], force_n=[1.5, 4.0, 9.0]).force(90.0)
+    >>> round(siemens.value, 6) == round(micro.value, 6)
+    True
     """
 
     name: ClassVar[str] = "linear-memory"
@@ -150,6 +182,11 @@ class ForceLaw:
         self.population = load_population() if population is None else population
         self.mean, self.covariance = self.population.mean, self.population.spread
         self.known, self.least_n, self._has_force = 0, self.population.least_n, False
+        self.scale = self.misfit = 1.0
+        #: Detection thresholds at the levels in use, until the law changes.
+        self._thresholds_n: dict[float, float] = {}
+        self.contact_reading = CONTACT_EXCESS
+        self.least_reading = _LEAST_OVER_CONTACT * CONTACT_EXCESS
 
     @classmethod
     def fit(
@@ -165,7 +202,8 @@ class ForceLaw:
         Parameters
         ----------
         readings : sequence of readings, length n
-            Readings as described in the class.
+            Readings as described in the class. Settled readings of a sensor without a conductance
+            at rest, such as an FSR, are its conductance, in any unit.
         force_n : array_like, shape (n,)
             Measured forces, newtons, above 0.
         contact : sequence, length n, optional
@@ -177,10 +215,16 @@ class ForceLaw:
         Raises
         ------
         CalibrationError
-            If a force is not above 0, a reading or force is not finite, or lengths differ.
+            If a force is not above 0, a reading or force is not finite, lengths differ, or settled
+            readings are not above 0 or fall while the force rises.
         """
         law = cls(population)
         inputs, log_n = _samples(readings, force_n)
+        settled = all(np.ndim(reading) == 0 for reading in readings)
+        if settled:
+            law._scale_to(np.asarray(readings, dtype=float), log_n)
+        else:
+            law.least_reading = max(float(np.median(_excess_of(inputs))), CONTACT_EXCESS)
         names = np.arange(len(log_n)) if contact is None else np.asarray(contact)
         if len(names) != len(log_n):
             raise CalibrationError(f"{len(names)} contacts for {len(log_n)} measured forces")
@@ -191,6 +235,11 @@ class ForceLaw:
                 law.begin_contact()
         if contact is None:
             law.begin_contact()
+        if settled:
+            mean, sd = law.log_force(inputs)
+            farthest = float(np.max(np.abs(log_n - mean) / sd))
+            law.misfit = max(1.0, _ROUNDING * farthest / float(ndtri(0.95)))
+            law._thresholds_n = {}
         return law
 
     def copy(self) -> Self:
@@ -198,12 +247,15 @@ class ForceLaw:
         other = type(self)(self.population)
         other.mean, other.covariance = self.mean, self.covariance
         other.known, other.least_n, other._has_force = self.known, self.least_n, self._has_force
+        other.scale, other.misfit = self.scale, self.misfit
+        other.least_reading, other.contact_reading = self.least_reading, self.contact_reading
         return other
 
     def begin_contact(self) -> None:
         """Widen the law for a new contact, possibly at another place of the object."""
         self.covariance = self.covariance + self.population.contact_spread
         self._has_force = False
+        self._thresholds_n = {}
 
     def update(self, reading: Any, *, force_n: ArrayLike, sd_n: float = 0.0) -> Self:
         """Update the law with a force measured in the present contact, and return the law.
@@ -227,31 +279,84 @@ class ForceLaw:
 
         `inputs`: shape (n, INPUTS).
         """
-        design = self.population.design(inputs, has_force=self._has_force)
+        design = self._design(np.asarray(inputs, dtype=float))
         mean = design @ self.mean
         spread = np.einsum("ni,ij,nj->n", design, self.covariance, design)
         widening = np.clip(self.population.least_n / np.exp(mean), 1.0, _MAX_WIDENING)
-        return mean, widening * np.sqrt(spread + self.population.variance(design))
+        sd = self.misfit * np.sqrt(spread + self.population.variance(design))
+        return mean, widening * sd
 
     def force(
         self, reading: Any, *, level: float = 0.9, touched: bool | None = None
     ) -> Measurement:
         """Return the force at a reading; without contact, 0 with an upper limit.
 
+        The upper limit without contact is the detection threshold: the force that would have moved
+        the reading. It rises steadily to that of a force with contact.
+
         `touched`: whether there is contact; by default this follows from the reading.
         """
         inputs = _inputs(reading)
-        (mean,), (sd,) = self.log_force(inputs)
-        value, half_width = float(np.exp(mean)), float(ndtri(0.5 + level / 2)) * sd
+        excess = float(_excess_of(inputs)[0])
+        quantile = float(ndtri(0.5 + level / 2))
+        over = max(excess / self.contact_reading, 1.0)
+        high = self.threshold_n(level=level) * over**_STEEPEST
+        if over > 1.0:
+            high = min(high, self._upper_n(inputs, quantile=quantile))
         if touched is None:
-            touched = bool(inputs[0, 0] > np.log(2.0 * CONTACT_EXCESS))
+            touched = over > 1.0
+        if not touched:
+            return Measurement(value=0.0, low=0.0, high=high, unit="n", level=level)
+        (mean,), (sd,) = self.log_force(inputs)
+        value = float(np.exp(mean))
         return Measurement(
-            value=value if touched else 0.0,
-            low=float(np.exp(mean - half_width)) if touched and value >= self.least_n else 0.0,
-            high=float(np.exp(mean + half_width)),
+            value=value,
+            low=float(np.exp(mean - quantile * sd)) if value >= self.least_n else 0.0,
+            high=max(high, value),
             unit="n",
             level=level,
         )
+
+    def threshold_n(self, *, level: float = 0.9) -> float:
+        """Return the detection threshold: a force this large would have moved the reading.
+
+        The upper limit at the smallest given reading falls, towards the reading of a contact, at
+        least with the square root of the reading. Nearly all contacts of the population's sheets
+        moved the reading at its weakest force, which is the threshold without measured forces.
+
+        >>> law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+        >>> 0 < law.threshold_n() < 1.5
+        True
+        """
+        weakest_n = self.population.least_n
+        if self.known == 0:
+            return weakest_n
+        if level in self._thresholds_n:
+            return self._thresholds_n[level]
+        quantile = float(ndtri(0.5 + level / 2))
+        least_n, contact_n = (
+            self._upper_n(build_settled_inputs(reading), quantile=quantile)
+            for reading in (self.least_reading, self.contact_reading)
+        )
+        fallen = (self.contact_reading / self.least_reading) ** _FLATTEST
+        threshold_n: float = min(contact_n, max(least_n * fallen, weakest_n))
+        self._thresholds_n[level] = threshold_n
+        return threshold_n
+
+    def _upper_n(self, inputs: FloatArray, *, quantile: float) -> float:
+        """Return the smallest upper limit from a reading to the smallest given one.
+
+        On one sheet a smaller reading is not a larger force, although the law, extrapolated to weak
+        forces, has a larger uncertainty there.
+        """
+        excess = max(float(_excess_of(inputs)[0]), self.contact_reading)
+        if excess >= self.least_reading:
+            larger = inputs
+        else:
+            larger = np.repeat(inputs, _LARGER, axis=0)
+            larger[:, 0] = log_reading(np.geomspace(excess, self.least_reading, _LARGER))
+        mean, sd = self.log_force(larger)
+        return float(np.exp(np.min(mean + quantile * sd)))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for a calibration file; the inverse of `from_dict`."""
@@ -259,6 +364,10 @@ class ForceLaw:
             "law": self.name,
             "known": self.known,
             "least_n": self.least_n,
+            "scale": self.scale,
+            "least_reading": self.least_reading,
+            "contact_reading": self.contact_reading,
+            "misfit": self.misfit,
             "weights": self.mean.tolist(),
             "covariance": self.covariance.tolist(),
             "population": self.population.as_dict(),
@@ -283,9 +392,46 @@ class ForceLaw:
             law.mean = _shape(stored["weights"], law.mean.shape)
             law.covariance = _shape(stored["covariance"], law.covariance.shape)
             law.known, law.least_n = int(stored["known"]), float(stored["least_n"])
+            # Laws of earlier versions have none of these.
+            for name in ("scale", "least_reading", "contact_reading", "misfit"):
+                setattr(law, name, _positive(stored.get(name, getattr(law, name))))
         except (KeyError, TypeError, ValueError) as error:
             raise CalibrationError(f"force law: {error}; calibrate the force again") from error
         return law
+
+    def _scale_to(self, readings: FloatArray, log_n: FloatArray) -> None:
+        """Scale the median of settled readings to the middle reading of the population.
+
+        Raises `CalibrationError` if the readings can't be conductances that rise with the force.
+        """
+        if readings.min() <= 0:
+            at_n = float(np.exp(log_n[readings.argmin()]))
+            raise CalibrationError(
+                f"force calibration: the reading at {at_n:.3g} N is {readings.min():.3g}, not "
+                "above that at rest; check that the weight was on the sensor"
+            )
+        order = np.argsort(log_n, kind="stable")
+        if (
+            len(readings) >= _FEWEST_REVERSED
+            and (np.diff(log_n[order]) > 0).all()
+            and (np.diff(readings[order]) < 0).all()
+        ):
+            raise CalibrationError(
+                "force calibration: the readings fall while the force rises; give conductances, "
+                "such as 1 / resistance, that rise with the force"
+            )
+        self.scale = float(np.exp(self.population.centre[0] - np.median(np.log(readings))))
+        least_n = float(np.exp(log_n[readings.argmin()]))
+        self.least_reading = float(readings.min())
+        self.contact_reading = self.least_reading / _LEAST_OVER_CONTACT
+        self.contact_reading *= min(1.0, _FIRST_N / least_n)
+
+    def _design(self, inputs: FloatArray) -> FloatArray:
+        """Return the regressors of samples whose readings are in the sensor's unit."""
+        if self.scale != 1.0:
+            inputs = inputs.copy()
+            inputs[:, 0] = log_reading(self.scale * _excess_of(inputs))
+        return self.population.design(inputs, has_force=self._has_force)
 
     def _update_weights(
         self,
@@ -301,7 +447,7 @@ class ForceLaw:
         `memory`: fraction of the update for weights other than the constant.
         `other_contact`: whether to add the scatter between contacts to the noise.
         """
-        design = self.population.design(inputs, has_force=self._has_force)
+        design = self._design(inputs)
         repeats = max(len(log_n) / MOST_SAMPLES, 1.0)
         noise = repeats * (self.population.variance(design) + np.asarray(sd) ** 2)
         gain = scale_memory(self.covariance, memory) @ design.T
@@ -314,6 +460,7 @@ class ForceLaw:
         # Joseph form, valid for any gain.
         reduction = np.eye(len(self.mean)) - weight @ design
         self.covariance = reduction @ self.covariance @ reduction.T + weight @ scatter @ weight.T
+        self._thresholds_n = {}
         self.known += len(log_n)
         self.least_n = min(self.least_n, float(np.exp(log_n.min())))
 
@@ -353,6 +500,18 @@ def build_settled_inputs(excess: ArrayLike) -> FloatArray:
     inputs = np.zeros((len(readings), INPUTS))
     inputs[:, 0] = readings
     return inputs
+
+
+def _excess_of(inputs: FloatArray) -> FloatArray:
+    """Return the excess conductances of samples, shape (n, INPUTS) to (n,)."""
+    return np.asarray(np.exp(inputs[:, 0]) - CONTACT_EXCESS)
+
+
+def _positive(value: Any) -> float:
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise ValueError(f"a factor of the law is {number:g}, not above 0")
+    return number
 
 
 def _inputs(reading: Any) -> FloatArray:

@@ -17,10 +17,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate, StaticLaw
-from palpate.estimate.force_follower import ForceFollower, TouchDetector
+from palpate.estimate.force_follower import ForceFollower, ForceSource, TouchDetector
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
@@ -61,7 +61,7 @@ class ContactGains(NamedTuple):
     settled: Gain | None = None
 
 
-class ForceNow:
+class ForceNow(ForceSource):
     """Estimates the force with an interval at every frame.
 
     `early_s`, `settled_s`: times after a movement at which the two laws were calibrated.
@@ -80,18 +80,14 @@ class ForceNow:
     def __init__(
         self, laws: ForceLaws, *, early_s: float, settled_s: float, level: float = 0.9
     ) -> None:
+        super().__init__()
         self._laws, self.gains = laws, ContactGains()
         self._early_s, self._settled_s, self._level = early_s, settled_s, level
         self._memory = None if laws.memory is None else ForceFollower(laws.memory)
         self._copy, self._touch = 0.0, TouchDetector()
         self._last_s = self._moved_s = -math.inf
 
-    def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Process a frame and return the present force; without contact, 0 with an upper limit.
-
-        `time_s`: not earlier than that of the last frame.
-        `excess`, shape (rows, cols): excess conductance; NaN for pixels without a reading.
-        """
+    def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
         seen = float(self._laws.reading.reading(excess))
         fraction = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
         self._copy += fraction * (seen - self._copy)
@@ -112,7 +108,7 @@ class ForceNow:
         value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
         # A pixel's law is steep at first: noise and offset of an empty hand would read as newtons.
         touched = self._touch.step(excess)
-        empty = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0)) < _EMPTY
+        empty = float(np.nanmax(excess, initial=0.0)) < _EMPTY
         force = Measurement(
             value=0.0 if empty else value,
             low=min(value, *(float(one.low) for one in used)) if touched else 0.0,

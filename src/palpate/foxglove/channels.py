@@ -51,7 +51,13 @@ def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
             "palpate.Change", [], mean_percent=NUMBER, **dict.fromkeys(_pixel_names(layout), NUMBER)
         ),
         "/force": message_schema(
-            "palpate.Force", ["level"], force_n=NUMBER, low_n=NUMBER, high_n=NUMBER, level=NUMBER
+            "palpate.Force",
+            ["level", "status"],
+            force_n=NUMBER,
+            low_n=NUMBER,
+            high_n=NUMBER,
+            level=NUMBER,
+            status={"type": "string"},
         ),
         "/link": message_schema(
             "palpate.Link",
@@ -79,13 +85,14 @@ def encode_change(time_s: float, change_percent: FloatArray, *, layout: ArrayLay
 
 
 def encode_force(time_s: float, force_n: Measurement) -> bytes:
-    """Encode a force with its interval as a ``/force`` message.
+    """Encode a force with its interval and status as a ``/force`` message.
 
     >>> encode_force(0.5, Measurement(value=2.0, low=1.5, high=2.6, unit="n"))
-    b'{"time_s":0.5,"force_n":2.0,"low_n":1.5,"high_n":2.6,"level":0.9}'
+    b'{"time_s":0.5,"force_n":2.0,"low_n":1.5,"high_n":2.6,"level":0.9,"status":"ok"}'
     """
-    ends = {"low_n": force_n.low, "high_n": force_n.high, "level": force_n.level}
-    return _encode(time_s, {"force_n": force_n.value, **ends})
+    low_n, high_n = force_n.known_ends
+    ends = {"low_n": low_n, "high_n": high_n, "level": force_n.level}
+    return _encode(time_s, {"force_n": force_n.value, **ends, "status": str(force_n.status)})
 
 
 def encode_link(link: Link) -> bytes:
@@ -107,6 +114,6 @@ def _encode(time_s: float, fields: dict[str, Any]) -> bytes:
     finite = {
         name: value
         for name, value in fields.items()
-        if not (isinstance(value, float) and not math.isfinite(value))
+        if not (value is None or (isinstance(value, float) and not math.isfinite(value)))
     }
     return _compact({"time_s": time_s, **finite}).encode()

@@ -18,9 +18,8 @@ from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.signal.relative import (
-    excess_conductance,
     finger_means,
     mean_change,
     relative_change_percent,
@@ -286,10 +285,8 @@ class ContactEstimate(HandMotion):
         change = relative_change_percent(ohm, rest_ohm=rest_ohm)
         fingers = _finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(_finite(mean_change(change)))
-        # A saturated pixel has at least the conductance of the converter's last step.
-        readable_ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
-        excess = excess_conductance(readable_ohm, rest_ohm=rest_ohm)
-        reading = float(plan.reading.reading(excess))
+        pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=plan.layout)
+        reading = float(plan.reading.reading(pixels.excess))
         if self.residual is not None and self.released_s is not None:
             # Creep decays approximately as the inverse of the time since release.
             fraction = (self.residual.time_s - self.released_s) / max(

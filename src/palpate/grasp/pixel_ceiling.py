@@ -8,8 +8,8 @@ from palpate.calibrate.laws import laws_of
 from palpate.errors import CalibrationError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.calibration import Calibration
+from palpate.sensor.pixel_resistance import pixel_excess
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.relative import excess_conductance
 
 #: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the
 #: twin, 11 of 13 objects at level `lab` reach the resulting limit, at 17 to 36 N. At level `field`,
@@ -53,12 +53,12 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     except CalibrationError:
         return 0
     counts = np.arange(1, divider.full_scale - 1)
-    ohm = np.maximum(resistance_ohm(counts, divider=divider) - layout.line_ohm, divider.least_ohm)
+    ohm = resistance_ohm(counts, divider=divider) - layout.line_ohm
     rest_ohm = np.asarray(calibration.rest_ohm)
     found = 0
     for row, col in np.argwhere(np.isfinite(rest_ohm)).tolist():
         excess = np.zeros((counts.size, *rest_ohm.shape))
-        own = excess_conductance(ohm, rest_ohm=rest_ohm[row, col])
+        own = pixel_excess(ohm, rest_ohm=rest_ohm[row, col], layout=layout).excess
         excess[:, row, col] = np.maximum(own, 0.0)
         grip = layout.fingers / _MAX_FRACTION * reading.reading(excess)
         shown_n = np.min([law.force_n(grip).value for law in laws], axis=0)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from statistics import median
-from types import FrameType
 from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
@@ -29,6 +27,7 @@ from palpate.grasp.state import GraspState
 from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_impossible_value
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray, find_impossible_count, read_newest
+from palpate.stop_signals import handle_once, handle_stop_signals
 
 #: Receives every observation, for a recorder or view. It must return quickly; after an exception it
 #: is called no more, and the grasp continues.
@@ -260,7 +259,7 @@ def run_grasp(
 
     Faults and requests end the grasp with an outcome:
 
-    - `stopped`: Ctrl-C, SIGTERM, or `requests.stop`.
+    - `stopped`: Ctrl-C, SIGTERM, SIGHUP, or `requests.stop`.
     - `sensor_lost`: an array without frames, a failed pixel, or a sheet that shows less force than
       the gripper exerts.
     - `gripper_fault`: a gripper that fails or does not follow its commands.
@@ -367,26 +366,9 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
 
 @contextmanager
 def _set_flag_on_signal(requested: threading.Event) -> Iterator[None]:
-    """Set a flag on Ctrl-C or SIGTERM, so that no device transfer is interrupted.
+    """Set a flag on Ctrl-C, SIGTERM or SIGHUP, so that no device transfer is interrupted.
 
-    The first signal restores the old handlers, so that a second one interrupts.
+    A repeated signal interrupts a device that does not return (`handle_once`).
     """
-    if threading.current_thread() is not threading.main_thread():
+    with handle_stop_signals(handle_once(requested.set)):
         yield
-        return
-    old = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def restore() -> None:
-        for number, handler in old.items():
-            signal.signal(number, handler)
-
-    def request(number: int, frame: FrameType | None) -> None:
-        requested.set()
-        restore()
-
-    for number in old:
-        signal.signal(number, request)
-    try:
-        yield
-    finally:
-        restore()

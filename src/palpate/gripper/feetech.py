@@ -13,11 +13,16 @@ from palpate.gripper import sts_series as sts
 from palpate.gripper.bus_servo import BusServoGripper
 from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperLimits, GripperState
-from palpate.gripper.packets import PROTOCOL_1
+from palpate.gripper.packets import PROTOCOL_1, RegisterBlock
 from palpate.gripper.servo_line import REPLY_S, ServoLine
+from palpate.gripper.settings import check_number
 
 #: Maximum speed of the jaw. The servo takes about a second for half a turn.
 _FASTEST_MM_PER_S = 60.0
+#: Part of the leash after which a further goal is sent.
+_LEASH_STEP = 0.25
+#: Largest shift that the servo can store, in steps.
+_MAX_OFFSET = 2047
 
 
 class FeetechGripper(BusServoGripper):
@@ -41,18 +46,25 @@ class FeetechGripper(BusServoGripper):
         Torque at which the servo yields, percent of its maximum.
     leash_s : float
         Longest closing time without a message from the host.
+    homing_offset : int
+        The Homing_Offset that was stored in the servo when `closed_tick` was read.
 
     Raises
     ------
     InputError
         If a number is out of range.
     DeviceError
-        If the servo does not answer, is an unknown model, is in another mode, or is in a
-        protection state.
+        If the servo does not answer, is an unknown model, is in another mode, is in a protection
+        state, or stores settings or stands at a position with which the jaw would not go where it
+        is sent.
     """
 
     RAD_PER_TICK = RAD_PER_S = sts.RAD_PER_TICK
     STATE, POSITION, MOVEMENT = sts.STATE, sts.PRESENT_POSITION, (sts.MOVING, 1)
+    TORQUE, TEMPERATURE, OFFSET = sts.TORQUE_ENABLE, sts.PRESENT_TEMPERATURE, sts.HOMING_OFFSET
+    VOLTAGE, VOLTAGE_LIMITS = sts.PRESENT_VOLTAGE, (sts.MIN_VOLTAGE_LIMIT, sts.MAX_VOLTAGE_LIMIT)
+    POSITION_LIMITS = sts.MIN_POSITION_LIMIT, sts.MAX_POSITION_LIMIT
+    TOOL = "Feetech's program FD"
 
     def __init__(
         self,
@@ -65,28 +77,36 @@ class FeetechGripper(BusServoGripper):
         opens: int = 1,
         torque_limit_percent: float = 30.0,
         leash_s: float = 0.5,
+        homing_offset: int = 0,
     ) -> None:
         if opens not in (1, -1):
             raise InputError(
                 f"opens {opens!r}: give 1 if positions increase as the jaw opens, otherwise -1"
             )
-        if not 1.0 <= torque_limit_percent <= 100.0:
-            raise InputError(f"torque_limit_percent {torque_limit_percent:g}: must be 1 to 100")
-        if not 0.05 <= leash_s <= 2.0:
-            raise InputError(f"leash_s {leash_s:g}: must be 0.05 to 2 s")
+        check_number("closed_tick", closed_tick, low=0, high=sts.TICKS - 1, whole=True)
+        check_number("torque_limit_percent", torque_limit_percent, low=1.0, high=100.0, unit="%")
+        check_number("leash_s", leash_s, low=0.05, high=2.0, unit="s")
+        check_number("homing_offset", homing_offset, low=-_MAX_OFFSET, high=_MAX_OFFSET, whole=True)
         super().__init__(
-            line, clock=clock, fingers=jaw, limits=limits, zero_tick=closed_tick, opens=opens
+            line,
+            clock=clock,
+            fingers=jaw,
+            limits=limits,
+            zero_tick=closed_tick,
+            max_velocity=sts.MAX_VELOCITY,
+            opens=opens,
+            homing_offset=homing_offset,
         )
         self._leash_s = leash_s
-        ends = [self._tick(width_mm) for width_mm in (limits.lowest, limits.highest)]
-        if min(ends) < 0 or max(ends) >= sts.TICKS:
+        low, high = self._goal_ticks()
+        if low < 0 or high >= sts.TICKS:
             raise InputError(
-                f"closed_tick {closed_tick}: the jaw needs positions {min(ends)} to {max(ends)}, "
+                f"closed_tick {closed_tick}: the jaw needs positions {low} to {high}, "
                 f"but the servo has 0 to {sts.TICKS - 1}; remount its horn"
             )
         self._target = self._sent = self._velocity = 0
         self._was_still = True
-        self._set_up(round(sts.FULL_TORQUE * torque_limit_percent / 100))
+        self._set_up(torque_limit_percent)
 
     def state(self) -> GripperState:
         """Read width, motion and current; during a long closing, send the next goal.
@@ -95,10 +115,14 @@ class FeetechGripper(BusServoGripper):
         """
         block = self._read()
         self._raise_reported_error()
-        tick, is_turning = block.value(self.POSITION), self._is_moving(block)
+        tick, is_turning = self._take_position(block), self._is_moving(block)
         is_leashed = self._sent != self._target
         if is_leashed:
-            self._send(self._apply_leash(tick))
+            goal = self._apply_leash(tick)
+            # A goal for each small step would double the time of a state on a slow line.
+            step = self._velocity * self._leash_s * _LEASH_STEP
+            if goal == self._target or abs(goal - self._sent) >= step:
+                self._send(goal)
         # A servo at rest in two successive readings, short of its target, is blocked.
         moving = is_turning or (is_leashed and not self._was_still)
         self._was_still = not is_turning
@@ -116,28 +140,50 @@ class FeetechGripper(BusServoGripper):
 
     def _start_movement(self, tick: int, *, velocity: int, now: int) -> None:
         self._target, self._velocity, self._was_still = tick, velocity, False
-        self._line.write(sts.GOAL_VELOCITY, velocity)
-        self._send(self._apply_leash(now))
+        self._sent = self._apply_leash(now)
+        self._line.write_block(
+            {sts.GOAL_POSITION: self._sent, sts.GOAL_TIME: 0, sts.GOAL_VELOCITY: velocity}
+        )
 
     def _set_goal(self, tick: int) -> None:
         self._target = tick
         self._send(tick)
 
-    def _set_up(self, torque_limit: int) -> None:
+    def _set_up(self, torque_limit_percent: float) -> None:
         line = self._line
-        line.ping()
-        number = line.read(sts.MODEL_NUMBER)
+        start, end = sts.SETTINGS
+        stored = line.read_block(start, end - start)
+        number = stored.value(sts.MODEL_NUMBER)
         if number not in sts.MODELS:
             known = ", ".join(sts.MODELS.values())
             raise DeviceError(
                 f"{line.name} has model number {number}, which is not supported; use {known}"
             )
-        if (mode := line.read(sts.OPERATING_MODE)) != sts.POSITION_MODE:
-            raise DeviceError(
-                f"{line.name} is in operating mode {mode}; set it to {sts.POSITION_MODE} (position)"
-            )
+        self._raise_reported_error()
+        self._check_settings(stored)
+        # The servo would accept more, but somebody has stored this limit to protect it.
+        torque_limit = self._limit_in_units(
+            "torque_limit_percent",
+            torque_limit_percent,
+            units=sts.FULL_TORQUE / 100.0,
+            stored=stored,
+            register=sts.MAX_TORQUE_LIMIT,
+        )
         position = self._read().value(self.POSITION)
         self._raise_reported_error()
+        if not 0 <= position < sts.TICKS:
+            phase = sts.Phase(stored.value(sts.PHASE))
+            remedy = (
+                f"It counts turns: clear bit 4 (16) of {sts.PHASE}, which is {phase.value}, with "
+                f"{self.TOOL}, then switch its supply off and on"
+                if phase & sts.Phase.COUNTS_TURNS
+                else "Switch its supply off and on, and read closed_tick again"
+            )
+            raise DeviceError(
+                f"{line.name}: {self.POSITION} is {position}, but goals are 0 to {sts.TICKS - 1}: "
+                f"the servo would turn fully to reach one. {remedy}"
+            )
+        self._check_travel(position)
         line.write(sts.TORQUE_LIMIT, torque_limit)
         line.write(sts.ACCELERATION, 0)
         # Replaces an old goal, to which the servo would move as soon as the torque is on.
@@ -146,14 +192,57 @@ class FeetechGripper(BusServoGripper):
         line.write(sts.TORQUE_ENABLE, 1)
         line.confirm({sts.TORQUE_ENABLE: 1})
 
-    def _raise_reported_error(self) -> None:
-        if self._line.alert_bits:
-            states = sts.State(self._line.alert_bits)
-            names = ", ".join((state.name or str(state.value)).lower() for state in states)
+    def _check_settings(self, stored: RegisterBlock) -> None:
+        """Raise `DeviceError` if a stored setting sends the jaw to a wrong place or speed."""
+        name, tool = self._line.name, self.TOOL
+        if (mode := stored.value(sts.OPERATING_MODE)) != sts.POSITION_MODE:
             raise DeviceError(
-                f"{self._line.name} protects itself: {names}; let it cool or remove the load, "
-                "then switch its supply off and on"
+                f"{name} is in operating mode {mode}; set {sts.OPERATING_MODE} to "
+                f"{sts.POSITION_MODE} (position) with {tool}"
             )
+        if not stored.value(sts.RESPONSE_LEVEL):
+            raise DeviceError(
+                f"{name}: {sts.RESPONSE_LEVEL} is 0: the servo acknowledges no commands. Set it "
+                f"to 1 with {tool}"
+            )
+        phase = sts.Phase(stored.value(sts.PHASE))
+        if not phase & sts.Phase.FINE_VELOCITY:
+            raise DeviceError(
+                f"{name}: {sts.PHASE} is {phase.value}: its velocities count 50 steps each, and "
+                f"the jaw would move 50 times too fast. Set bit 2 (4) with {tool}"
+            )
+        directions = phase & (sts.Phase.MOTOR_REVERSED | sts.Phase.POSITION_REVERSED)
+        if directions in (sts.Phase.MOTOR_REVERSED, sts.Phase.POSITION_REVERSED):
+            raise DeviceError(
+                f"{name}: {sts.PHASE} is {phase.value}: motor and position count in opposite "
+                f"directions, and the servo would run away from its goal. Set bits 0 (1) and 7 "
+                f"(128) to the same value with {tool}"
+            )
+        self._check_offset(stored)
+        # Both limits 0 mean that there are none.
+        if any(stored.value(limit) for limit in self.POSITION_LIMITS):
+            self._check_position_limits(stored)
+
+    def _travel_mm(self) -> tuple[float, float]:
+        # A horn with one jaw can turn by more than half a turn. Its travel is in the rig file only.
+        return 0.0, self.limits.highest
+
+    def _read_errors(self) -> sts.State:
+        return sts.State(self._line.alert_bits)
+
+    def _describe_recovery(self, *, torque: bool) -> str:
+        return f"Then {'' if torque else 'switch its supply off and on, and '}open the rig again"
+
+    def _describe_misfit(self, tick: int) -> str:
+        if self._is_within_travel(2 * self._zero_tick - tick):
+            return (
+                f"With opens = {-self._opens} the jaw would be within: check opens "
+                f"({self._opens}) first, then closed_tick ({self._zero_tick})"
+            )
+        return (
+            f"Check closed_tick ({self._zero_tick}) and opens ({self._opens}); if they are right, "
+            "the jaw is open wider than highest_mm: close it by hand, or give a larger highest_mm"
+        )
 
     def _apply_leash(self, now: int) -> int:
         """Return the target, or a goal within the leash from `now` while closing."""
@@ -180,6 +269,7 @@ def open_gripper(
     lowest_mm: float = 1.0,
     torque_limit_percent: float = 30.0,
     leash_s: float = 0.5,
+    homing_offset: int = 0,
     reply_s: float = REPLY_S,
 ) -> FeetechGripper:
     """Open the gripper of an SO-101, or another gripper with one turning jaw.
@@ -190,7 +280,7 @@ def open_gripper(
         Serial port, number and baud rate of the servo; the gripper of an SO-101 is number 6.
     jaw_mm : float
         Distance from the servo's axis to the middle of the pad. Measure this distance.
-    closed_tick, opens, torque_limit_percent, leash_s
+    closed_tick, opens, torque_limit_percent, leash_s, homing_offset
         As in `FeetechGripper`.
     lowest_mm, highest_mm : float
         Range of the opening between the middles of the pads.
@@ -209,7 +299,7 @@ def open_gripper(
     if not low <= lowest_mm < highest_mm <= high:
         raise InputError(
             f"lowest_mm {lowest_mm:g} and highest_mm {highest_mm:g}: the jaw opens from {low:g} to "
-            f"{high:g} mm"
+            f"{high:g} mm, and lowest_mm is the smaller one"
         )
     line = ServoLine(port, servo_id=servo_id, baud=baud, reply_s=reply_s, packets=PROTOCOL_1)
     try:
@@ -224,6 +314,7 @@ def open_gripper(
             opens=opens,
             torque_limit_percent=torque_limit_percent,
             leash_s=leash_s,
+            homing_offset=homing_offset,
         )
     except (DeviceError, InputError):
         line.close()

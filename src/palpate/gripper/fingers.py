@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from palpate.errors import InputError
+from palpate.gripper.settings import check_number
+
+#: Largest length of a hand for produce, and smallest jaw. Others are slips of the pen.
+_MAX_MM, _MIN_JAW_MM = 300.0, 10.0
 #: Number of sample points for the largest slope; the slope has one flat maximum.
 _SLOPE_POINTS = 9
 
@@ -32,10 +37,12 @@ class CrankFingers:
     offset_mm: float = 0.0
 
     def __post_init__(self) -> None:
+        check_number("offset_mm", self.offset_mm, low=-_MAX_MM, high=_MAX_MM, unit="mm")
         if not 0 < self.horn_mm < self.arm_mm:
-            raise ValueError(
-                f"the horn ({self.horn_mm:g} mm) must be shorter than the arm ({self.arm_mm:g} mm)"
+            raise InputError(
+                f"horn_mm {self.horn_mm:g}: must be above 0 and below arm_mm {self.arm_mm:g}"
             )
+        check_number("arm_mm", self.arm_mm, low=0.0, high=_MAX_MM, unit="mm")
 
     @property
     def range_mm(self) -> tuple[float, float]:
@@ -58,12 +65,13 @@ class CrankFingers:
         sine = math.inf
         if half > 0:
             sine = (self.horn_mm**2 + half**2 - self.arm_mm**2) / (2 * self.horn_mm * half)
-        if abs(sine) > 1:
+        # Rounding can exceed 1 at both ends of the range.
+        if abs(sine) > 1 + 1e-9:
             low, high = self.range_mm
             raise ValueError(
                 f"{width_mm:g} mm is outside the fingers' range of {low:g} to {high:g} mm"
             )
-        return math.asin(sine)
+        return math.asin(min(max(sine, -1.0), 1.0))
 
     def max_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
         """Return the maximum slope between two openings, mm of opening per radian."""
@@ -89,6 +97,9 @@ class HingedJaw:
 
     #: Distance from the servo's axis to the middle of the pad.
     jaw_mm: float
+
+    def __post_init__(self) -> None:
+        check_number("jaw_mm", self.jaw_mm, low=_MIN_JAW_MM, high=_MAX_MM, unit="mm")
 
     @property
     def range_mm(self) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.settings import check_number
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import HEARTBEAT_S, STALE_S, SerialArray
 from palpate.sensor.wire_messages import (
@@ -23,6 +24,9 @@ from palpate.sensor.wire_messages import (
     SetServoTravel,
 )
 
+#: Largest opening of a hand for produce, and the largest rates that a grasp can use. Others are
+#: slips of the pen.
+_MAX_MM, _MIN_RATE_MM_PER_S, _MAX_RATE_MM_PER_S = 300.0, 1.0, 500.0
 #: Delay of a servo relative to its pulses: one period of 20 ms and the servo's own lag (guess).
 _LAG_S = 0.1
 #: A frame reports the effect of a command after this time: one ping and one frame at 15 Hz.
@@ -48,8 +52,7 @@ class ServoTravel:
     def __post_init__(self) -> None:
         low, high = SERVO_PULSES_US
         for name in ("open_us", "closed_us"):
-            if not low <= getattr(self, name) <= high:
-                raise InputError(f"{name} {getattr(self, name)}: must be {low} to {high}")
+            check_number(name, getattr(self, name), low=low, high=high, unit="µs", whole=True)
         if self.open_us == self.closed_us:
             raise InputError("open_us and closed_us are equal: measure both ends of the travel")
         if not 0 <= self.closed_mm < self.open_mm:
@@ -57,6 +60,7 @@ class ServoTravel:
                 f"closed_mm {self.closed_mm:g}: must be at least 0 and below open_mm "
                 f"{self.open_mm:g}"
             )
+        check_number("open_mm", self.open_mm, low=0.0, high=_MAX_MM, unit="mm")
 
     @property
     def mm_per_us(self) -> float:
@@ -197,7 +201,11 @@ class HobbyServoGripper:
                 "the board sends no servo pulses: it was reset and has cut power to the servo. "
                 "Open the rig again"
             )
-        if status & BoardStatus.HEARTBEAT_LOST:
+        if status & BoardStatus.HEARTBEAT_LOST and abs(servo_us - self._target_us) <= 1:
+            # The fingers had arrived, and have not moved: this program was busy elsewhere.
+            self._send(SetServo(target_us=servo_us, rate_us_per_s=self._rate))
+            self._commanded_s = self._sent_s
+        elif status & BoardStatus.HEARTBEAT_LOST:
             raise DeviceError(
                 "the board holds the fingers in place: it received nothing for 0.5 s. "
                 "Check its cable and the CPU load of this computer"
@@ -242,8 +250,13 @@ def open_gripper(
             f"a hobby servo needs an array on a board with palpate's firmware, not "
             f"{type(array).__name__}"
         )
-    if not 0 < fastest_mm_per_s < math.inf:
-        raise InputError(f"fastest_mm_per_s {fastest_mm_per_s:g}: must be above 0")
+    check_number(
+        "fastest_mm_per_s",
+        fastest_mm_per_s,
+        low=_MIN_RATE_MM_PER_S,
+        high=_MAX_RATE_MM_PER_S,
+        unit="mm/s",
+    )
     travel = ServoTravel(open_us=open_us, closed_us=closed_us, open_mm=open_mm, closed_mm=closed_mm)
     return HobbyServoGripper(
         array, clock=RealClock(), travel=travel, fastest_mm_per_s=fastest_mm_per_s

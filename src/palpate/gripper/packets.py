@@ -18,6 +18,26 @@ class Register(NamedTuple):
     signed: bool = False
     #: Sign bit of a sign-magnitude value; None for other encodings.
     sign_bit: int | None = None
+    #: Name in the manufacturer's table; needed only for registers in messages.
+    name: str = ""
+
+    def __str__(self) -> str:
+        """Return the name and the address, for messages.
+
+        >>> str(Register(20, 4, name="Homing_Offset"))
+        'Homing_Offset (address 20)'
+        """
+        return f"{self.name} (address {self.address})"
+
+    def encode(self, value: int) -> bytes:
+        """Convert a value to the bytes of the register.
+
+        >>> Register(42, 2, sign_bit=15).encode(-5).hex()
+        '0580'
+        """
+        if self.sign_bit is not None and value < 0:
+            value = -value | 1 << self.sign_bit
+        return value.to_bytes(self.size, "little", signed=value < 0)
 
     def decode(self, data: bytes) -> int:
         """Convert the bytes of the register to its value.
@@ -60,6 +80,10 @@ class PacketLayout:
     model_bytes: int
     #: Bits of a reply's error that report the servo's state. The other bits refuse the request.
     alert_mask: int
+    #: Largest number of a servo; larger ones address all servos at once, or none.
+    max_id: int
+    #: Baud rates that the servos and the SDK have in common.
+    bauds: tuple[int, ...]
 
     def build_request(self, servo_id: int, instruction: int, data: bytes) -> list[int]:
         """Return a packet with zeros for the header and checksum, which the SDK fills in."""
@@ -87,6 +111,8 @@ PROTOCOL_2 = PacketLayout(
     data_offset=9,
     model_bytes=3,
     alert_mask=0x80,
+    max_id=252,
+    bauds=(9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000),
 )
 #: All error bits report the servo's state: overheating, overload, voltage.
 PROTOCOL_1 = PacketLayout(
@@ -97,4 +123,6 @@ PROTOCOL_1 = PacketLayout(
     data_offset=5,
     model_bytes=0,
     alert_mask=0x7F,
+    max_id=253,
+    bauds=(38_400, 57_600, 115_200, 500_000, 1_000_000),
 )

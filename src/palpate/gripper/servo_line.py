@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
-import termios
+import os
+import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from typing import Any
 
-from palpate.errors import DeviceError, DeviceTimeoutError, require_extra
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError, require_extra
 from palpate.gripper.packets import PROTOCOL_2, PacketLayout, Register, RegisterBlock
-from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
+from palpate.gripper.settings import check_number
+from palpate.gripper.x_series import PacketError
 from palpate.sensor.byte_stream import explain_refusal
+from palpate.sensor.exclusive_port import claim_port, release_port
+
+#: Errors of a port that was pulled; `termios` exists only on some platforms.
+_PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
+if sys.platform != "win32":
+    try:
+        import termios
+    except ImportError:
+        pass
+    else:
+        _PORT_ERRORS = (OSError, termios.error)
 
 #: Attempts per request, to tolerate single lost or damaged packets.
 _TRIES = 3
 #: Default time limit for a reply. The adapter can delay bytes by up to 16 ms.
 REPLY_S = 0.05
+#: Range of this limit: a reply takes a few milliseconds, and three tries must end before the
+#: fingers have closed.
+_MIN_REPLY_S, _MAX_REPLY_S = 0.005, 2.0
+#: Longest single wait for bytes. Without it the SDK polls the port and keeps a processor busy.
+_WAIT_S = 0.002
+#: Looks at the received bytes after the time limit, enough for a reply between other bytes.
+_LATE_LOOKS = 16
 #: Sizes of the reads that separate late replies from the next reply, bytes. They are used in turn,
 #: and no other request uses them.
 _SYNC_SIZES = tuple(range(32, 48))
@@ -37,8 +58,9 @@ class ServoLine:
 
     `port`: device, e.g. ``"/dev/ttyUSB0"``.
     `reply_s`: time limit for each reply; a busy machine needs more.
-    Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
-    no such port; `DeviceError` if another program has locked the port, or it can't run at `baud`.
+    Raises `InputError` if a number is out of range; `MissingExtraError` if dynamixel-sdk is not
+    installed; `DeviceNotFoundError` if there is no such port; `DeviceError` if another program uses
+    the port.
     """
 
     def __init__(
@@ -50,6 +72,11 @@ class ServoLine:
         reply_s: float = REPLY_S,
         packets: PacketLayout = PROTOCOL_2,
     ) -> None:
+        # A larger number is the broadcast: every servo on the line would obey.
+        check_number("servo_id", servo_id, low=0, high=packets.max_id, whole=True)
+        check_number("reply_s", reply_s, low=_MIN_REPLY_S, high=_MAX_REPLY_S, unit="s")
+        if baud not in packets.bauds:
+            raise InputError(f"baud {baud}: must be one of {', '.join(map(str, packets.bauds))}")
         with require_extra("a gripper on a servo line", extra="gripper"):
             import dynamixel_sdk as sdk
         self._sdk = sdk
@@ -59,23 +86,27 @@ class ServoLine:
         self._id, self._layout = servo_id, packets
         #: Whether replies to earlier requests can still arrive.
         self._has_late_replies, self._sync_sizes = False, cycle(_SYNC_SIZES)
-        self._reply_ms = 1e3 * reply_s
+        self._reply_ms, self._late_looks = 1e3 * reply_s, 0
         self._port: Any = sdk.PortHandler(port)
-        # The SDK's own timeout of 34 ms is too short on a busy machine.
+        # The SDK's own timeout of 34 ms is too short on a busy machine, its clock can be set, and
+        # it gives up without a last look at the received bytes.
         self._port.setPacketTimeout = self._set_reply_timeout
+        self._port.getCurrentTime = lambda: 1e3 * time.monotonic()
+        self._port.isPacketTimeout = self._is_reply_overdue
+        self._port.readPort = self._read_port
         self._packets: Any = sdk.PacketHandler(packets.version)
         fast = (False,) if packets is PROTOCOL_2 else ()
         self._receive: Any = lambda: self._packets.rxPacket(self._port, *fast)
         try:
-            opened = self._port.setBaudRate(baud)
-            if opened:
-                # By default the SDK shares the port, and two programs would mix their replies.
-                self._port.ser.exclusive = True
+            self._port.setBaudRate(baud)
+            # By default the SDK shares the port, and two programs would mix their replies.
+            self._port.ser.exclusive = True
+            self._port.ser.timeout = _WAIT_S
         except OSError as error:
             self.close()
             raise explain_refusal(port, error) from error
-        if not opened:
-            raise DeviceError(f"{port}: the servo line can't run at {baud} baud")
+        if os.name == "posix":
+            claim_port(self._port.ser.fileno())
 
     def ping(self) -> int:
         """Return the servo's model number; 0 if the protocol does not transmit it."""
@@ -97,16 +128,28 @@ class ServoLine:
 
         Raises `RefusedError` if the servo refuses the value.
         """
-        data = value.to_bytes(register.size, "little", signed=value < 0)
-        self._exchange(_WRITE, self._layout.encode_word(register.address) + data, answer_size=0)
+        self.write_block({register: value})
+
+    def write_block(self, values: Mapping[Register, int]) -> None:
+        """Write adjacent registers, in the order of their addresses, in one packet.
+
+        Raises `RefusedError` if the servo refuses a value.
+        """
+        data = b"".join(register.encode(value) for register, value in values.items())
+        start = next(iter(values)).address
+        self._exchange(_WRITE, self._layout.encode_word(start) + data, answer_size=0)
 
     def confirm(self, expected: Mapping[Register, int]) -> None:
-        """Read registers back.
+        """Read registers back, in one packet.
 
         Raises `DeviceError` if a register does not have its expected value.
         """
+        start = min(register.address for register in expected)
+        size = max(register.address + register.size for register in expected) - start
+        # A size that is used to separate replies can't be used for anything else.
+        block = self.read_block(start, _SYNC_SIZES[-1] + 1 if size in _SYNC_SIZES else size)
         for register, value in expected.items():
-            found = self.read(register)
+            found = block.value(register)
             if found != value:
                 raise DeviceError(
                     f"{self.name} has {found} at address {register.address} after it was set to "
@@ -115,22 +158,19 @@ class ServoLine:
 
     def write_without_reply(self, register: Register, value: int) -> None:
         """Write a register of a servo that does not answer, without waiting for a reply."""
-        data = value.to_bytes(register.size, "little", signed=value < 0)
-        address = self._layout.encode_word(register.address)
+        data = self._layout.encode_word(register.address) + register.encode(value)
         with self._convert_port_errors():
-            self._send(self._layout.build_request(self._id, _WRITE, address + data))
+            self._send(self._layout.build_request(self._id, _WRITE, data))
 
     def reboot(self) -> None:
         """Restart the servo without torque; only this clears a hardware error."""
         self._exchange(_REBOOT, b"", answer_size=0)
 
-    def read_errors(self) -> HardwareError:
-        """Return the hardware errors; 0 if there are none."""
-        return HardwareError(self.read(HARDWARE_ERROR))
-
     def close(self) -> None:
         """Close the port; calling it again does nothing."""
         if self._port.is_open:
+            if os.name == "posix":
+                release_port(self._port.ser.fileno())
             self._port.closePort()
 
     def _exchange(self, instruction: int, data: bytes, *, answer_size: int) -> bytes:
@@ -207,13 +247,39 @@ class ServoLine:
         self._port.is_using = False
 
     def _set_reply_timeout(self, size: int) -> None:
+        self._late_looks = _LATE_LOOKS
         self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
+
+    def _is_late(self) -> bool:
+        return bool(self._port.getTimeSinceStart() > self._port.packet_timeout)
+
+    def _read_port(self, size: int) -> bytes:
+        """Read bytes; none once the time is over and enough looks were made.
+
+        Otherwise a device that sends without pause would keep the SDK reading for ever.
+        """
+        if self._is_late():
+            if not self._late_looks:
+                return b""
+            self._late_looks -= 1
+        return bytes(self._port.ser.read(size))
+
+    def _is_reply_overdue(self) -> bool:
+        """Return whether the time is over and all received bytes have been looked at.
+
+        This process may not have run for longer than the limit, while the reply arrived in time.
+        """
+        if not self._is_late() or (self._late_looks and self._port.getBytesAvailable()):
+            return False
+        # Distinguishes a reply that was cut off by the time limit from a damaged one.
+        self._port.packet_timeout = 0
+        return True
 
     @contextmanager
     def _convert_port_errors(self) -> Iterator[None]:
         try:
             yield
-        except (OSError, termios.error) as error:
+        except _PORT_ERRORS as error:
             self._port.is_using = False
             raise DeviceError(
                 f"{self.name}: the port is gone; plug the adapter in again and check the servo's "

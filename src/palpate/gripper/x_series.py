@@ -11,28 +11,42 @@ from math import pi
 
 from palpate.gripper.packets import Register
 
-MODEL_NUMBER = Register(0, 2)
-DRIVE_MODE = Register(10, 1)
-OPERATING_MODE = Register(11, 1)
-PWM_LIMIT = Register(36, 2)
-CURRENT_LIMIT = Register(38, 2)
-TORQUE_ENABLE = Register(64, 1)
-HARDWARE_ERROR = Register(70, 1)
-BUS_WATCHDOG = Register(98, 1, signed=True)
-GOAL_PWM = Register(100, 2, signed=True)
-GOAL_CURRENT = Register(102, 2, signed=True)
-PROFILE_ACCELERATION = Register(108, 4)
-PROFILE_VELOCITY = Register(112, 4)
-GOAL_POSITION = Register(116, 4, signed=True)
-MOVING = Register(122, 1)
-MOVING_STATUS = Register(123, 1)
-PRESENT_CURRENT = Register(126, 2, signed=True)
-PRESENT_POSITION = Register(132, 4, signed=True)
+MODEL_NUMBER = Register(0, 2, name="Model_Number")
+DRIVE_MODE = Register(10, 1, name="Drive_Mode")
+OPERATING_MODE = Register(11, 1, name="Operating_Mode")
+HOMING_OFFSET = Register(20, 4, signed=True, name="Homing_Offset")
+MAX_VOLTAGE_LIMIT = Register(32, 2, name="Max_Voltage_Limit")
+MIN_VOLTAGE_LIMIT = Register(34, 2, name="Min_Voltage_Limit")
+PWM_LIMIT = Register(36, 2, name="PWM_Limit")
+CURRENT_LIMIT = Register(38, 2, name="Current_Limit")
+VELOCITY_LIMIT = Register(44, 4, name="Velocity_Limit")
+MAX_POSITION_LIMIT = Register(48, 4, name="Max_Position_Limit")
+MIN_POSITION_LIMIT = Register(52, 4, name="Min_Position_Limit")
+SHUTDOWN = Register(63, 1, name="Shutdown")
+TORQUE_ENABLE = Register(64, 1, name="Torque_Enable")
+STATUS_RETURN_LEVEL = Register(68, 1, name="Status_Return_Level")
+HARDWARE_ERROR = Register(70, 1, name="Hardware_Error_Status")
+BUS_WATCHDOG = Register(98, 1, signed=True, name="Bus_Watchdog")
+GOAL_PWM = Register(100, 2, signed=True, name="Goal_PWM")
+GOAL_CURRENT = Register(102, 2, signed=True, name="Goal_Current")
+PROFILE_ACCELERATION = Register(108, 4, name="Profile_Acceleration")
+PROFILE_VELOCITY = Register(112, 4, name="Profile_Velocity")
+GOAL_POSITION = Register(116, 4, signed=True, name="Goal_Position")
+MOVING = Register(122, 1, name="Moving")
+MOVING_STATUS = Register(123, 1, name="Moving_Status")
+PRESENT_CURRENT = Register(126, 2, signed=True, name="Present_Current")
+PRESENT_POSITION = Register(132, 4, signed=True, name="Present_Position")
+PRESENT_VOLTAGE = Register(144, 2, name="Present_Input_Voltage")
+PRESENT_TEMPERATURE = Register(146, 1, name="Present_Temperature")
 
+#: Address range of the stored settings and the torque, read in one packet.
+SETTINGS = 10, 65
 #: Address range of all registers of a state, read in one packet.
 STATE = 122, 147
 
-RAD_PER_TICK = 2 * pi / 4096
+#: Positions of one turn.
+TICKS = 4096
+RAD_PER_TICK = 2 * pi / TICKS
 #: Middle of the travel, where the horn's angle is 0.
 CENTRE_TICK = 2048
 RAD_PER_S_PER_VELOCITY = 0.229 * 2 * pi / 60
@@ -40,6 +54,8 @@ WATCHDOG_STEP_S, MAX_WATCHDOG_STEPS = 0.02, 127
 #: Bits of `DRIVE_MODE`: positions increase clockwise; `PROFILE_VELOCITY` is the duration of a
 #: movement in milliseconds instead of its speed.
 REVERSE, TIME_BASED = 0x01, 0x04
+#: Value of `STATUS_RETURN_LEVEL` at which the servo acknowledges all requests.
+ALL_REPLIES = 2
 #: Goal PWM for the full supply voltage.
 FULL_PWM = 885
 #: Bit of `MOVING_STATUS`: the motion profile of the last goal is in progress.
@@ -54,7 +70,10 @@ class Mode(IntEnum):
 
 
 class HardwareError(IntFlag):
-    """Bits of `HARDWARE_ERROR`; any error switches the torque off until a reboot."""
+    """Bits of `HARDWARE_ERROR`; those that are set in `SHUTDOWN` too switch the torque off.
+
+    Only a reboot clears them. By default an input voltage out of range leaves the torque on.
+    """
 
     INPUT_VOLTAGE = 0x01
     OVERHEATING = 0x04

@@ -13,7 +13,7 @@ from typing import IO, cast
 from mcap.writer import Writer
 
 from palpate.clock import Clock
-from palpate.errors import DeviceTimeoutError, RecordingError, RecordingLostError
+from palpate.errors import DISK_FAILURES, DeviceTimeoutError, RecordingError, RecordingLostError
 from palpate.gripper.interface import GripperState
 from palpate.recording.channels import (
     METADATA_NAME,
@@ -25,6 +25,7 @@ from palpate.recording.channels import (
 )
 from palpate.recording.contents import Event, LoadCells, RecordingInfo
 from palpate.sensor.array import Frame, PressureArray
+from palpate.stop_signals import finish_first
 
 #: Recorded time per chunk: half of the one second that a killed process may lose.
 CHUNK_S = 0.5
@@ -109,6 +110,9 @@ class RecordingWriter:
         except OSError as error:
             failure = self._record_failure(error)
             self.close()
+            # An empty file would block the same name.
+            if not self.path.is_char_device():
+                self.path.unlink(missing_ok=True)
             raise failure from error
 
     def add(self, message: RecordedMessage) -> None:
@@ -120,9 +124,10 @@ class RecordingWriter:
         start_s = self._chunk_start_s
         try:
             # A gripper state may be slightly later than the frame after it, hence `abs`.
-            if start_s is not None and abs(message.time_s - start_s) >= CHUNK_S:
-                self._finish_chunk()
-            self._write_message(message)
+            with finish_first():
+                if start_s is not None and abs(message.time_s - start_s) >= CHUNK_S:
+                    self._finish_chunk()
+                self._write_message(message)
         except OSError as error:
             raise self._record_failure(error) from error
 
@@ -132,19 +137,40 @@ class RecordingWriter:
         self.add(frame)
 
     def close(self) -> None:
-        """Complete and close the file; further calls have no effect."""
+        """Complete and close the file; further calls have no effect.
+
+        Raises `RecordingLostError` if the file can't be completed, or is no longer at its path.
+        """
         if self._descriptor < 0:
             return
+        with finish_first():
+            try:
+                if not self._failed:
+                    self._writer.finish()
+                    # The system reports a failed sync only once, here or to the parallel one.
+                    os.fsync(self._descriptor)
+                    if self._sync is not None:
+                        self._sync.result()
+                    self._check_place()
+            except OSError as error:
+                raise self._record_failure(error) from error
+            finally:
+                self._pool.shutdown()
+                os.close(self._descriptor)
+                self._descriptor = -1
+
+    def _check_place(self) -> None:
+        """Raise an error if the file was deleted, moved or replaced during the recording."""
         try:
-            if not self._failed:
-                self._writer.finish()
-                os.fsync(self._descriptor)
-        except OSError as error:
-            raise self._record_failure(error) from error
-        finally:
-            self._pool.shutdown()
-            os.close(self._descriptor)
-            self._descriptor = -1
+            is_same = os.path.samestat(os.fstat(self._descriptor), os.stat(self.path))
+        except OSError:
+            is_same = False
+        if not is_same:
+            self._failed = True
+            raise RecordingLostError(
+                f"{self.path}: the file was deleted, moved or replaced during the recording; "
+                "the recording is not there. Record again"
+            )
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -172,7 +198,7 @@ class RecordingWriter:
         if self._sync is None or self._sync.done():
             if self._sync is not None:
                 self._sync.result()
-            self._sync = self._pool.submit(os.fdatasync, self._descriptor)
+            self._sync = self._pool.submit(_sync_data, self._descriptor)
 
     def _record_failure(self, error: OSError) -> RecordingLostError:
         self._failed = True
@@ -186,17 +212,24 @@ class RecordingWriter:
         )
 
 
+def _sync_data(descriptor: int) -> None:
+    """Write a file's data to the disk; macOS and Windows have no `fdatasync`."""
+    getattr(os, "fdatasync", os.fsync)(descriptor)
+
+
 def _create_file(path: Path) -> int:
     try:
         # O_EXCL refuses the second of two recorders with the same path. A device always exists.
         new = 0 if path.is_char_device() else os.O_CREAT | os.O_EXCL
-        return os.open(path, os.O_WRONLY | new | os.O_CLOEXEC, 0o666)
+        # Without O_BINARY, Windows replaces line ends.
+        return os.open(path, os.O_WRONLY | new | getattr(os, "O_BINARY", 0), 0o666)
     except FileExistsError as error:
         raise RecordingError(
             f"{path}: already exists and is not overwritten; choose another name"
         ) from error
     except OSError as error:
-        raise RecordingError(f"{path}: can't be created: {error.strerror}") from error
+        kind = RecordingLostError if error.errno in DISK_FAILURES else RecordingError
+        raise kind(f"{path}: can't be created: {error.strerror}") from error
     except ValueError as error:  # a name with NUL
         raise RecordingError(f"{str(path)!r}: can't be created: {error}") from error
 

@@ -163,7 +163,8 @@ class Rig:
         CalibrationError
             If the calibration lacks data that a grasp needs.
         RecordingError
-            If the recording exists or can't be created.
+            If the recording exists or can't be created. A recording that can't be written later is
+            a fault of the result, and `Grip.release` raises `RecordingLostError`.
         """
         from palpate.estimate.damage_file import DamageFile
         from palpate.grasp.paper import read_settings
@@ -228,10 +229,12 @@ class Rig:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if error is not None and self._grip is not None:
-            # An error in a script must not drop the object.
-            self._grip.stop()
-        self.close()
+        try:
+            if error is not None and self._grip is not None:
+                # An error in a script must not drop the object.
+                self._grip.stop()
+        finally:
+            self.close()
 
     def __repr__(self) -> str:
         parts = [repr(self.name), "simulated" if self.is_simulated else "hardware", self.subject]

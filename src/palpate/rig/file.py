@@ -18,6 +18,7 @@ from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
+from palpate.sensor.frame_port import PortArray
 
 #: Required parts of a rig file, and their names in messages.
 _REQUIRED_PARTS = {
@@ -235,6 +236,20 @@ def read_rig_table(path: Path) -> dict[str, Any]:
         raise InputError(f"rig file {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"rig file {path}: not TOML: {error}") from error
+
+
+def find_ports(name: str | None, *, array: PressureArray) -> list[str]:
+    """Return the serial ports of a sensor and of the rig file that describes it.
+
+    `name`: name of a rig, or path of a rig file.
+    Raises `InputError` as `read_rig_table` does.
+    """
+    ports = [array.name] if isinstance(array, PortArray) else []
+    if name is not None and name.endswith(".toml"):
+        tables = read_rig_table(Path(name)).values()
+        stated = (table.get("port") for table in tables if isinstance(table, dict))
+        ports += [port for port in stated if isinstance(port, str)]
+    return list(dict.fromkeys(ports))
 
 
 def find_calibration_file(path: Path) -> Path | None:

@@ -7,7 +7,7 @@ import threading
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
-from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.errors import DeviceError, DeviceTimeoutError, RecordingLostError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
@@ -48,6 +48,8 @@ class Grip:
             self._array = PacedArray(rig.array, speed=math.inf)
         self._result = GraspResult(outcome=Outcome.STOPPED)
         self._failure: BaseException | None = None
+        #: The recording's error, which `release` or `stop` raises once.
+        self._lost: RecordingLostError | None = None
         self._reading: Reading | None = None
         self._frame = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="palpate-grip", daemon=True)
@@ -126,6 +128,7 @@ class Grip:
         """Open the gripper, wait until it is open, and return the final result.
 
         After the end of the grasp, only return the result.
+        Raises `RecordingLostError` once if the recording is not complete; `result` is.
         """
         return self._end(self._requests.release)
 
@@ -169,9 +172,13 @@ class Grip:
             self._thread.join(0.1)
         if self._failure is not None:
             raise self._failure
+        if self._lost is not None:
+            lost, self._lost = self._lost, None
+            raise lost
         return self._result
 
     def _run(self) -> None:
+        record: GraspRecorder | None = None
         try:
             with self._recorder as record:
                 self._result = run_grasp(
@@ -187,6 +194,14 @@ class Grip:
                 )
                 if record is not None:
                     record.end(self._result, self._requests)
+        except RecordingLostError as error:
+            if record is None:  # not created, so the gripper has not moved
+                self._failure = error
+            else:
+                self._lost = error
+                faults, text = self._result.faults, str(error)
+                if not any(text in fault for fault in faults):
+                    self._result = replace(self._result, faults=(*faults, text))
         except BaseException as error:
             self._failure = error
         finally:

@@ -15,8 +15,8 @@ from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import CONTACT_PERCENT, excess_conductance, relative_change_percent
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.signal.relative import CONTACT_PERCENT, relative_change_percent
 
 #: Number of waiting frames that the memory of the force law uses.
 _MOST_FOLLOWED = 100
@@ -35,7 +35,8 @@ class Reading:
     change_percent : ndarray, shape (rows, cols)
         Change relative to rest (equation 1); NaN for an open pixel.
     force_n : Measurement or None
-        Present force; None if the calibration has no force law.
+        Present force; None if the calibration has no force law. With a saturated pixel it is a
+        lower bound, `at_least`; without a readable pixel `not_measured`.
     contact : bool
         Whether a pixel's change exceeds the contact threshold (paper, section 4.1).
     age_s : float
@@ -84,8 +85,8 @@ class Reader:
         change = relative_change_percent(ohm, rest_ohm=self.rest_ohm)
         force = None
         if self._force is not None:
-            excess = excess_conductance(ohm, rest_ohm=self.rest_ohm)
-            force = self._force.step(frame.time_s, excess)
+            pixels = pixel_excess(ohm, rest_ohm=self.rest_ohm, layout=self._layout)
+            force = self._force.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
         return Reading(
             time_s=frame.time_s,
             resistance_ohm=ohm,

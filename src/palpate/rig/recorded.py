@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, RecordingLostError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
@@ -22,14 +22,25 @@ from palpate.version import __version__
 
 
 class GraspRecorder:
-    """A subscriber of `run_grasp` that writes every observation to a recording."""
+    """A subscriber of `run_grasp` that writes every observation to a recording.
+
+    `run_grasp` removes it after an error, and the grasp continues without a recording.
+    `record_grasp` raises the error at its end.
+    """
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
+        self.__name__ = "recorder"
+        #: The error that ended the recording early.
+        self.failure: RecordingLostError | None = None
 
     def __call__(self, observation: Observation) -> None:
         """Write a frame with the gripper's state."""
-        self._writer.add_observation(observation.frame, gripper=observation.gripper)
+        try:
+            self._writer.add_observation(observation.frame, gripper=observation.gripper)
+        except RecordingLostError as error:
+            self.failure = error
+            raise
 
     def end(self, result: GraspResult, requests: Requests | None = None) -> None:
         """Write the time of the release or stop for a replay.
@@ -41,7 +52,7 @@ class GraspRecorder:
         name = names.get(result.outcome)
         at_s = [one.time_s for one in result.moments if one.name == result.outcome.value]
         # A grasp stopped before its first frame has no time.
-        if name is not None and result.frames and at_s:
+        if self.failure is None and name is not None and result.frames and at_s:
             self._writer.add(Event(time_s=at_s[-1], name=name))
 
 
@@ -54,8 +65,8 @@ def record_grasp(
     The file contains all inputs that a replay needs to repeat the decisions.
 
     `damage`: text of the plan's damage file.
-    Raises `RecordingError` if the file exists or can't be created; `DeviceError` if the board is
-    lost.
+    Raises `RecordingError` if the file exists or can't be created; `RecordingLostError` at the end
+    of the block if it could not be written whole; `DeviceError` if the board is lost.
     """
     info = replace(
         recording_info(rig, seed=rig.seed or 0),
@@ -67,7 +78,10 @@ def record_grasp(
         paper=None if plan.paper is None else plan.paper.as_text(),
     )
     with RecordingWriter(path, info=info) as writer:
-        yield GraspRecorder(writer)
+        recorder = GraspRecorder(writer)
+        yield recorder
+    if recorder.failure is not None:
+        raise recorder.failure
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:

@@ -51,12 +51,11 @@ class ScoreTable:
 
     def __str__(self) -> str:
         """Return the scores as text."""
-        from rich.console import Console
+        from palpate.terminal_table import make_console
 
         text = io.StringIO()
-        print_scores(
-            self.summary(), Console(file=text, width=PIPED_WIDTH, emoji=False), level=self.level
-        )
+        console = make_console(width=PIPED_WIDTH, file=text)
+        print_scores(self.summary(), console, level=self.level)
         return text.getvalue().rstrip()
 
     def to_dict(self) -> dict[str, Any]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import errno
-import grp
 import os
 import select
+import sys
 import time
+from contextlib import suppress
 from typing import Protocol
 
-import serial
-
 from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.sensor.exclusive_port import claim_port, release_port
 
 BAUD = 1_000_000
 #: Interval between reads of a port, seconds: half of the frame period at 500 Hz.
@@ -47,7 +47,7 @@ class ByteStream(Protocol):
 
 
 class SerialStream:
-    """A `ByteStream` over a serial port, locked against other programs.
+    """A `ByteStream` over a serial port that no other program can open.
 
     `port`: device, e.g. ``"/dev/ttyACM0"``.
     `baud`: baud rate of the firmware.
@@ -58,33 +58,43 @@ class SerialStream:
     def __init__(self, port: str, *, baud: int = BAUD) -> None:
         self.name = port
         try:
+            # Loaded here, so that other sensors work where pyserial doesn't.
+            import serial
+        except ImportError as error:
+            raise DeviceError(f"{port}: no serial ports on this system ({error})") from error
+        try:
             self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        except serial.SerialException as error:
+        except OSError as error:
             raise explain_refusal(port, error) from error
+        if sys.platform != "win32":  # Windows opens ports exclusively.
+            # The lock stops only programs that ask for it.
+            claim_port(self._serial.fileno())
 
     def read_waiting(self) -> bytes:
         """Return all received bytes without waiting."""
         try:
             return bytes(self._serial.read(_READ_BYTES))
-        except (serial.SerialException, OSError) as error:
+        except OSError as error:
             raise DeviceError(_port_error(self.name)) from error
 
     def wait_for_bytes(self, timeout_s: float) -> None:
         """Wait until bytes arrive or the port is lost, at most `timeout_s`."""
         try:
             select.select([self._serial.fileno()], [], [], timeout_s)
-        except (OSError, ValueError, serial.SerialException):
+        except (OSError, ValueError):
             time.sleep(POLL_S)  # no descriptor, as on Windows, or the port is closed
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
         try:
             self._serial.write(data)
-        except (serial.SerialException, OSError) as error:
+        except OSError as error:
             raise DeviceError(_port_error(self.name)) from error
 
     def close(self) -> None:
         """Release the port; calling it again does nothing."""
+        if sys.platform != "win32" and self._serial.is_open:
+            release_port(self._serial.fileno())
         self._serial.close()
 
 
@@ -121,8 +131,10 @@ def explain_refusal(port: str, error: OSError) -> DeviceError:
 
 def _port_group(port: str) -> str:
     """Return the user group with access to the port: `dialout` on most systems."""
-    try:
-        name = grp.getgrgid(os.stat(port).st_gid).gr_name
-    except (OSError, KeyError):
-        return "dialout"
-    return "dialout" if name == "root" else name
+    if sys.platform != "win32":
+        with suppress(ImportError, OSError, KeyError):
+            import grp
+
+            name = grp.getgrgid(os.stat(port).st_gid).gr_name
+            return "dialout" if name == "root" else name
+    return "dialout"

@@ -44,6 +44,7 @@ CHECKS: dict[str, str] = {
     "at 9600 baud set at most 15 Hz",
     "corrupt": "check cable and ground; another program on the port or a wrong baud rate has the "
     "same effect",
+    "latency": "set the adapter's latency timer to 1 ms; a udev rule keeps the setting",
     "late": "the computer stalls: close busy programs, or lower the rate",
     "jitter": "another task delays the board or the link; times remain correct, but filters that "
     "assume evenly spaced frames are affected",

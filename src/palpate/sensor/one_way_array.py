@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.clock import Clock, RealClock
-from palpate.errors import DeviceError, DeviceTimeoutError, WireError
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError, WireError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.byte_stream import ByteStream, SerialStream
 from palpate.sensor.frame_port import PortArray
@@ -23,6 +23,7 @@ Counts: TypeAlias = NDArray[np.int32]
 
 #: Opening the port resets most boards: up to 2 s for the bootloader, then the program's start.
 OPEN_S = 5.0
+_LONGEST_WAIT_S = 600.0
 #: Number of frames in the running mean of the period, and minimum number for a period.
 _PERIOD_FRAMES, _MIN_FRAMES = 1000, 8
 #: A gap longer than one period by this many periods may contain lost frames (guess: up to half a
@@ -74,11 +75,13 @@ class OneWayArray(PortArray):
     reopen : callable, optional
         Opens the port again after a disconnection and raises `DeviceError` on failure. Without it,
         an unplugged board is permanently lost.
+    wait_s : float
+        Longest time until the first frame.
 
     Raises
     ------
     DeviceError
-        If no frame arrives within 5 s.
+        If no frame arrives within `wait_s`.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class OneWayArray(PortArray):
         layout: ArrayLayout,
         decoder: FrameDecoder,
         reopen: Callable[[], ByteStream] | None = None,
+        wait_s: float = OPEN_S,
     ) -> None:
         super().__init__(stream, clock=clock, layout=layout, reopen=reopen)
         self._decoder = decoder
@@ -97,7 +101,7 @@ class OneWayArray(PortArray):
         self._bytes = 0
         self._next = self._frames = self._lost = 0
         try:
-            self._waiting.appendleft(self.read(timeout_s=OPEN_S))
+            self._waiting.appendleft(self.read(timeout_s=wait_s))
         except DeviceError:
             self.close()
             raise
@@ -105,12 +109,23 @@ class OneWayArray(PortArray):
 
     @classmethod
     def open_port(
-        cls, port: str, *, baud: int, layout: ArrayLayout, decoder: FrameDecoder
+        cls,
+        port: str,
+        *,
+        baud: int,
+        layout: ArrayLayout,
+        decoder: FrameDecoder,
+        wait_s: float = OPEN_S,
     ) -> OneWayArray:
         """Open the array of a serial board; the array reconnects after a disconnection.
 
-        Raises `DeviceError` if the port can't be opened, or no frame arrives.
+        Raises `InputError` if `wait_s` is invalid; `DeviceError` if the port can't be opened, or
+        no frame arrives.
         """
+        if not 0 < wait_s <= _LONGEST_WAIT_S:
+            raise InputError(
+                f"wait_s = {wait_s:g}: give more than 0 and at most {_LONGEST_WAIT_S:g} s"
+            )
         find_current_port = make_port_finder(port)
         return cls(
             SerialStream(port, baud=baud),
@@ -118,6 +133,7 @@ class OneWayArray(PortArray):
             layout=layout,
             decoder=decoder,
             reopen=lambda: SerialStream(find_current_port(), baud=baud),
+            wait_s=wait_s,
         )
 
     @property
@@ -141,6 +157,8 @@ class OneWayArray(PortArray):
         if self._stream is None:
             if self._reopen_if_due() is not None:
                 self._timing, self._last_s = _FrameTiming(), now_s
+                # Without it, the halves of two lines could form a valid line.
+                getattr(self._decoder, "restart", lambda: None)()
             return
         try:
             data = self._stream.read_waiting()
@@ -163,7 +181,13 @@ class OneWayArray(PortArray):
             # Time increases even between two reads within the clock's resolution.
             time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
-            frame = Frame(time_s=self._last_s, sequence=self._next, counts=frame_counts)
+            # Only a decoder of mean counts has this attribute.
+            frame = Frame(
+                time_s=self._last_s,
+                sequence=self._next,
+                counts=frame_counts,
+                oversampling=getattr(self._decoder, "oversampling", 1),
+            )
             self._queue(frame, arrival_s=arrival_s)
             self._next += 1
         self._frames += count
@@ -179,7 +203,8 @@ class OneWayArray(PortArray):
             )
         return DeviceTimeoutError(
             f"{self.name}: no data in {timeout_s:g} s. Check the board's power, and that its "
-            "firmware streams readings without being polled."
+            "firmware streams readings without being polled. If it starts slowly, set wait_s in "
+            "the rig file."
         )
 
 

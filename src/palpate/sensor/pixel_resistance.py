@@ -1,17 +1,20 @@
-"""Conversion of a frame's counts to pixel resistances: divider, series resistance, crosstalk.
+"""Conversion of a frame's counts to pixel resistances, and of these to excess conductance.
 
-All other modules use this conversion, for rest values, loads and recordings.
+All other modules use these conversions, for rest values, loads, forces and recordings.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.crosstalk import unmix_floating, unmix_held
+from palpate.signal.relative import excess_conductance
 
 
 def pixel_resistance_ohm(
@@ -49,3 +52,49 @@ def pixel_resistance_ohm(
     if layout.idle_lines == "held":
         return unmix_held(ohm, reference_ohm=layout.divider.reference_ohm + layout.line_ohm)
     return ohm
+
+
+class PixelExcess(NamedTuple):
+    """Excess conductance of the pixels, never infinite.
+
+    Attributes
+    ----------
+    excess : ndarray, shape (..., rows, cols)
+        A saturated pixel has that of the converter's last step, which is a lower bound; NaN without
+        a reading or a rest value.
+    saturated, open : ndarray of bool, shape (..., rows, cols)
+        Pixels with a rest value whose conductance is beyond the converter's last step, and pixels
+        with a rest value without a reading.
+    """
+
+    excess: FloatArray
+    saturated: NDArray[np.bool_]
+    open: NDArray[np.bool_]
+
+    @property
+    def has_saturated(self) -> bool:
+        """Whether any pixel is saturated; a force is then a lower bound."""
+        return bool(self.saturated.any())
+
+
+def pixel_excess(ohm: ArrayLike, *, rest_ohm: ArrayLike, layout: ArrayLayout) -> PixelExcess:
+    """Return the excess conductance of pixels, with masks of saturated and open pixels.
+
+    `ohm`, shape (..., rows, cols): output of `pixel_resistance_ohm`.
+    `rest_ohm`, shape (rows, cols): rest values.
+    `layout`: its divider has the converter's last step.
+
+    >>> from palpate.sensor.array import ArrayLayout
+    >>> pad = ArrayLayout(name="pad", rows=1, cols=3, finger_of_row=(0,))
+    >>> found = pixel_excess([[500.0, 0.0, np.inf]], rest_ohm=[[1e3, 1e3, 1e3]], layout=pad)
+    >>> found.excess.round().tolist(), found.saturated.tolist(), found.open.tolist()
+    ([[1.0, 144.0, nan]], [[False, True, False]], [[False, False, True]])
+    """
+    read = np.asarray(ohm, dtype=float)
+    least_ohm = layout.divider.least_ohm
+    known = np.asarray(rest_ohm, dtype=float) > 0
+    return PixelExcess(
+        excess=excess_conductance(np.maximum(read, least_ohm), rest_ohm=rest_ohm),
+        saturated=known & (read <= least_ohm),
+        open=known & ~np.isfinite(read),
+    )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from serial.tools.list_ports import comports
-
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.sensor.board_link import BoardLink
@@ -36,6 +34,8 @@ class Port:
     usb_id: tuple[int, int] | None = None
     #: Serial number of the USB device, which distinguishes two boards.
     serial_number: str | None = None
+    #: Place on the USB tree, e.g. "1-1.2:1.0"; it distinguishes boards without a serial number.
+    location: str | None = None
     #: Board or chip that the USB id suggests; None if unknown.
     board: str | None = None
 
@@ -52,7 +52,14 @@ def identify_board(usb_id: tuple[int, int] | None) -> str | None:
 
 
 def list_serial_ports() -> list[Port]:
-    """Return the serial ports of this machine, with probable boards first."""
+    """Return the serial ports of this machine, with probable boards first.
+
+    A system without pyserial's modules has none.
+    """
+    try:
+        from serial.tools.list_ports import comports
+    except ImportError:
+        return []
     ports = []
     for found in comports():
         usb_id = None if found.vid is None or found.pid is None else (found.vid, found.pid)
@@ -62,6 +69,7 @@ def list_serial_ports() -> list[Port]:
                 description="" if found.description in (None, "n/a") else found.description,
                 usb_id=usb_id,
                 serial_number=found.serial_number,
+                location=found.location,
                 board=identify_board(usb_id),
             )
         )
@@ -106,23 +114,33 @@ def make_port_finder(
 ) -> Callable[[], str]:
     """Return a function that finds the current port of the board now at `device`.
 
-    A replugged board can get another port name, but its USB serial number does not change. For a
-    board without a serial number the function returns `device`.
+    A replugged board can get another port name, but its USB serial number does not change. A board
+    without a number of its own is found in the same USB socket. The function raises
+    `DeviceNotFoundError` rather than return the port of another board.
 
-    >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
-    >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
+    >>> before = [Port(device="/dev/ttyUSB0", description="CH340", location="1-1.2")]
+    >>> after = [Port(device="/dev/ttyUSB1", description="CH340", location="1-1.2")]
     >>> seen = iter([before, after])
-    >>> make_port_finder("/dev/ttyACM0", list_ports=lambda: next(seen))()
-    '/dev/ttyACM1'
+    >>> make_port_finder("/dev/ttyUSB0", list_ports=lambda: next(seen))()
+    '/dev/ttyUSB1'
     """
-    numbers = {port.device: port.serial_number for port in list_ports()}
-    number = numbers.get(device)
+    known = {port.device: port for port in list_ports()}.get(device)
 
     def find_current_port() -> str:
-        if number is None:
-            return device
-        matches = [port.device for port in list_ports() if port.serial_number == number]
-        return matches[0] if matches else device
+        if known is None or not (known.serial_number or known.location):
+            return device  # a link with a fixed name, or no USB device
+        equal = [
+            port
+            for port in list_ports()
+            if (port.usb_id, port.serial_number) == (known.usb_id, known.serial_number)
+        ]
+        in_place = [port for port in equal if port.location == known.location]
+        # Some makers give all their boards the same number.
+        if known.serial_number and len(equal) == 1:
+            return equal[0].device
+        if known.location and len(in_place) == 1:
+            return in_place[0].device
+        raise DeviceNotFoundError(f"the board at {device} is not back in its USB socket")
 
     return find_current_port
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-import tty
+import sys
+from contextlib import suppress
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
@@ -80,6 +81,20 @@ def _load_library() -> ctypes.CDLL:
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
     return library
+
+
+def _open_terminal() -> tuple[int, int, str]:
+    """Return both ends of a new pseudo-terminal and the name of the second."""
+    if sys.platform != "win32":
+        with suppress(ImportError, AttributeError):
+            import tty
+
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            return master, slave, os.ttyname(slave)
+    raise DeviceNotFoundError(
+        "this system has no pseudo-terminals, which the simulated board needs; use sim-rigid"
+    )
 
 
 class FirmwareBoard:
@@ -321,9 +336,7 @@ class FirmwareStream:
     ) -> None:
         self._clock = world.clock
         self._board = BoardOnStage(world, board=board, travel=travel)
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.name = os.ttyname(slave)
+        self._master, slave, self.name = _open_terminal()
         self._host = SerialStream(self.name)
         self._slave = slave
         self._open = True

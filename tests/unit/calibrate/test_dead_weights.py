@@ -10,6 +10,7 @@ import pytest
 from palpate.calibrate.dead_weights import check_loads, has_unloading, measure_loads, read_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
+from palpate.estimate.force_law import ForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
@@ -25,11 +26,13 @@ def write_file(path: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("load_n\n1\n5\n", "2 loads, 2 of them different"),
-        ("load_n\n2\n2\n2\n2\n2\n", "1 of them different"),
-        ("load_n\n4\n5\n6\n", "2 times the smallest"),
+        ("load_n\n1\n5\n", r"not 2 \(1, 5 N\)"),
+        ("load_n\n2\n2\n2\n2\n2\n", r"not 1 \(2 N\)"),
+        ("load_n\n4\n5\n6\n", "2 times the smallest, 4 N"),
         ("load_g\n100\n200\n", "no column load_n"),
         ("load_n\n100\n200\n500\n1000\n", "in grams"),
+        ("load_n\n50\n20\n100\n", "in grams"),
+        ("load_n\n0\n0\n", "not 0"),
         ("load_n\n1\n2\nheavy\n4\n", "line 4: load_n is 'heavy'"),
         ("load_n\n1\n2\n-3\n4\n", "0 or more"),
         ("load_n\n1\n2\n", "at least 3"),
@@ -71,10 +74,10 @@ class Bench:
 def test_measure_loads_reads_settled_values() -> None:
     bench = Bench()
     found = measure_loads(
-        bench.array, loads_n=[1.0, 3.0, 6.0, 9.0, 3.0], place=bench.place, clock=bench.world.clock
+        bench.array, loads_n=[2.0, 3.0, 6.0, 9.0, 3.0], place=bench.place, clock=bench.world.clock
     )
     assert found.refused_n == ()
-    assert found.pairs.force_n == (1.0, 3.0, 6.0, 9.0, 3.0)
+    assert found.pairs.force_n == (2.0, 3.0, 6.0, 9.0, 3.0)
     assert found.pairs.excess[3] > found.pairs.excess[2] > found.pairs.excess[1]
 
 
@@ -88,7 +91,7 @@ def test_measure_loads_unsettled_loads_are_refused() -> None:
         bench.width_mm -= 5.0
         bench.gripper.command(GripperCommand(target=bench.width_mm, rate=0.1))
 
-    with pytest.raises(CalibrationError, match="loads settled, at least 3"):
+    with pytest.raises(CalibrationError, match="at least 3 different weights are needed, not 0"):
         measure_loads(
             bench.array, loads_n=[2.0, 2.5, 3.0, 3.5], place=place, clock=bench.world.clock
         )
@@ -130,3 +133,80 @@ def test_measure_loads_saturated_pixel_is_refused() -> None:
     array.place(0.0)
     with pytest.raises(CalibrationError, match="saturated at 9 N; use a smaller reference"):
         measure_loads(array, loads_n=[1.0, 2.0, 4.0, 9.0], place=array.place, clock=clock)
+
+
+class Sheet(SaturatingArray):
+    """A readout of a sheet whose excess is proportional to what really lies on it."""
+
+    def __init__(self, clock: ManualClock, *, on_it: dict[int, float] | None = None) -> None:
+        super().__init__(clock)
+        self.on_it, self.placed, self.bad_frames = on_it or {}, 0, dict[int, int]()
+
+    def place(self, load_n: float) -> None:
+        self.load_n = self.on_it.get(self.placed, load_n)
+        self.placed += 1
+
+    def read(self, *, timeout_s: float) -> Frame:
+        self.clock.sleep_s(0.25)
+        self.sent += 1
+        ohm = 11_000.0 / (1.0 + 0.5 * self.load_n)
+        count = round(1024 * 4700.0 / (4700.0 + ohm))
+        counts = np.full((self.layout.rows, self.layout.cols), count)
+        counts[0, 0] = self.bad_frames.get(self.sent, counts[0, 0])
+        return Frame(time_s=self.clock.now_s(), sequence=self.sent, counts=counts, oversampling=1)
+
+
+@pytest.mark.parametrize(
+    ("loads_n", "on_it", "refused_n", "reason"),
+    [
+        # Nothing on the pad; the weight beside it; the weight of before still on it.
+        ([1.5, 2.0, 4.0, 9.0], {0: 0.0}, (1.5,), "reading at rest"),
+        ([2.0, 4.0, 9.0, 6.0], {3: 0.0}, (6.0,), "reading at rest"),
+        ([2.0, 4.0, 9.0, 6.0], {1: 2.0}, (4.0,), "reading of 2 N just before"),
+        ([9.0, 4.0, 2.0, 1.0], {}, (), ""),
+    ],
+)
+def test_measure_loads_reading_without_its_weight_is_left_out(
+    loads_n: list[float], on_it: dict[int, float], refused_n: tuple[float, ...], reason: str
+) -> None:
+    clock, told = ManualClock(), list[str]()
+    array = Sheet(clock, on_it=on_it)
+    found = measure_loads(array, loads_n=loads_n, place=array.place, clock=clock, tell=told.append)
+    assert found.refused_n == refused_n
+    assert len(found.pairs.force_n) == len(loads_n) - len(refused_n)
+    assert len(told) == len(refused_n)
+    assert all(reason in one for one in told)
+
+
+def test_measure_loads_unequal_readings_of_one_weight_are_reported() -> None:
+    clock, told = ManualClock(), list[str]()
+    array = Sheet(clock, on_it={3: 6.0})
+    found = measure_loads(
+        array, loads_n=[2.0, 4.0, 9.0, 2.0], place=array.place, clock=clock, tell=told.append
+    )
+    assert found.refused_n == ()
+    assert len(told) == 1
+    assert told[0].startswith("2 N read 7.98 before and 23.9 now")
+    law = ForceLaw.fit(found.pairs.excess, force_n=found.pairs.force_n)
+    for excess in found.pairs.excess[::3]:
+        assert law.force(excess).low <= 2.0 <= law.force(excess).high
+
+
+def test_measure_loads_single_bad_frames_do_not_matter() -> None:
+    found = []
+    for bad in ({}, {100: 1023, 105: 0, 182: 1023}):
+        clock = ManualClock()
+        array = Sheet(clock)
+        array.bad_frames = bad
+        found.append(
+            measure_loads(array, loads_n=[2.0, 4.0, 9.0], place=array.place, clock=clock).pairs
+        )
+    assert found[0].excess == pytest.approx(found[1].excess)
+    assert found[0].relative_percent == pytest.approx(found[1].relative_percent)
+
+
+def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
+    clock = ManualClock()
+    array = Sheet(clock)
+    with pytest.raises(CalibrationError, match=r"not 1 \(4 N\)"):
+        measure_loads(array, loads_n=[4.0, 4.0, 4.0], place=array.place, clock=clock)

@@ -103,8 +103,8 @@ def test_calibrate_other_sensors_file_is_left_unchanged(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("load_n\n1\n5\n", "give at least 3 spread"),
-        ("load_n\n5\n5\n5\n5\n", "1 of them different"),
+        ("load_n\n1\n5\n", "at least 3 different weights are needed, not 2"),
+        ("load_n\n5\n5\n5\n5\n", "not 1 (5 N)"),
         ("load_n\n100\n250\n500\n1000\n", "in grams"),
         ("weight\n1\n2\n3\n4\n", "no column load_n"),
     ],

@@ -55,7 +55,7 @@ class Screen:
         file = StringIO()
         system = "truecolor" if colors else None
         Console(width=110, file=file, force_terminal=colors, color_system=system).print(
-            self.view.render()
+            self.view.render(Console(width=110))
         )
         return file.getvalue()
 
@@ -117,7 +117,8 @@ def test_live_view_of_the_largest_matrix_fits_a_terminal() -> None:
     view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
     view.add(array.read(timeout_s=1.0))
     file = StringIO()
-    Console(width=80, file=file).print(view.render())
+    console = Console(width=80, file=file)
+    console.print(view.render(console))
     lines = file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert sum(line.count("+") + line.count(" -") >= 16 for line in lines) == 16

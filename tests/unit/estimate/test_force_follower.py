@@ -45,7 +45,8 @@ def test_force_follower_open_or_short_pixels_keep_force_finite(law: ForceLaw) ->
     follower = ForceFollower(law)
     for time_s, pixel in ((0.0, np.nan), (0.1, np.inf), (0.2, 1.0)):
         answer = follower.step(time_s, [[pixel, 3.0]])
-        assert np.isfinite([answer.value, answer.low, answer.high]).all()
+        assert np.isfinite([answer.middle, answer.low, answer.high]).all()
+        assert answer.has_value == (pixel != np.inf)
 
 
 def test_half_width_falls_with_each_weight(law: ForceLaw) -> None:
@@ -66,3 +67,16 @@ def test_force_now_uses_stored_dead_weight_law() -> None:
     )
     follower = force_now(pairs)
     assert isinstance(follower, ForceFollower)
+
+
+def test_force_follower_of_sheet_that_hardly_responds_shows_its_weights() -> None:
+    """No pixel of this sheet reaches the usual threshold of a contact."""
+    excess, weights_n = [0.04, 0.12, 0.3], [1.5, 9.0, 24.0]
+    for one, weight_n in zip(excess, weights_n, strict=True):
+        follower = ForceFollower(ForceLaw.fit(excess, force_n=weights_n))
+        for frame in range(1500):
+            answer = follower.step(0.02 * frame, [[0.003, 0.0]] if frame < 10 else [[one, 0.0]])
+            if frame < 10:
+                assert (answer.value, answer.low) == (0.0, 0.0)
+                assert 0 < answer.high < 3.0
+        assert answer.low < weight_n < answer.high

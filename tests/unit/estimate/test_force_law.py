@@ -15,7 +15,7 @@ from palpate.estimate.force_law import (
     build_settled_inputs,
     load_population,
 )
-from palpate.estimate.force_states import log_reading
+from palpate.estimate.force_states import ForceStates, log_reading
 
 
 def test_force_law_without_measured_forces_has_wide_interval() -> None:
@@ -65,7 +65,68 @@ def test_force_law_without_contact_returns_zero() -> None:
     for excess in (-0.02, 0.0, 0.05):
         answer = law.force(excess)
         assert (answer.value, answer.low) == (0.0, 0.0)
-        assert answer.high > 0
+        assert 0 < answer.high < 1.0
+
+
+@pytest.mark.parametrize("known", [0, 1, 3])
+def test_force_law_upper_limit_rises_steadily_from_the_threshold(known: int) -> None:
+    law = ForceLaw()
+    if known:
+        law = ForceLaw.fit([4.0, 15.0, 40.0][:known], force_n=[1.5, 4.0, 9.0][:known])
+    at_rest = law.force(0.0).high
+    assert at_rest < 0.7
+    excess = np.geomspace(0.01, 0.5, 60)
+    high = np.array([law.force(float(one)).high for one in excess])
+    assert np.all(high >= at_rest - 1e-9)
+    # A reading 5 % larger is never a force much larger.
+    assert np.all(high[1:] / high[:-1] < 1.2)
+
+
+def test_force_law_upper_limit_at_rest_ignores_history() -> None:
+    """A sheet at rest after a release is not a force of many newtons."""
+    states = ForceStates()
+    for frame in range(200):
+        states.step(0.01 * frame, float(log_reading(150.0 if frame < 150 else 0.02)))
+    inputs = states.step(2.0, float(log_reading(0.02)))
+    law = ForceLaw.fit(
+        [inputs + np.eye(INPUTS)[0] * shift for shift in (6.0, 6.5, 7.0)],
+        force_n=[4.0, 6.0, 9.0],
+        contact=[0, 0, 0],
+    )
+    answer = law.force(inputs)
+    assert answer.value == 0.0
+    assert 0 < answer.high < 1.0
+
+
+def test_force_law_heavier_first_weight_has_larger_threshold() -> None:
+    light, heavy = (
+        ForceLaw.fit([4.0, 15.0, 40.0], force_n=np.array([1.5, 4.0, 9.0]) * factor)
+        for factor in (1.0, 40.0)
+    )
+    assert light.threshold_n() < 1.5 < heavy.threshold_n() < 60.0
+
+
+@pytest.mark.parametrize(
+    ("readings", "message"),
+    [
+        ([5000.0, 900.0, 200.0], "give conductances"),
+        ([0.0, 15.0, 40.0], "at 1.5 N is 0, not above"),
+        ([-0.01, 15.0, 40.0], "not above"),
+    ],
+)
+def test_force_law_readings_that_are_no_conductance_are_refused(
+    readings: list[float], message: str
+) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        ForceLaw.fit(readings, force_n=[1.5, 4.0, 9.0])
+
+
+def test_force_law_of_small_excess_is_right_at_its_readings() -> None:
+    law = ForceLaw.fit([0.05, 0.11, 0.27], force_n=[2.0, 8.0, 20.0])
+    for excess, force_n in ((0.05, 2.0), (0.11, 8.0), (0.27, 20.0)):
+        answer = law.force(excess)
+        assert answer.low < force_n < answer.high
+        assert answer.value == pytest.approx(force_n, rel=0.35)
 
 
 def test_force_law_samples_of_one_contact_have_limited_weight() -> None:
@@ -134,8 +195,12 @@ def test_force_law_each_weight_narrows_interval() -> None:
     weights_n = [1.5, 4.0, 9.0, 6.0]
     known = [8.0 * n**1.2 for n in weights_n]
     inputs = build_settled_inputs([10.0, 40.0, 100.0])
-    spread = [
-        ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
-        for count in range(1, 5)
-    ]
-    assert np.all(np.diff(spread, axis=0) < 0)
+    spread = np.array(
+        [
+            ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
+            for count in range(1, 5)
+        ]
+    )
+    # Near the first weights, the others add almost nothing.
+    assert np.all(np.diff(spread, axis=0) < 0.05 * spread[:-1])
+    assert np.all(spread[-1, 1:] < 0.4 * spread[0, 1:])

@@ -67,22 +67,80 @@ def test_flexitac_lost_or_damaged_frame_is_counted(
     assert array.counters.corrupt == 2 * rejected
 
 
+def frames_of(rows: int, cols: int, *, count: int = 20) -> list[bytes]:
+    """Return frames of changing pixels, as a board sends them."""
+    rng = np.random.default_rng(rows)
+    return [
+        b"\xaa\x55" + rng.integers(0, 160, rows * cols, np.uint8).tobytes() for _ in range(count)
+    ]
+
+
+def feed_in_chunks(decoder: FlexitacDecoder, data: bytes) -> list[list[list[int]]]:
+    rng, found = np.random.default_rng(3), []
+    while data:
+        size = int(rng.integers(1, 300))
+        found += [frame.tolist() for frame in decoder.feed(data[:size])]
+        data = data[size:]
+    return found
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (12, 32), (16, 32), (32, 32), (5, 7)])
+def test_flexitac_frames_of_another_size_are_read_or_named(rows: int, cols: int) -> None:
+    sent = frames_of(rows, cols)
+    stream = b"".join(sent)[100:]
+    read = feed_in_chunks(FlexitacDecoder(rows=rows, cols=cols), stream)
+    assert read == [
+        np.frombuffer(data[2:], np.uint8).reshape(rows, cols).tolist()
+        for data in sent[100 // len(sent[0]) + 1 : -1]
+    ]
+    wrong = FlexitacDecoder(rows=10, cols=30)
+    assert not feed_in_chunks(wrong, stream)
+    size = f"every {rows * cols + 2} bytes: set rows"
+    known = f"{size} = {rows}, cols = {cols}" if cols > 7 else f"{size} and cols to a matrix of 35"
+    assert known in wrong.fault
+
+
+def test_flexitac_steady_pixels_with_a_marker_do_not_shift_the_frame() -> None:
+    """Without a change of these pixels it is uncertain where a frame starts."""
+    sent = [data[:52] + b"\xaa\x55" + data[54:] for data in frames_of(12, 32, count=30)]
+    decoder = FlexitacDecoder(rows=12)
+    assert not feed_in_chunks(decoder, b"".join(sent)[30:])
+    assert "press one of these pixels" in decoder.fault
+    changed = frames_of(12, 32, count=3)
+    read = feed_in_chunks(decoder, b"".join(changed + sent))
+    assert read[-1] == np.frombuffer(sent[-2][2:], np.uint8).reshape(12, 32).tolist()
+    assert len(read) == pytest.approx(32, abs=3)
+    assert not decoder.fault
+
+
 @pytest.mark.parametrize(
-    ("rows", "garbage"), [(16, False), (12, True)], ids=["other rows", "other baud rate"]
+    ("received", "words"),
+    [
+        (
+            heard_at(marked(np.arange(384)) * 2, sent_baud=2_000_000, read_baud=115200) * 30,
+            "no marker every 386 bytes; check rows, cols and baud",
+        ),
+        (
+            b"ms=12 mux=4 col=0 raw10_mean=512.00 min=510 raw8=128\r\n" * 30,
+            "sends text .*text_lines:",
+        ),
+    ],
+    ids=["other baud rate", "text"],
 )
-def test_flexitac_frames_of_wrong_size_raise_an_error_that_names_rows_and_baud(
-    board: SendingBoard, rows: int, garbage: bool
+def test_flexitac_error_names_why_there_is_no_frame(
+    board: SendingBoard, received: bytes, words: str
 ) -> None:
-    if garbage:
-        received = heard_at(marked(board.counts(0.0)), sent_baud=2_000_000, read_baud=115200)
-        board.spoil = lambda *_: received
-    with pytest.raises(WireError, match=r"no frame of .* no marker .*check rows and baud"):
-        board.array(FlexitacDecoder(rows=rows))
+    board.spoil = lambda *_: received[:1500]
+    with pytest.raises(WireError, match=rf"no frame of 12 x 32 .*{words}") as caught:
+        board.array(FlexitacDecoder(rows=12))
+    assert "\n" not in str(caught.value)
 
 
 def test_open_flexitac_board_with_invalid_options_raises(board: SendingBoard) -> None:
-    with pytest.raises(InputError, match="sends 1 to 16"):
-        open_board(port=board.port, rows=17)
+    with pytest.raises(InputError, match="cols = 65: a board sends 1 to 64"):
+        open_board(port=board.port, cols=65)
+    with pytest.raises(InputError, match="wait_s = 0: give more"):
+        open_board(port=board.port, wait_s=0.0)
     with pytest.raises(InputError, match="above 0 ohm"):
         open_board(port=board.port, reference_ohm=0.0)
     with pytest.raises(DeviceNotFoundError, match="no port"):

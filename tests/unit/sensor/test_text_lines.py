@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +76,17 @@ def test_line_decoder_reads_resistances_from_selected_columns(clock: SendingCloc
         ("A0:1 A1:2", [1, 2]),
         ("left = 1; right = 2", [1, 2]),
         ("[1, 2]", [1, 2]),
-        ("1.0,2.4", [1, 2]),
+        ("0x1,0x02", [1, 2]),
+        ("FSR 1 (GPIO36): 1 | FSR 2 (GPIO39): 2", [1, 2]),
+        ("(0,0): 1, (0,1): 2", [1, 2]),
+        ("left finger = 1, right finger = 2", [1, 2]),
+        ("2024-05-01 12:34:56.789 -> 1 2", [1, 2]),
+        ("\x1b[0;32mI (5321) fsr: 1, 2\x1b[0m", [1, 2]),
+        ('{"A0":1,"A1":2}', [1, 2]),
+        ('{"7":1,"8":2}', [1, 2]),
+        ("{'7': 1, '8': 2}", [1, 2]),
+        ('{"t":9,"id":"pad 3","p":[[1],[2]]}', [1, 2]),
+        ('{"t":9,"data":{"n":2,"rows":[1,2]}}', [1, 2]),
     ],
 )
 def test_line_decoder_reads_common_line_formats(text: str, counts: list[int]) -> None:
@@ -189,10 +201,195 @@ def test_line_decoder_with_wrong_layout_raises_with_the_fault(
         board.array(LineDecoder(layout))
 
 
+def decode(
+    text: str | bytes, *, layout: ArrayLayout = PADS, seed: int = 1, **options: Any
+) -> tuple[list[list[float]], LineDecoder]:
+    """Decode a text in chunks of random sizes, from the middle of its first line."""
+    rng = np.random.default_rng(seed)
+    data = (text if isinstance(text, bytes) else text.encode())[3:]
+    decoder, readings = LineDecoder(layout, **options), []
+    while data:
+        size = int(rng.integers(1, 40))
+        frames = decoder.feed(data[:size])
+        readings += [(frame.ravel() / decoder.oversampling).tolist() for frame in frames]
+        data = data[size:]
+    return readings, decoder
+
+
+def sweep(count: int) -> list[list[int]]:
+    """Return different readings of eight pixels."""
+    return [[(37 * k + 101 * n) % 900 + 20 for n in range(8)] for k in range(count)]
+
+
+def join_rows(values: list[int], *, end: str, between: str = ",") -> str:
+    rows = [between.join(map(str, values[n : n + 2])) for n in range(0, 8, 2)]
+    return "".join(row + end for row in rows)
+
+
+FRAMES: dict[str, Callable[[list[int]], str]] = {
+    "CR": lambda v: ",".join(map(str, v)) + "\r",
+    "LF CR": lambda v: ",".join(map(str, v)) + "\n\r",
+    "line and blank line": lambda v: ",".join(map(str, v)) + "\r\n\r\n",
+    "rows, CR": lambda v: join_rows(v, end="\r") + "\r",
+    "rows, LF CR": lambda v: join_rows(v, end="\n\r") + "\n\r",
+    "rows, trailing tabs": lambda v: join_rows(v, end="\t\r\n", between="\t") + "\r\n",
+    "rows under a heading": lambda v: f"=== frame {v[0]} ===\n" + join_rows(v, end="\n"),
+    "rows between words": lambda v: "START\n" + join_rows(v, end="\n") + "END\n",
+    "numbered rows": lambda v: (
+        "".join(f"{n}: {v[2 * n]} {v[2 * n + 1]}\n" for n in range(4)) + "\n"
+    ),
+    "a matrix of brackets": lambda v: "[[" + join_rows(v, end="]\n [") + "]\n\n",
+    "a reading in a line": lambda v: "".join(f"A{n} = {x}\r\n" for n, x in enumerate(v)) + "\r\n",
+}
+
+
+@pytest.mark.parametrize("form", FRAMES)
+def test_line_decoder_finds_all_frames_of_a_form(form: str) -> None:
+    sent = sweep(30)
+    readings, decoder = decode("".join(map(FRAMES[form], sent)) + "\n")
+    assert readings == sent[1:]
+    assert decoder.corrupt <= 1  # the first heading
+
+
+@pytest.mark.parametrize(
+    ("line", "options"),
+    [
+        (lambda k, v: f"{1000 + 20 * k},{v}", {}),
+        (lambda k, v: f"{v};{1000 + 20 * k}", {}),
+        (lambda k, v: f'{{"ms":{1000 + 20 * k},"n":{k},"v":[{v}]}}', {}),
+        (lambda k, v: f'{{"ms":{20 * k},"a1":[{v}]}}', {"columns": list(range(2, 10))}),
+        (lambda k, v: f"{20 * k} {v} {k}", {"columns": list(range(2, 10))}),
+    ],
+)
+def test_line_decoder_ignores_a_clock(line: Callable[[int, str], str], options: Any) -> None:
+    sent = sweep(40)
+    text = "".join(line(k, ",".join(map(str, v))) + "\r\n" for k, v in enumerate(sent))
+    readings, _ = decode(text, **options)
+    assert readings == sent[-len(readings) :]
+    assert len(readings) >= 30
+
+
+def line(values: list[int], spell: Callable[[int], str] = str) -> str:
+    return ",".join(map(spell, values)) + "\r\n"
+
+
+REFUSED: list[tuple[Callable[[int, list[int]], str], str]] = [
+    (lambda _, v: "\t".join(map(str, v)), r"no line end: add Serial.println\(\)"),
+    (lambda k, v: "\n" * (k == 0) + "<" + line(v)[:-2] + ">", "no line end"),
+    (lambda k, v: f"{k}," + line(v), r"the first is a clock, set columns = \[2, 3, .*, 9\]"),
+    (lambda _, v: line(v, lambda x: f"{x / 205:.2f}"), 'set unit = "volt" and supply_v'),
+    (lambda _, v: line(v, lambda x: f"{x / 1023:.4f}"), "supply_v .1 for fractions"),
+    (lambda _, v: line(v, lambda x: f"{x},5"), "instead of decimal commas"),
+    (lambda _, v: line(v, lambda x: f"{x}mV"), 'has "mV" after a number'),
+    (lambda _, v: line(v, lambda x: f"{x:02X}"), "is hexadecimal; print decimal"),
+    (lambda _, v: line(v, lambda x: str(x - 400)), "negative number; print readings"),
+    (lambda _, v: "nan," + line(v[1:]), "nan as reading 1: the sketch divides by 0"),
+    (lambda _, v: '{"p":[null,' + line(v[1:])[:-2] + "]}\n", "nan as reading 1"),
+    (lambda _, v: line(v, lambda x: str(4 * x + 400)), "set adc_bits = 12"),
+    (lambda _, v: line(v, lambda x: str(40 * x + 20000)), "set adc_bits = 16"),
+    (lambda _, v: line([*v[::-1], 7]), "has 9 numbers, but layout 4x2 needs 8"),
+    (lambda _, v: line(v)[:-2] + "*5F\n", r'not a line of numbers \("\d+\*5F"\)'),
+    (lambda _, v: join_rows(v, end="\r\n"), "no blank line marks the start of a frame"),
+    (lambda _, v: 2 * join_rows(v, end="\r\n") + "\r\n", "no blank line|ends a frame of"),
+    (lambda _, v: "Calibrating ...\r\n", "has no numbers; .* set wait_s"),
+    (lambda _, v: ".", "has no numbers; .* set wait_s"),
+    (lambda _, v: "\xaa\x55" + "\x00\x01\n" * 50, "flexitac:open_board"),
+]
+
+
+@pytest.mark.parametrize(("spell", "fault"), REFUSED)
+def test_line_decoder_names_the_cause_of_an_unreadable_form(
+    spell: Callable[[int, list[int]], str], fault: str
+) -> None:
+    text = "".join(spell(k, values) for k, values in enumerate(sweep(60)))
+    readings, decoder = decode(text.encode("latin-1"))
+    assert not readings
+    assert re.search(fault, decoder.fault)
+    assert "\n" not in decoder.fault
+
+
+def test_line_decoder_refuses_all_lines_of_a_wrong_form() -> None:
+    """Most lines of these differences or hexadecimal numbers look like counts."""
+    for wrong in ("5,-3", "1F,20"):
+        text = "10,20\n" * 3 + "".join(f"{wrong}\n10,{n}\n11,{n}\n" for n in range(100))
+        readings, decoder = decode(text, layout=PAIR)
+        assert len(readings) <= 10
+        assert decoder.fault
+
+
+def test_line_decoder_refuses_rows_that_have_as_many_numbers_as_the_layout() -> None:
+    row = "1,2,3,4,5,6,7,8\n"
+    readings, decoder = decode((4 * row + "\n") * 40)
+    assert len(readings) < 30
+    assert re.search(r"check layout \(4x8\?\)", decoder.fault)
+
+
+def test_line_decoder_reads_volts_and_mean_counts_without_rounding() -> None:
+    counts = np.array([3.0, 512.25])
+    fine = replace(PAIR, divider=IN_OHM.divider)
+    expected = 4700.0 * (1024 / counts - 1.0)
+    for supply_v in (5.0, 3.3, 1.0, 3300.0):
+        text = "{:.9f},{:.9f}\n".format(*(counts / 1024 * supply_v))
+        (frame, *_) = LineDecoder(fine, supply_v=supply_v).feed(f"\n{text}".encode())
+        ohm = pixel_resistance_ohm(frame, layout=fine)
+        assert ohm.ravel() == pytest.approx(expected, rel=1e-4)
+    decoder = LineDecoder(PAIR)
+    (frame,) = decoder.feed(b"\n3.00,512.25\n")
+    ohm = pixel_resistance_ohm(frame, layout=PAIR, oversampling=decoder.oversampling)
+    assert ohm.ravel() == pytest.approx(expected)
+
+
+def test_line_decoder_ends_of_the_range_remain_open_and_short() -> None:
+    for options, text, layout in (
+        ({"supply_v": 5.0}, b"\n0.00,5.00\n", replace(PAIR, divider=IN_OHM.divider)),
+        ({"in_counts": True}, b"\n0.00,1023.00\n", PAIR),
+    ):
+        decoder = LineDecoder(layout, **options)  # type: ignore[arg-type]
+        (frame,) = decoder.feed(text)
+        ohm = pixel_resistance_ohm(frame, layout=layout, oversampling=decoder.oversampling)
+        assert ohm.ravel().tolist() == [np.inf, 0.0]
+
+
+def test_line_decoder_a_volt_without_its_point_does_not_pass_as_a_count() -> None:
+    readings, _ = decode("2.50,1.20\n" * 20 + "250,1.20\n" + "2.50,1.20\n" * 20, layout=PAIR)
+    assert not readings
+    readings, _ = decode("0.25,1.50\n" * 5, layout=PAIR, in_counts=True)
+    assert readings == [[0.25, 1.5]] * 4
+
+
+@pytest.mark.parametrize(
+    ("text", "end"),
+    [("<{}>", ">"), ("{};", ";"), ("{}END", "END"), ('{{"p":[{}]}}', "}"), ("{}\0", "\0")],
+)
+def test_line_decoder_reads_frames_with_another_end(text: str, end: str) -> None:
+    sent = sweep(20)
+    stream = "".join(text.format(",".join(map(str, values))) for values in sent)
+    readings, decoder = decode(stream, line_end=end)
+    assert (readings, decoder.corrupt) == (sent[1:], 0)
+
+
 def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
     with pytest.raises(WireError, match="no blank line marks the start of a frame"):
         board.array(LineDecoder(PADS))
+
+
+def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
+    clock: SendingClock,
+) -> None:
+    board = SendingBoard(clock, layout=PADS, encode=lambda _: b"1,2,3,4,5,6,7,8\n")
+    array = board.array(LineDecoder(PADS))
+    array.read(timeout_s=0.1)
+    first, second = iter([b"99,99,99,99,"]), iter([b"5,6,7,8\n"])
+    board.spoil = lambda _, data: next(first, b"")
+    with pytest.raises(WireError):
+        array.read(timeout_s=0.05)
+    board.unplug()
+    with pytest.raises(DeviceTimeoutError):
+        array.read(timeout_s=0.1)
+    board.spoil = lambda _, data: next(second, data) if array.counters.reconnects else b""
+    board.plug()
+    assert array.read(timeout_s=1.0).counts.ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
 
 
 def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
@@ -228,5 +425,13 @@ def test_open_board_with_invalid_options_raises_before_opening_the_port() -> Non
         open_board(port="/dev/none", layout="4x2", unit="ohm", idle_lines="held")
     with pytest.raises(InputError, match="1 to 24 bits"):
         open_board(port="/dev/none", layout="4x2", adc_bits=40)
+    with pytest.raises(InputError, match="only for volts"):
+        open_board(port="/dev/none", layout="4x2", supply_v=3.3)
+    with pytest.raises(InputError, match="supply_v = 0"):
+        open_board(port="/dev/none", layout="4x2", unit="volt", supply_v=0.0)
+    with pytest.raises(InputError, match="wait_s = -1: give more than 0"):
+        open_board(port="/dev/none", layout="4x2", wait_s=-1.0)
+    with pytest.raises(InputError, match="line_end = '1': give text"):
+        open_board(port="/dev/none", layout="4x2", line_end="1")
     with pytest.raises(InputError, match="from 1x1 to 64x64"):
         open_board(port="/dev/none", layout="4x65")

@@ -72,6 +72,32 @@ def test_crosstalk_readings_agree_with_a_generic_circuit_solver(
         assert readings[row, col] == pytest.approx(circuit, rel=1e-9)
 
 
+@pytest.mark.parametrize("idle", ["low", "input"])
+def test_unmix_held_describes_pull_downs_if_idle_driven_lines_are_low(idle: str) -> None:
+    """A pull-down at each sense line, and lines driven high in turn, without a multiplexer.
+
+    The driven lines are the rows of the layout. If idle lines are inputs, current passes through
+    them from one sense line to another, and no correction fits.
+    """
+    pixels = random_pixels((4, 3))
+    readings = np.empty_like(pixels)
+    matrix = [(f"drive{i}", f"sense{j}", float(pixels[i, j])) for i, j in np.ndindex(pixels.shape)]
+    pull_downs = [(f"sense{j}", "ground", 10e3) for j in range(3)]
+    for active in range(4):
+        sources = {"ground": 0.0, f"drive{active}": 5.0}
+        if idle == "low":
+            sources |= {f"drive{i}": 0.0 for i in range(4) if i != active}
+        volts = node_voltages(matrix + pull_downs, sources)
+        readings[active] = [10e3 * (5.0 / volts[f"sense{j}"] - 1.0) for j in range(3)]
+    found = unmix_held(readings, reference_ohm=10e3)
+    if idle == "low":
+        assert found == pytest.approx(pixels, rel=1e-9)
+        return
+    assert np.isnan(found).all()
+    for wrong in (readings, unmix_floating(readings)):
+        assert np.abs(wrong / pixels - 1.0).max() > 0.4
+
+
 def test_floating_readings_of_16_by_16_equal_pixels_are_88_percent_low() -> None:
     # Foster: the sum of reading x conductance over all pixels is the number of lines minus one.
     assert floating_readings_ohm(np.full((16, 16), 1000.0)) == pytest.approx(1000.0 * 31 / 256)

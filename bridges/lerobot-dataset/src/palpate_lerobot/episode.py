@@ -26,8 +26,8 @@ from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGrip
 from palpate.recording.replay import observations
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import excess_conductance, relative_change_percent
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.signal.relative import relative_change_percent
 
 #: Unit of position and rate, by the gripper's drive.
 _POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa", "rate_kpa_per_s")}
@@ -181,11 +181,11 @@ def _build_track(
         ohm = pixel_resistance_ohm(
             frame.counts, layout=info.layout, oversampling=frame.oversampling
         )
-        excess = excess_conductance(ohm, rest_ohm=recorder.rest_ohm)
-        force = following.step(frame.time_s, excess)
+        pixels = pixel_excess(ohm, rest_ohm=recorder.rest_ohm, layout=info.layout)
+        force = following.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
         change = relative_change_percent(ohm, rest_ohm=recorder.rest_ohm)
         position = info.gripper.drive_reading(seen.gripper)
-        state.append([position, force.value, force.low, force.high, *change.ravel()])
+        state.append([position, force.middle, force.low, force.high, *change.ravel()])
     return GraspTrack(
         path=path,
         info=info,

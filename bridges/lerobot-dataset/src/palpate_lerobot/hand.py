@@ -23,8 +23,8 @@ from palpate.grasp.safety import FORCE_CEILING_N, largest_step
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import excess_conductance, relative_change_percent, rest_baseline
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.signal.relative import relative_change_percent, rest_baseline
 from palpate_lerobot.episode import action_names, state_names
 
 #: Timeout of a frame, seconds.
@@ -126,7 +126,8 @@ class PolicyHand:
             self._gripper.stop()
             raise
         ohm = self._ohm(frame)
-        force = self._force.step(frame.time_s, excess_conductance(ohm, rest_ohm=self._rest_ohm))
+        pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=self._array.layout)
+        force = self._force.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
         change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)

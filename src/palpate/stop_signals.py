@@ -1,0 +1,124 @@
+"""Signals that ask a program to stop: Ctrl-C, SIGTERM, and SIGHUP after a closed terminal."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TypeAlias
+
+Handler: TypeAlias = Callable[[int, FrameType | None], object]
+
+#: A signal within this time after another belongs to the same request, seconds (guess). A terminal
+#: and its shell both send SIGHUP, and users press Ctrl-C repeatedly.
+REPEAT_S = 1.0
+
+#: SIGHUP, which Windows does not have.
+HANGUP: tuple[int, ...] = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))
+ALL: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, *HANGUP)
+
+#: Time until which signals are repetitions of an earlier one.
+_repeat_until_s = -math.inf
+#: Number of running `finish_first` blocks, and whether an interrupt waits for their end.
+_blocks = 0
+_is_waiting = False
+
+
+def handle_always(request: Callable[[], None]) -> Handler:
+    """Return a handler that calls `request` at each signal."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        _is_repeated()
+        request()
+
+    return handle
+
+
+def handle_once(request: Callable[[], None]) -> Handler:
+    """Return a handler that calls `request` at the first signal.
+
+    Repetitions are ignored (`REPEAT_S`). A signal after a pause means that the request had no
+    effect, and raises `KeyboardInterrupt`.
+    """
+    is_requested = False
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal is_requested
+        if not is_requested:
+            _is_repeated()
+            is_requested = True
+            request()
+        else:
+            interrupt(number, frame)
+
+    return handle
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, unless the signal is a repetition (a handler)."""
+    global _is_waiting
+    if _is_repeated():
+        return
+    if _blocks:
+        _is_waiting = True
+    else:
+        raise KeyboardInterrupt
+
+
+def _is_repeated() -> bool:
+    """Return whether a signal that arrives now is a repetition."""
+    global _repeat_until_s
+    now_s = time.monotonic()
+    is_repeated = now_s < _repeat_until_s
+    _repeat_until_s = now_s + REPEAT_S
+    return is_repeated
+
+
+@contextmanager
+def finish_first() -> Iterator[None]:
+    """Delay an interrupt by a handler of this module to the end of the block."""
+    global _blocks, _is_waiting
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _blocks += 1
+    try:
+        yield
+    finally:
+        _blocks -= 1
+        if _is_waiting and not _blocks:
+            _is_waiting = False
+            raise KeyboardInterrupt
+
+
+def install(
+    handler: Handler | signal.Handlers, *, numbers: tuple[int, ...] = ALL
+) -> dict[int, object]:
+    """Install a handler of signals; return number -> handler before.
+
+    SIGHUP stays ignored if it is already ignored (`nohup`). Outside of the main thread nothing is
+    installed, because Python runs handlers in the main thread only.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    return {
+        number: signal.signal(number, handler)
+        for number in numbers
+        if number not in HANGUP or signal.getsignal(number) is not signal.SIG_IGN
+    }
+
+
+@contextmanager
+def handle_stop_signals(handler: Handler) -> Iterator[None]:
+    """Handle the stop signals in the block, as `install` does."""
+    before = install(handler)
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            # None is a handler that was not installed from Python and can't be restored.
+            signal.signal(number, signal.SIG_DFL if old is None else old)  # type: ignore[arg-type]

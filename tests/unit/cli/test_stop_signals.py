@@ -1,0 +1,123 @@
+"""Commands ended by signals, a closed terminal, and as the first process of a container."""
+
+from __future__ import annotations
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from palpate.recording import FileState, RecordingReader
+
+pytestmark = pytest.mark.slow
+
+COMMAND = [sys.executable, "-m", "palpate"]
+GRASP = [*COMMAND, "grasp", "--rig", "sim-rigid", "--seed", "1", "--record", "run.mcap"]
+ENDLESS = [*COMMAND, "record", "run.mcap", "--rig", "sim-rigid", "--duration", "1e9"]
+
+#: The simulated grasp takes a second, and may be held before the signal on a busy machine.
+STATUSES = {"grasp": (130, 0), "record": (130,)}
+
+
+def is_intact(path: Path) -> bool:
+    state = FileState()
+    with RecordingReader(path) as reader:
+        list(reader.messages(state=state))
+    # A grasp stopped before its first frame has none.
+    return state.is_intact
+
+
+def wait_for(is_done: Callable[[], object]) -> None:
+    until_s = time.monotonic() + 30
+    while not is_done():
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+def start(command: list[str], folder: Path, **options: object) -> subprocess.Popen[str]:
+    """Start a command and wait until its recording has data."""
+    process = subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+    path = folder / "run.mcap"
+    wait_for(lambda: process.poll() is not None or (path.exists() and path.stat().st_size > 40_000))
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("command", [GRASP, ENDLESS])
+def test_repeated_signals_end_a_command_with_a_complete_file(
+    command: list[str], number: int, tmp_path: Path
+) -> None:
+    process = start(command, tmp_path)
+    while process.poll() is None:
+        process.send_signal(number)
+        time.sleep(0.002)
+    error = process.communicate()[1]
+    assert "Traceback" not in error
+    assert process.returncode in STATUSES[command[3]]
+    assert is_intact(tmp_path / "run.mcap")
+
+
+def test_nohup_grasp_continues(tmp_path: Path) -> None:
+    process = start(["nohup", *GRASP], tmp_path)
+    process.send_signal(signal.SIGHUP)
+    process.communicate()
+    assert process.returncode == 0
+    assert is_intact(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize("command", [GRASP, ENDLESS])
+def test_closed_terminal_leaves_a_complete_file(command: list[str], tmp_path: Path) -> None:
+    """Afterwards, standard output and error can't be written."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os.chdir(tmp_path)
+        os.execv(command[0], command)
+    path = tmp_path / "run.mcap"
+    wait_for(lambda: path.exists() and path.stat().st_size > 40_000)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) in STATUSES[command[3]]
+    assert is_intact(path)
+
+
+@pytest.mark.parametrize("verb", ["grasp", "live"])
+def test_first_process_of_a_container_ends_on_sigterm(verb: str, tmp_path: Path) -> None:
+    """The system ignores a signal without handler to the first process."""
+    isolate = ["unshare", "--pid", "--fork", "--kill-child=KILL"]
+    if (
+        shutil.which("unshare") is None
+        or subprocess.run([*isolate, "true"], check=False).returncode
+    ):
+        pytest.skip("needs the right to create a process namespace")
+    options = {"grasp": GRASP, "live": [*COMMAND, "live", "--rig", "sim-rigid"]}[verb]
+    process = subprocess.Popen(
+        [*isolate, *options], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    wait_for(children.read_text)
+    first = int(children.read_text())
+    if verb == "grasp":
+        path = tmp_path / "run.mcap"
+        wait_for(lambda: path.exists() and path.stat().st_size > 40_000)
+    else:
+        # Handlers are installed when the signal is caught.
+        wait_for(lambda: is_caught(first, signal.SIGTERM))
+        time.sleep(0.5)
+    os.kill(first, signal.SIGTERM)
+    assert process.wait(timeout=30) in STATUSES.get(verb, (130,))
+    assert b"Traceback" not in process.communicate()[1]
+
+
+def is_caught(process: int, number: int) -> bool:
+    status = Path(f"/proc/{process}/status").read_text()
+    caught = int(status.split("SigCgt:")[1].split()[0], 16)
+    return bool(caught >> (number - 1) & 1)

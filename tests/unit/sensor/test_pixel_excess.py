@@ -1,0 +1,199 @@
+"""Saturated, open and unreadable pixels through every place that converts frames to force."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.dashboard.test_live import SOURCE
+from tests.unit.dashboard.test_live import frames as page_frames
+
+from palpate.cli.live_reading import LiveReading
+from palpate.cli.live_view import LiveView
+from palpate.cli.sensor_source import SensorSource
+from palpate.clock import ManualClock
+from palpate.dashboard.live import Live
+from palpate.estimate.force_follower import ForceFollower, ForceSource
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.force_now import ForceLaws, ForceNow
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.foxglove.channels import encode_force
+from palpate.rig.reading import Reader
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.settling.result import Status
+from palpate.twin.devices import TwinArray
+from palpate.twin.world import World
+
+#: Readings of a pressed sheet, and with one pixel saturated or open.
+PRESSED, REST = np.full((4, 2), 600), np.full((4, 2), 300)
+SATURATED, OPEN = PRESSED.copy(), PRESSED.copy()
+SATURATED[1, 0], OPEN[1, 0] = 1023, 0
+REST_OHM = pixel_resistance_ohm(REST, layout=RIGID_LAYOUT)
+LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0))
+WEIGHTS = ForcePairs(
+    run=(0, 0, 0),
+    since_move_s=(20.0,) * 3,
+    excess=(13.0, 42.0, 112.0),
+    relative_percent=(-60.0, -80.0, -90.0),
+    force_n=(1.5, 4.0, 9.0),
+)
+
+
+def make_follower() -> ForceFollower:
+    return ForceFollower(ForceLaw.fit(WEIGHTS.excess, force_n=WEIGHTS.force_n))
+
+
+def make_force_now() -> ForceNow:
+    memory = ForceLaw.fit(WEIGHTS.excess, force_n=WEIGHTS.force_n)
+    laws = ForceLaws(PixelReading.sum_pixels(), early=LAW, settled=LAW, memory=memory)
+    return ForceNow(laws, early_s=0.4, settled_s=20.0)
+
+
+def calibration() -> Calibration:
+    return Calibration(
+        sensor_id="pad",
+        layout=RIGID_LAYOUT,
+        rest=RestValues(
+            ohm=tuple(map(tuple, REST_OHM.tolist())),
+            spread_percent=tuple(map(tuple, np.full((4, 2), 0.1).tolist())),
+            frames=20,
+        ),
+        force=WEIGHTS,
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+        origin="sensor",
+    )
+
+
+#: Converts counts at successive times to forces, as one of the consumers does.
+Consumer = Callable[[Sequence[np.ndarray]], list[Measurement | None]]
+
+
+def read_by_rig(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+    reader = Reader(calibration())
+    return [reader.read(frame).force_n for frame in as_frames(counts)]
+
+
+def read_live(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+    source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
+    live = LiveReading(source, rest_ohm=REST_OHM, clock=ManualClock(), force=make_force_now())
+    found = []
+    for frame in as_frames(counts):
+        live.add(frame)
+        found.append(live.force_n)
+    return found
+
+
+def read_page(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+    laws = ForceLaws(PixelReading.sum_pixels(), early=LAW, settled=LAW)
+    live = Live()
+    live.open_source(replace(SOURCE, laws=laws, rest_ohm=REST_OHM))
+    for number, one in enumerate(counts):
+        made = page_frames(1, from_s=0.1 * number, rate_hz=10.0, counts=300)
+        live.add_frames(replace(made, counts=one[None], reported=np.full(1, 40.0)))
+    return [point.force for point in live.curve]
+
+
+def as_frames(counts: Sequence[np.ndarray]) -> list[Frame]:
+    return [
+        Frame(time_s=0.1 * number, sequence=number, counts=one) for number, one in enumerate(counts)
+    ]
+
+
+@pytest.mark.parametrize("consumer", [read_by_rig, read_live, read_page])
+@pytest.mark.parametrize("bad", [SATURATED, OPEN, np.full((4, 2), 0), np.full((4, 2), 1023)])
+def test_force_of_bad_frame_says_so_and_next_good_frame_is_right(
+    consumer: Consumer, bad: np.ndarray
+) -> None:
+    good = [REST] * 3 + [PRESSED] * 5
+    *_, during, after = consumer([*good, bad, PRESSED])
+    *_, alone = consumer([*good, PRESSED, PRESSED])
+    assert alone is not None
+    assert after is not None
+    assert after.value == pytest.approx(alone.value, rel=0.02)
+    assert after.low == pytest.approx(alone.low, rel=0.05)
+    if (bad == 1023).any():
+        assert during is not None
+        assert during.status is Status.AT_LEAST
+        assert 0 < during.low < math.inf
+        assert during.high < math.inf
+    elif bad is OPEN:
+        assert during is not None
+        assert during.value == pytest.approx(alone.value, rel=0.4)
+    else:
+        assert during is None or during.status is Status.NOT_MEASURED
+
+
+@pytest.mark.parametrize("make", [make_follower, make_force_now])
+@pytest.mark.parametrize("bad", [math.inf, math.nan])
+def test_force_source_without_layout_keeps_no_bad_pixel(
+    make: Callable[[], ForceSource], bad: float
+) -> None:
+    good, source, other = np.full((2, 2), 3.0), make(), make()
+    broken = good.copy()
+    broken[0, 0] = bad
+    for time_s in (0.0, 0.1, 0.2):
+        source.step(time_s, good)
+        other.step(time_s, good)
+    during = source.step(0.3, broken)
+    assert np.isfinite([during.low, during.high]).all()
+    assert (during.status is Status.AT_LEAST) == math.isinf(bad)
+    nothing = source.step(0.4, np.full((2, 2), bad))
+    assert nothing.status is (Status.AT_LEAST if math.isinf(bad) else Status.NOT_MEASURED)
+    if math.isnan(bad):
+        other.step(0.3, broken)
+        assert source.step(0.5, good).value == pytest.approx(other.step(0.5, good).value, rel=0.02)
+
+
+def test_lasting_saturation_enters_the_history() -> None:
+    """The fall from a long saturation counts, that from a single frame does not."""
+    good, clipped = np.full((2, 2), 3.0), np.full((2, 2), 300.0)
+    forces = []
+    for saturated_frames in (1, 30):
+        follower = make_follower()
+        for frame in range(40):
+            follower.step(0.02 * frame, good)
+        for frame in range(saturated_frames):
+            follower.step(0.8 + 0.02 * frame, clipped, saturated=True)
+        forces.append(follower.step(0.8 + 0.02 * saturated_frames, good))
+    undisturbed = make_follower()
+    for frame in range(42):
+        alone = undisturbed.step(0.02 * frame, good)
+    assert forces[0].value == pytest.approx(alone.value, rel=0.01)
+    assert abs(math.log(forces[1].value / alone.value)) > 0.05
+
+
+def test_pixel_excess_ignores_pixels_without_a_rest_value() -> None:
+    rest_ohm = REST_OHM.copy()
+    rest_ohm[1, 0] = np.nan
+    ohm = pixel_resistance_ohm(SATURATED, layout=RIGID_LAYOUT)
+    found = pixel_excess(ohm, rest_ohm=rest_ohm, layout=RIGID_LAYOUT)
+    assert not found.has_saturated
+    assert np.isnan(found.excess[1, 0])
+    assert pixel_excess(ohm, rest_ohm=REST_OHM, layout=RIGID_LAYOUT).has_saturated
+
+
+def test_live_view_shows_a_bound_with_its_reason() -> None:
+    source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
+    live = LiveReading(source, rest_ohm=REST_OHM, clock=ManualClock(), force=make_force_now())
+    view = LiveView(live)
+    for frame in as_frames([REST, PRESSED, SATURATED]):
+        view.add(frame)
+    assert view.render() is not None
+    assert live.force_n is not None
+    assert live.force_n.text(digits=1).startswith("at least")
+
+
+def test_foxglove_message_of_a_bound_has_no_null() -> None:
+    bound = Measurement(value=None, low=2.0, high=9.0, unit="n", status=Status.AT_LEAST)
+    message = json.loads(encode_force(0.5, bound))
+    assert message["status"] == "at_least"
+    assert message["low_n"] == 2.0
+    assert "high_n" not in message
+    assert "force_n" not in message
