@@ -165,21 +165,29 @@ def _environment(folder: Path) -> dict[str, str]:
 def run_grasp(case: Case, *, world: WorldProcess, folder: Path) -> Run:
     """Grasp once with the installed command."""
     begin_s = time.monotonic()
-    done = subprocess.run(
-        [_PALPATE, "grasp", "--rig", "rig.toml", "--json"],
-        cwd=folder,
-        env=_environment(folder),
-        capture_output=True,
-        text=True,
-        timeout=_GRASP_S,
-        check=False,
-    )
+    printed = folder / "result.json"
+    with (
+        printed.open("w", encoding="utf-8") as output,
+        subprocess.Popen(
+            [_PALPATE, "grasp", "--rig", "rig.toml", "--json"],
+            cwd=folder,
+            env=_environment(folder),
+            stdout=output,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as command,
+    ):
+        try:
+            _, errors = command.communicate(timeout=_GRASP_S)
+        except subprocess.TimeoutExpired:
+            command.kill()
+            _, errors = command.communicate()
+            errors += f"no end after {_GRASP_S:g} s"
     total_s = time.monotonic() - begin_s
-    (folder / "result.json").write_text(done.stdout + done.stderr, encoding="utf-8")
     try:
-        document = json.loads(done.stdout)
+        document = json.loads(printed.read_text(encoding="utf-8"))
     except ValueError:
-        document = {"outcome": f"exit status {done.returncode}", "faults": [done.stderr.strip()]}
+        document = {"outcome": f"exit status {command.returncode}", "faults": [errors.strip()]}
     return _judge(case, document, begin_s=begin_s, total_s=total_s, world=world)
 
 
