@@ -27,7 +27,7 @@ _QUIET = "quiet"
 _SHORT_JOBS = 6
 _COLUMNS = (
     "use", "board", "hand", "load", "held", "touch s", "answer s", "age ms", "peak N", "total s",
-    "world late ms",
+    "world late ms", "port late ms",
 )  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def describe(run: dict[str, Any]) -> str:
     return (
         f"{case['use']} {case['board']}-{case['rate_hz']:g} {case['hand']} {_load(case)} "
         f"#{case['index']}: {run['reason'] or run['outcome']}, peak {run['peak_n']:.2f} N, "
-        f"{run['total_s']:.1f} s"
+        f"{run['total_s']:.1f} s, port at most {1e3 * run['world']['port_latest_s']:.0f} ms late"
     )
 
 
@@ -142,6 +142,7 @@ def format_table(runs: Sequence[dict[str, Any]]) -> str:
                 _median((run["peak_n"] for run in group), worst=True),
                 _median(run["total_s"] for run in group),
                 _median((run["world"]["latest_s"] for run in group), scale=1e3, worst=True),
+                _median((run["world"]["port_latest_s"] for run in group), scale=1e3, worst=True),
             )
         )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -104,6 +104,31 @@ def encode_flexitac(counts: NDArray[np.int32]) -> bytes:
     return b"\xaa\x55" + counts.astype(np.uint8).tobytes()
 
 
+class PortProbe:
+    """Measures how late the kernel passes bytes through a terminal.
+
+    It does so in a thread of the kernel, which waits for a processor like any program. What arrives
+    late through no fault of the boards, the hands or the product, shows here.
+    """
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._slave, False)
+        self._sent_s: float | None = None
+        self.latest_s = 0.0
+
+    def look(self, now_s: float) -> None:
+        """Send a byte, or look for the last one."""
+        if self._sent_s is None:
+            os.write(self._master, b"x")
+            self._sent_s = now_s
+        self.latest_s = max(self.latest_s, now_s - self._sent_s)
+        with suppress(BlockingIOError):
+            os.read(self._slave, 1)
+            self._sent_s = None
+
+
 class Adapter:
     """A USB serial adapter: a pseudo-terminal whose bytes from the board wait for its timer.
 

@@ -19,7 +19,9 @@ def main():
     with palpate.open_rig("rig.toml") as rig:
         width, steps, ages = START_MM, 0, []
         rig.gripper.command(GripperCommand(target=width, rate=20.0))
-        time.sleep(3.0)
+        # The hand stops by itself if nobody speaks with it.
+        while rig.gripper.state().moving:
+            time.sleep(0.05)
         moved_s = time.monotonic()
         while True:
             reading = rig.read()

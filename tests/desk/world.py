@@ -26,6 +26,7 @@ from tests.desk.board_ends import (
     Adapter,
     BoardEnd,
     OwnFirmware,
+    PortProbe,
     Streamer,
     encode_flexitac,
     encode_text,
@@ -73,6 +74,8 @@ class Report(TypedDict):
     latest_s: float
     late_steps: int
     cpu_fraction: float
+    #: Largest delay of a byte in the kernel (`PortProbe`).
+    port_latest_s: float
     #: Bytes of the board for which the port had no room.
     overflow_bytes: int
 
@@ -142,6 +145,7 @@ class DeskWorld:
             clock=self._clock,
         )
         self._adapter = Adapter(self._make_board(desk), burst_s=desk.burst_s)
+        self._probe = PortProbe()
         self._hand = open_hand_end(desk.hand, self._world, lock=self._lock, late_s=desk.reply_s)
         self.ports = {"board": self._adapter.name, "hand": self._hand and self._hand.name}
         self._log = Path(desk.log).open("wb")  # noqa: SIM115
@@ -189,6 +193,7 @@ class DeskWorld:
             self._log.write(_RECORD.pack(time_s, width_mm, force_n, target_mm))
         self._set_clock(until_s)
         self._adapter.exchange(until_s)
+        self._probe.look(until_s)
 
     def _set_clock(self, time_s: float) -> None:
         self._clock.sleep_s(max(time_s - self._clock.now_s(), 0.0))
@@ -206,6 +211,7 @@ class DeskWorld:
         latest_s, late_steps, self._latest_s, self._late_steps = (
             self._latest_s, self._late_steps, 0.0, 0
         )  # fmt: skip
+        port_latest_s, self._probe.latest_s = self._probe.latest_s, 0.0
         return Report(
             peak_n=truth.peak_force_n,
             damaged=truth.damaged,
@@ -213,6 +219,7 @@ class DeskWorld:
             latest_s=latest_s,
             late_steps=late_steps,
             cpu_fraction=(time.process_time() - self._cpu_start_s) / self._elapsed_s(),
+            port_latest_s=port_latest_s,
             overflow_bytes=self._adapter.overflow_bytes,
         )
 
