@@ -132,7 +132,8 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
             Hold(
                 hold_id=f"{readings.name}:{name}:{len(holds) + 1}",
                 channel=None,
-                time_s=time_s[rows][in_range] - begin_s,
+                # Otherwise a sample at 2.5 s may be a rounding error after a cut-off of 2.5 s.
+                time_s=np.round(time_s[rows][in_range] - begin_s, 9),
                 values=resistance_ohm(hold_values, divider=divider) if divider else hold_values,
                 unit="ohm" if divider else unit,
             )
