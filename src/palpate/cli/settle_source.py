@@ -12,11 +12,13 @@ import numpy as np
 from palpate.cli.output import print_message
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
-from palpate.holds.columns import TimeUnit, Unit
+from palpate.holds.columns import TimeUnit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
 from palpate.holds.recordings import read_recordings, relative_readings
-from palpate.holds.table_files import MCAP_MAGIC, detect_format, open_parquet, open_table
+from palpate.holds.formats import MCAP_MAGIC
+from palpate.holds.table_files import detect_format, open_parquet, open_table
 from palpate.holds.text import open_text, read_lines
+from palpate.holds.units import Unit
 from palpate.recording import load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
