@@ -42,6 +42,9 @@ class ReadingOptions:
     value_columns: Sequence[str] = ()
     unit: Unit | None = None
     divider: Divider | None = None
+    interval_s: float | None = None
+    sheet: str | None = None
+    decimal: Literal["point", "comma"] | None = None
     #: Argument of `palpate.cut_holds`.
     cut: CutAt = "auto"
     #: Interval at rest for the conversion to relative changes, and whether to average the columns.
@@ -146,6 +149,9 @@ class HoldSource:
             value_columns=options.value_columns,
             unit=options.unit,
             divider=options.divider,
+            interval_s=options.interval_s,
+            sheet=options.sheet,
+            decimal=options.decimal,
         )
         for readings in recordings:
             if options.rest_s is not None:

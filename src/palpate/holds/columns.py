@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.moments import parse_datetimes, parse_moments
-from palpate.holds.units import TIME_UNITS, NamedUnit, Unit, find_bracketed_unit, find_unit
+from palpate.holds.units import TIME_UNITS, UNITS, NamedUnit, Unit, find_bracketed_unit, find_unit
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns", "unix"]
 
@@ -41,7 +41,12 @@ _OTHERS |= {"displacement", "position", "distance", "width", "sample", "sequence
 _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "current", "ma", "mm"}
 _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "location"}
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
-_OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "battery"}
+_OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
+_OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
+#: Columns that number or mark rows.
+_INDICES = {"index", "sample", "sequence", "id", "row", "count", "number", "no", "unnamed", "trial"}
+_INDICES |= {"phase", "touch", "label", "moving", "oversampling", "event", "events", "cycle"}
+_INDICES |= {"cycles", "step", "segment", "block", "line", "seq", "nr"}
 #: Words for a load, which is predicted only in a table without other readings.
 _LOADS = {"force", "load", "weight", "newton", "newtons", "n", "kraft", "standardkraft", "kn"}
 _LOADS |= {"gram", "grams", "kg"}
@@ -78,7 +83,7 @@ def time_unit_of(name: str) -> str | None:
     ['s', 'ms', 'ms', '', None]
     """
     words = split_words(name)
-    if not words:
+    if not words or find_bracketed_unit(name) is not None:
         return None
     clock = name.lower() in _CLOCKS or any(word in _CLOCKS for word in words)
     words_after = {*words[1:]} - _CLOCKS
@@ -142,7 +147,10 @@ def _find_named_unit(name: str) -> NamedUnit | None:
         prefix, *words = found[-1]
         return find_unit(prefix + ("ohm", "V", "N", "Pa")[[bool(word) for word in words].index(True)])
     weight = _WEIGHT.search(name)
-    return find_unit(weight[1]) if weight else None
+    if weight:
+        return find_unit(weight[1])
+    # A column may have the name of its unit; one letter is more often the name of a sensor.
+    return find_unit(name) if name in UNITS and (len(name) > 1 or name in "NgVΩ%") else None
 
 
 def is_load(name: str) -> bool:
@@ -155,6 +163,15 @@ def is_load(name: str) -> bool:
     if known is not None:
         return known.quantity in ("newton", "pascal")
     return bool(_LOADS & {*split_words(name)})
+
+
+def is_index(name: str) -> bool:
+    """Return whether a column numbers or marks rows.
+
+    >>> is_index("Sample No."), is_index("temperature")
+    (True, False)
+    """
+    return bool(_INDICES & {*split_words(name)})
 
 
 def names_sensor(name: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.table import LARGEST_NUMBER, OPEN_NUMBER
+from palpate.holds.table import LARGEST_NUMBER
 
 MARKS = {"point": ".", "comma": ","}
 #: Fields that represent a missing reading, in lower case.
@@ -75,7 +75,6 @@ class NumberFormat:
             numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
         except ValueError:
             numbers = np.array([_parse_number(text) for text in fields])
-        numbers[numbers >= OPEN_NUMBER] = np.inf
         numbers[~((np.abs(numbers) <= LARGEST_NUMBER) | (numbers == np.inf))] = np.nan
         return numbers
 
@@ -170,10 +169,16 @@ class MarkEvidence:
             unsure = _other(decimal)
         if unsure in self.either and unsure not in self.group:
             place, text = self.either[unsure]
-            plain = text.replace(unsure, "")
+            both = f"{text.replace(unsure, '.')} or {text.replace(unsure, '')}"
+            beside = self.decimal.get(decimal)
+            known = f" beside {beside[1]} ({beside[0]})" if beside else ""
+            words = {mark: word for word, mark in MARKS.items()}
+            remedy = f"--decimal {words[_other(unsure)]} if {unsure!r} separates thousands"
+            if not beside:
+                remedy += f", --decimal {words[unsure]} if it is the decimal mark"
             raise InputError(
-                f"{name} {place}: {text} may be {text.replace(unsure, '.')} or {plain}; say "
-                "--decimal comma or --decimal point"
+                f"{name} {place}: {text} may be {both}{known}; say {remedy}, or use one decimal "
+                "mark in the whole file"
             )
         return NumberFormat(decimal=decimal, group=next(iter(self.group), ""))
 

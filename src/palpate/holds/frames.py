@@ -188,7 +188,7 @@ def _split_at_markers(
             time_s=time_s[regular],
             columns=dict(zip(names, grid.T, strict=True)),
             remarks=[
-                f"{what} begins each frame; the {stride - 1} readings after it are read as "
+                f"{what} separates the frames; the {stride - 1} readings of a frame are read as "
                 "sensors, by place"
             ],
         )

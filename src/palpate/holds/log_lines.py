@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.holds.decimals import MISSING, OPEN
-from palpate.holds.moments import MOMENT
+from palpate.holds.moments import MOMENT, mask_dates
 from palpate.holds.units import TIME_UNITS, find_unit
 
 #: Name of the column with the terminal's times.
@@ -25,14 +25,14 @@ STAMP = "terminal time"
 _MOST = 0.8
 _FEWEST = 3
 _STAMP = re.compile(
-    rf"\s*(?:[\[(<] ?(?P<inside>{MOMENT}|\d+\.\d+) ?[\])>] ?(?:-+>|→|=>|>>?|[:|-](?=\s))?"
-    rf"|(?P<bare>{MOMENT}) ?(?:-+>|→|=>|>>?|:(?=\s)))"
+    rf"\s*(?:[\[(<] *(?P<inside>{MOMENT}|\d+\.\d+) *[\])>] ?(?:-+>|→|=>|>>?|[:|-](?=\s))?"
+    rf"|(?P<bare>{MOMENT}) ?(?:-+>|→|=>|>>?|[:-](?=\s)))"
     r"[ ]?(?P<body>.*?)\s*",
     re.IGNORECASE,
 )
 _WORDS = "|".join(re.escape(word) for word in sorted(MISSING | OPEN, key=len, reverse=True) if word)
 _LABELLED = re.compile(
-    r"(?P<label>[^\W\d_][^,;|\t:=\"{}]*?)\s*[:=]\s*"
+    r"(?<!\w)(?P<label>[^\W\d_][^,;|\t:=\"{}]*?)\s*[:=]\s*"
     rf"(?P<value>[-+\u2212]?(?:\d[\d.,]*\d|\d|[.,]\d+)(?:e[+-]?\d+)?(?![\d:])|{MOMENT}|(?:{_WORDS}))"
     r"(?:[ ]?(?P<unit>[^\s,;|:=\d]{1,6}))?(?=$|[\s,;|])(?!\s*[:=])",
     re.IGNORECASE,
@@ -79,14 +79,17 @@ class LineForm:
         if not self.labels:
             return head + body
         row = self._json_row(body) if self.is_json else self._labelled_row(body)
-        return line if row is None else head + mark.join(row) + "\n"
+        if row is None:
+            # A line without numbers, such as one of hyphens, holds no reading.
+            return line if any(map(str.isdigit, body)) else "\n"
+        return head + mark.join(row) + "\n"
 
     def _json_row(self, body: str) -> list[str] | None:
         found = _read_json(body)
         return None if found is None else [found.get(label, "") for label in self.labels]
 
     def _labelled_row(self, body: str) -> list[str] | None:
-        found = {_name(pair): pair["value"] for pair in _LABELLED.finditer(body)}
+        found = {_name(pair): pair["value"] for pair in _find_pairs(body)}
         if not found.keys() & {*self.labels}:
             return None
         own = _OWN_CLOCK.match(body)
@@ -111,7 +114,7 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
     if _is_most(len(rows), len(bodies)):
         keys = tuple(dict.fromkeys(key for row in rows for key in row))
         return LineForm(stamped=stamped, labels=keys, is_json=True)
-    pairs = [list(_LABELLED.finditer(body)) for body in bodies]
+    pairs = [_find_pairs(body) for body in bodies]
     labelled = [index for index, one in enumerate(pairs) if one]
     if not _is_most(len(labelled), len(bodies)):
         return LineForm(stamped=stamped)
@@ -120,6 +123,11 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
     names = tuple(name for name, count in counts.items() if count > 0.02 * len(labelled) + 1)
     own = [_OWN_CLOCK.match(bodies[index]) is not None for index in labelled]
     return LineForm(stamped=stamped, labels=names, own_clock=sum(own) > _MOST * len(own))
+
+
+def _find_pairs(body: str) -> list[re.Match[str]]:
+    """Return the labelled numbers of a line; the hour of a date is not one."""
+    return [*_LABELLED.finditer(mask_dates(body))]
 
 
 def _is_most(count: int, total: int) -> bool:

@@ -17,7 +17,8 @@ _MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*\.?"
 _DATE = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}|\d{1,2}[./-]\d{1,2}[./-]\d{2}"
-    rf"|\d{{1,2}}[- ]{_MONTH}[- ]\d{{4}}|{_MONTH} \d{{1,2}},? \d{{4}}|{_MONTH} {{1,2}}\d{{1,2}})"
+    rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
+    rf"|{_MONTH}[ _]{{1,2}}\d{{1,2}})"
 )
 _TIME = (
     r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
@@ -26,7 +27,7 @@ _ZONE = r"(?: ?(?:z\b|utc\b|gmt\b|[+-]\d\d:?\d\d\b))?"
 #: A date, a time of day, or both.
 MOMENT = rf"(?:{_DATE}(?:(?:t| +|, *|_|;){_TIME}{_ZONE})?|{_TIME}{_ZONE})"
 _MOMENT = re.compile(MOMENT, re.IGNORECASE)
-_SPACED = re.compile(rf"({_DATE}) +({_TIME})({_ZONE})", re.IGNORECASE)
+_SPACED = re.compile(rf"(?<!\w)({_DATE})[ t_]+({_TIME})({_ZONE})", re.IGNORECASE)
 _PARTS = re.compile(
     rf"(?P<date>{_DATE})?[t ,_;]*(?P<time>{_TIME})?(?P<zone>{_ZONE})", re.IGNORECASE
 )
@@ -47,7 +48,18 @@ def join_spaced(line: str) -> str:
     >>> join_spaced("2024-05-31 12:30:00.5 PM 620")
     '2024-05-31T12:30:00.5PM 620'
     """
-    return _SPACED.sub(lambda m: f"{m[1]}T{m[2].replace(' ', '')}{m[3].strip()}", line)
+    return _SPACED.sub(
+        lambda m: f"{m[1].replace(' ', '_')}T{m[2].replace(' ', '')}{m[3].strip()}", line
+    )
+
+
+def mask_dates(line: str) -> str:
+    """Return a line with dates and their times of day replaced by ``#``.
+
+    >>> mask_dates("31-May-2024 12:30,620")
+    '#################,620'
+    """
+    return _SPACED.sub(lambda m: "#" * len(m[0]), line)
 
 
 def parse_moments(

@@ -18,7 +18,7 @@ from palpate.holds.columns import (
     find_clocks,
     find_readings,
     find_recording_column,
-    is_load,
+    is_index,
     names_sensor,
     scale_of,
     time_unit_of,
@@ -29,7 +29,7 @@ from palpate.holds.frames import Frames, find_sensor_column, split_by_label, spl
 from palpate.holds.moments import is_moment
 from palpate.holds.table import Table, find_runs, report_bad_rows
 from palpate.holds.table_files import read_table_file, table_of_arrays
-from palpate.holds.units import Unit, find_bracketed_unit
+from palpate.holds.units import Unit
 from palpate.signal.circuit import Divider, resistance_ohm
 from palpate.signal.relative import mean_change
 
@@ -42,6 +42,8 @@ _COUNTED = "row"
 _FEWEST_COUNTED = 20
 #: Ratio of two clocks that are taken for the same in other units, and its tolerance.
 _UNIT_RATIOS, _RATIO_TOLERANCE = (1.0, 1e3, 1e6), 0.02
+#: Rows of one time from which a clock is called coarse.
+_SPREAD_ROWS = 3
 #: A clock restarts if it falls below this fraction of its last value, or to its first value; and
 #: this many rows may be between two restarts at least.
 _RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
@@ -183,7 +185,7 @@ def read_recordings(
         clock = _find_clock_column(table, time_column, remarks=remarks)
     values = _find_value_columns(table, clock, value_columns, remarks=remarks)
     if not value_columns:
-        remarks += _name_unused_loads(table, values, clock)
+        remarks += _name_unused(table, values, clock)
     found: list[Readings] = []
     for label, rows in _split_recordings(table):
         where = f"{table.name} {label}".strip()
@@ -266,20 +268,18 @@ def _take(
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _name_unused_loads(table: Table, values: Sequence[str], clock: str) -> list[str]:
-    """Return a remark about columns of known quantities that are not predicted."""
+def _name_unused(table: Table, values: Sequence[str], clock: str) -> list[str]:
+    """Return a remark about the columns of numbers that are not predicted."""
     others = [
         name
         for name in table.numeric()
-        if name not in values
-        and name != clock
-        and (is_load(name) or (find_bracketed_unit(name) and time_unit_of(name) is None))
+        if name not in (*values, clock, find_recording_column([name]))
+        and time_unit_of(name) is None
+        and not (names_sensor(name) or is_index(name) or name.isdigit())
     ]
     if not others:
         return []
-    return [
-        f"not predicted: {', '.join(others)}; --value-column NAME predicts a column"
-    ]
+    return [f"not predicted: {', '.join(others)[:200]}; --value-column NAME predicts a column"]
 
 
 def _load_table(
@@ -479,18 +479,57 @@ def _split_restarts(
 def _merge_repeats(
     frames: Frames, *, remarks: list[str]
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Return the distinct times and the mean of the readings at each; add a remark if any repeat."""
-    is_new = np.diff(frames.time_s, prepend=-np.inf) > 0
+    """Return distinct times and the readings at each.
+
+    Rows that repeat a time are averaged, or spread over the tick of a coarse clock.
+    """
+    time_s = frames.time_s
+    is_new = np.diff(time_s, prepend=-np.inf) > 0
+    # Sensors in separate rows share a time without repeating it.
+    most = max(
+        (_count_most(values, is_new) for values in frames.columns.values()), default=1
+    )
+    if most >= _SPREAD_ROWS:
+        time_s = _spread_over_ticks(time_s, is_new, rows=most)
+        is_new = np.diff(time_s, prepend=-np.inf) > 0
+        remarks.append(
+            f"the clock is coarse: {most} rows have the same time and are spread over its tick"
+        )
+    elif most > 1:
+        remarks.append(
+            f"{int((~is_new).sum())} rows repeat the previous time; their readings were averaged"
+        )
     order = np.cumsum(is_new) - 1
     readings = {name: _average_repeats(values, order) for name, values in frames.columns.items()}
-    averaged = max(
-        (int((np.bincount(order[~np.isnan(values)]) > 1).sum()) for values in frames.columns.values()),
-        default=0,
-    )
-    if averaged:
-        repeats = int((~is_new).sum())
-        remarks.append(f"{repeats} rows repeat the previous time; their readings were averaged")
-    return frames.time_s[is_new], readings
+    return time_s[is_new], readings
+
+
+def _count_most(values: NDArray[np.float64], is_new: NDArray[np.bool_]) -> int:
+    """Return how many readings the times have: the median, or 2 if only few times repeat."""
+    counts = np.bincount((np.cumsum(is_new) - 1)[~np.isnan(values)])
+    counts = counts[counts > 0]
+    if not counts.size:
+        return 1
+    usual = int(np.median(counts))
+    return usual if usual > 1 else min(2, int(counts.max()))
+
+
+def _spread_over_ticks(
+    time_s: NDArray[np.float64], is_new: NDArray[np.bool_], *, rows: int
+) -> NDArray[np.float64]:
+    """Return times spread over the ticks of a coarse clock.
+
+    The recording begins and ends within a tick: the first rows are at the end of theirs.
+    """
+    starts = np.flatnonzero(is_new)
+    counts = np.diff(starts, append=time_s.size)
+    ticks = time_s[starts]
+    tick_s = float(np.median(np.diff(ticks))) if ticks.size > 1 else 1.0
+    number = np.cumsum(is_new) - 1
+    place = np.arange(time_s.size) - starts[number]
+    in_tick = np.maximum(counts, rows)[number]
+    place = place + np.where(number == 0, in_tick - counts[0], 0)
+    return np.asarray(time_s + tick_s * place / in_tick)
 
 
 def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:

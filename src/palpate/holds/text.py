@@ -25,7 +25,7 @@ from palpate.holds.columns import find_recording_column
 from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number
 from palpate.holds.log_lines import STAMP, LineForm, find_line_form
 from palpate.holds.moments import is_moment, join_spaced
-from palpate.holds.table import LONGEST_LINE, Table, report_bad_rows
+from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
 from palpate.holds.units import is_unit_field
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ _JOIN = "\x1f"
 _NOTE_FRACTION = 0.02
 #: Number of consecutive data rows that mark the start of the data.
 _DATA_RUN = 3
+#: A field that is a number with a decimal comma or two numbers.
+_TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_ERRORS = (EOFError, zlib.error, gzip.BadGzipFile)
 _GZIP_REMEDY = "the gzip data are truncated or damaged here; copy the file again"
@@ -225,14 +227,14 @@ def find_layout(
     found: list[Layout] = []
     for separator in ["\t"] if form.labels else SEPARATORS:
         # A comma that the user calls a decimal mark separates no fields.
-        if separator == decimal and not form.labels:
+        if decimal is not None and separator == decimal and not form.labels:
             continue
         rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
         layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
         found += [layout] if layout else []
     best = max(found, key=lambda layout: layout.score, default=None)
     if best is None:
-        if lines and lines[0].lstrip()[:1] in ("[", "{"):
+        if lines and re.match(r"\s*(\[\s*([\[{]|$)|\{\s*(\"|$))", lines[0]):
             raise InputError(
                 f"{name}: a JSON document; write one object per line, or save the table as CSV"
             )
@@ -244,35 +246,45 @@ def find_layout(
             else f"{name}: no table found in the first lines; expected rows of times and "
             "readings, such as time,value"
         )
-    return _check_stamped_commas(best, lines, name=name) if decimal is None else best
+    if decimal is None and not form.labels and best.separator == ",":
+        best = _check_commas(best, lines, name=name, without_clock=without_clock)
+    return best
 
 
-def _check_stamped_commas(layout: Layout, lines: Sequence[str], *, name: str) -> Layout:
-    """Return a layout with a remark about commas that might be decimal marks.
+def _check_commas(
+    layout: Layout, lines: Sequence[str], *, name: str, without_clock: bool
+) -> Layout:
+    """Return a layout whose commas separate fields, with a remark if that was assumed.
 
-    A sketch prints decimal points. Whether the comma in 620,806 separates two readings therefore
-    needs no further evidence, unless a part can't be a number of its own.
+    Raises `InputError` if they may be decimal marks: a header has one name for two fields; a number
+    without a clock has two parts; or a terminal writes its own times with commas.
     """
     form = layout.form
-    if not form.stamped or form.labels or layout.separator != ",":
-        return layout
-    parts = [(line, form.split(line)) for line in lines]
-    bodies = [(line, part[1]) for line, part in parts if part]
-    pairs = [(line, body) for line, body in bodies if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", body)]
-    if not pairs or len(pairs) < 0.5 * len(bodies):
-        return layout
-    odd = next((line for line, body in pairs if re.search(r",0\d", body)), None)
-    if odd is None and re.search(r"\d,\d+ ?(-+>|[\])>])", pairs[0][0]):
-        odd = pairs[0][0]
-    if odd is not None:
+    data = [line for line in lines[layout.first :] if line.strip()]
+    parts = [form.split(line) for line in data] if form.stamped else []
+    bodies = [part[1] for part in parts if part] if form.stamped else data
+    fields = len(split_line(bodies[0], ",")) if bodies else 0
+    above = [line for line in lines[: layout.first] if line.strip()]
+    head = above[-1:] if not form.stamped else [p[1] for p in map(form.split, above[-1:]) if p]
+    names = len(split_line(head[0], ",")) if head and not re.search(r"\d", head[0]) else 0
+    pairs = [body for body in bodies if _TWO_PARTS.fullmatch(body.strip())]
+    is_pair = bool(pairs) and len(pairs) > 0.5 * len(bodies)
+    doubts = fields == 2 * names and not any("." in body for body in bodies)
+    if is_pair and names != 2 and (form.stamped or without_clock):
+        with_comma = form.stamped and re.search(r"\d,\d+ ?(-+>|[\])>])", data[0])
+        # No board prints 05.
+        doubts = bool(without_clock or with_comma or any(re.search(r",0\d", pair) for pair in pairs))
+        if not doubts:
+            return replace(
+                layout,
+                remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
+            )
+    if doubts:
         raise InputError(
-            f"{name}: the comma in {odd.strip()[:40]!a} may separate two readings or be a decimal "
-            "mark; say --decimal point or --decimal comma"
+            f"{name}: the comma in {data[0].strip()[:40]!a} may separate two readings or be a "
+            "decimal mark; say --decimal point or --decimal comma"
         )
-    return replace(
-        layout,
-        remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
-    )
+    return layout
 
 
 def detect_layout(
@@ -336,7 +348,8 @@ def _has_number(row: Sequence[str], form: LineForm) -> bool:
 
 def _parse_header(above: Sequence[Sequence[str]], width: int, *, stamped: bool) -> list[str]:
     """Return the column names above the data, with units from a separate line if present."""
-    lines = [[field.strip() for field in row][:width] for row in above[-2:]]
+    fitting = [row for row in above if not any(field.strip() for field in row[width:])]
+    lines = [[field.strip() for field in row][:width] for row in fitting[-2:]]
     # The terminal's time in front of a header is no name.
     lines = [([""] + line[1:] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
@@ -420,10 +433,12 @@ def gather_rows(
             texts.pop(column), column, format_, numbers=used, word=word, omissions=omissions
         )
     for column in [c for c in names if c.startswith("column ")]:
-        count = int(np.isfinite(columns[column]).sum()) if columns[column].dtype != object else 0
+        cells = columns[column]
+        is_text = cells.dtype == object
+        count = sum(map(bool, cells)) if is_text else int(np.isfinite(cells).sum())
         if count < _NOTE_FRACTION * len(used):
             del columns[column]
-            if count:
+            if count and not is_text:
                 omissions.append(f"{column} has no name and {count} numbers; it was omitted")
     return Table(
         name=name, columns=columns, numbers=used, word=word, omissions=[*layout.remarks, *omissions]
@@ -448,6 +463,7 @@ def _parse_column(
         fields = part.split(_JOIN)
         if not is_text:
             parsed = format_.parse(fields)
+            parsed[parsed >= OPEN_NUMBER] = np.inf
             strange = [
                 start + i
                 for i in np.flatnonzero(np.isnan(parsed)).tolist()

@@ -72,7 +72,7 @@ def find_unit(text: str) -> NamedUnit | None:
     (NamedUnit(quantity='pascal', factor=1000.0), NamedUnit(quantity=None, factor=1.0), None)
     """
     word = text.strip().strip("[](){}<>").strip()
-    for known in (word, word.lower(), word.capitalize()):
+    for known in (word, word.lower()):
         if known in UNITS:
             quantity, factor = UNITS[known]
             return NamedUnit(quantity=quantity, factor=factor)
