@@ -22,7 +22,9 @@ FIRST_WINDOW_S, GROWTH, LAST_WINDOW_S = 1.0, 1.5, 60.0
 GOES_ON_FRACTION = 0.25
 #: Fall of the load after its peak, as a fraction of its rise, that shows relaxation: then the hold
 #: begins at the peak instead of the knee.
-RELAXED_FRACTION = 0.1
+RELAXED_FRACTION = 0.07
+#: Part of a contact in which the peak is sought: this many windows and seconds.
+PEAK_WINDOWS, PEAK_S = 1.5, 2.0
 #: Load above which a contact is sought, and above which it begins, as fractions of the range.
 TOUCHED_FRACTION, ONSET_FRACTION = 0.1, 0.05
 #: Largest total fall during the loading, as a fraction of its rise.
@@ -136,8 +138,8 @@ def _find_loading_end(time_s: FloatArray, risen: FloatArray) -> tuple[int, bool]
         if rate * until_s <= GOES_ON_FRACTION * float(np.ptp(risen[inside])):
             break
         until_s *= GROWTH
-    # The window may end at the peak, before the load has relaxed.
-    soon = risen[since_s <= GROWTH * until_s]
+    # The window may end before the peak if the reading rises ever more slowly with the load.
+    soon = risen[since_s <= PEAK_WINDOWS * until_s + PEAK_S]
     peak = int(np.argmax(soon))
     if soon[peak] - soon[-1] > RELAXED_FRACTION * (soon[peak] - soon[0]):
         return peak, True
