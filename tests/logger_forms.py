@@ -119,16 +119,16 @@ TERMINALS = (
     Form(
         what="labels with units",
         line="12:34:50.120 -> FSR: 620 | Weight: 1.5 g",
-        content=lines(
-            lambda r: stamp(r, _STAMP) + f"FSR: {ONE[r]} | Weight: {FORCE_N[r]} g"
-        ),
+        content=lines(lambda r: stamp(r, _STAMP) + f"FSR: {ONE[r]} | Weight: {FORCE_N[r]} g"),
         columns={"FSR": ONE},
     ),
     Form(
         what="a label in each line",
         line="12:34:50.120 -> left = 620",
         content=lines(
-            lambda r: stamp(r, _STAMP) + f"left = {ONE[r]}\n" + stamp(r, _STAMP) + f"right = {TWO[r]}"
+            lambda r: (
+                stamp(r, _STAMP) + f"left = {ONE[r]}\n" + stamp(r, _STAMP) + f"right = {TWO[r]}"
+            )
         ),
         columns={"left": ONE, "right": TWO},
     ),
@@ -210,7 +210,8 @@ SENSORS = (
         what="a row per sensor",
         line="0.1,S1,620",
         content=lines(
-            lambda r: f"{TIME_S[r]},S1,{ONE[r]}\n{TIME_S[r]},S2,{TWO[r]}", head="time_s,sensor,value\n"
+            lambda r: f"{TIME_S[r]},S1,{ONE[r]}\n{TIME_S[r]},S2,{TWO[r]}",
+            head="time_s,sensor,value\n",
         ),
         columns={"S1": ONE, "S2": TWO},
     ),
@@ -218,16 +219,15 @@ SENSORS = (
         what="a row per channel number",
         line="0.1,0,620",
         content=lines(
-            lambda r: f"{TIME_S[r]},0,{ONE[r]}\n{TIME_S[r]},1,{TWO[r]}", head="time_s,channel,value\n"
+            lambda r: f"{TIME_S[r]},0,{ONE[r]}\n{TIME_S[r]},1,{TWO[r]}",
+            head="time_s,channel,value\n",
         ),
         columns={"0": ONE, "1": TWO},
     ),
     Form(
         what="a line per reading, -1 before a frame",
         line="12:34:50.120 -> -1",
-        content=lines(
-            lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (-1, ONE[r], TWO[r]))
-        ),
+        content=lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (-1, ONE[r], TWO[r]))),
         columns={"place 1": ONE, "place 2": TWO},
     ),
     Form(
@@ -351,9 +351,7 @@ NUMBERS = (
         what="thousands with spaces",
         line="0,1;62 018,7",
         content=lines(
-            lambda r: (
-                f"{comma(TIME_S[r])};" + f"{OHM[r]:,.1f}".replace(",", " ").replace(".", ",")
-            ),
+            lambda r: f"{comma(TIME_S[r])};" + f"{OHM[r]:,.1f}".replace(",", " ").replace(".", ","),
             head="time_s;R_ohm\n",
         ),
         columns={"R_ohm": OHM},
@@ -361,9 +359,7 @@ NUMBERS = (
     Form(
         what="points beside decimal commas",
         line="0,1;62.018",
-        content=lines(
-            lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"
-        ),
+        content=lines(lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"),
         refused="say --decimal comma if '.' separates thousands",
     ),
     Form(
@@ -433,7 +429,7 @@ FILES = (
         what="Excel, a note in a far cell",
         line="",
         content=workbook(
-            [row + ["", "checked"] if k == 8 else row for k, row in enumerate(_SHEET)]
+            [[*row, "", "checked"] if k == 8 else row for k, row in enumerate(_SHEET)]
         ),
         ending=".xlsx",
         columns={"Standard force [N]": FORCE_N},

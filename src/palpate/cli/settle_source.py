@@ -14,8 +14,8 @@ from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
-from palpate.holds.recordings import read_recordings, relative_readings
 from palpate.holds.formats import MCAP_MAGIC
+from palpate.holds.recordings import read_recordings, relative_readings
 from palpate.holds.table_files import detect_format, open_parquet, open_table
 from palpate.holds.text import open_text, read_lines
 from palpate.holds.units import Unit
@@ -25,6 +25,7 @@ from palpate.signal.circuit import Divider
 
 #: File-name endings of recordings; other files in a folder are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
+RECORDING_ENDINGS += (".lvm", ".jsonl", ".ndjson")
 
 #: Sampling step above which the times are probably in milliseconds, seconds.
 _MAX_STEP_S = 4.0

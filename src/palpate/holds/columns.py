@@ -145,7 +145,9 @@ def _find_named_unit(name: str) -> NamedUnit | None:
     found = _PREFIXED.findall(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
     if found:
         prefix, *words = found[-1]
-        return find_unit(prefix + ("ohm", "V", "N", "Pa")[[bool(word) for word in words].index(True)])
+        return find_unit(
+            prefix + ("ohm", "V", "N", "Pa")[[bool(word) for word in words].index(True)]
+        )
     weight = _WEIGHT.search(name)
     if weight:
         return find_unit(weight[1])

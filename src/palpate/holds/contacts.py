@@ -291,15 +291,11 @@ def find_contacts(
             loaded[place] = sign * (stretch.level - outline.stretches[rest].level) >= outline.step
     # The end of the loading is 1.5 times its knee in a reading, and the knee in the load itself.
     per_knee = 1.0 if unit in _LOADS else LOADING_PER_KNEE
-    contacts = [
-        Contact(onset_s=one.onset_s, start_s=one.start_s, end_s=one.end_s) for one in slow
-    ]
+    contacts = [Contact(onset_s=one.onset_s, start_s=one.start_s, end_s=one.end_s) for one in slow]
     for (last, stretch), held in zip(pairwise(outline.stretches), loaded[1:], strict=True):
         overlaps = any(s.onset_s < stretch.end_s and stretch.onset_s < s.end_s for s in slow)
         if held and not overlaps:
-            start_s = _find_loading_end_s(
-                stretch, sign * height, time_s=time_s, per_knee=per_knee
-            )
+            start_s = _find_loading_end_s(stretch, sign * height, time_s=time_s, per_knee=per_knee)
             contacts.append(
                 Contact(
                     onset_s=stretch.onset_s,

@@ -19,15 +19,16 @@ from palpate.holds.table import LARGEST_NUMBER
 
 MARKS = {"point": ".", "comma": ","}
 #: Fields that represent a missing reading, in lower case.
-MISSING = frozenset(
-    "nan -nan +nan na n/a #n/a #na null none nil - -- --- ---- ----- * ** *** ? #value! #div/0! "
-    "#num! #ref! 1.#qnan -1.#ind nan(ind) -nan(ind) -inf -infinity".split()
-) | {"", "no data", "no reading"}
+MISSING = {"", "#div/0!", "#n/a", "#na", "#num!", "#ref!", "#value!", "*", "**", "***", "+nan"}
+MISSING |= {"-", "--", "---", "----", "-----", "-1.#ind", "-inf", "-infinity", "-nan"}
+MISSING |= {"-nan(ind)", "1.#qnan", "?", "n/a", "na", "nan", "nan(ind)", "nil", "no data"}
+MISSING |= {"no reading", "none", "null"}
 #: Fields that represent a reading above the range, as of a sensor without contact.
-OPEN = frozenset(
-    "inf +inf infinity +infinity 1.#inf ovf ovfl ovl ovld +ovld ovrflw ol +ol o.l o.l. .ol 0.l 0l "
-    "o/l of open overload overflow over overrange over-range >range ∞ +∞ +over".split()
-) | {"over range", "over limit", "open circuit", "out of range", "o. l", "o l", "over load"}
+OPEN = {"+inf", "+infinity", "+ol", "+over", "+ovld", "+∞", ".ol", "0.l", "0l", "1.#inf"}
+OPEN |= {">range", "inf", "infinity", "o l", "o. l", "o.l", "o.l.", "o/l", "of", "ol", "open"}
+OPEN |= {"open circuit", "out of range", "over", "over limit", "over load", "over range"}
+OPEN |= {"over-range", "overflow", "overload", "overrange", "ovf", "ovfl", "ovl", "ovld"}
+OPEN |= {"ovrflw", "∞"}
 _SPACES = re.compile(r"(?<=\d)[ \u00a0\u202f\u2009'’](?=\d{3}(?:\D|$))")
 _NUMBER = re.compile(r"[-+\u2212]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _GROUPS = {

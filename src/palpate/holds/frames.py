@@ -158,9 +158,7 @@ def _describe(size: int, sensors: int, *, left_out: int) -> list[str]:
     return [remark + (f" ({left_out} times with other numbers were omitted)" if left_out else "")]
 
 
-def _split_at_markers(
-    time_s: NDArray[np.float64], values: NDArray[np.float64]
-) -> Frames | None:
+def _split_at_markers(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> Frames | None:
     finite = values[np.isfinite(values)]
     candidates = [~np.isfinite(values)]
     if finite.size and finite.min() < 0 <= np.partition(finite, finite.size // 2)[finite.size // 2]:
@@ -181,8 +179,10 @@ def _split_at_markers(
             regular = np.append(regular, places[-1])
         grid = values[regular[:, None] + np.arange(1, stride)]
         names = ["value"] if stride == 2 else [f"place {k + 1}" for k in range(stride - 1)]
-        what = "a row without a reading" if np.isnan(values[places[0]]) else (
-            f"a row with {values[places[0]]:g}"
+        what = (
+            "a row without a reading"
+            if np.isnan(values[places[0]])
+            else (f"a row with {values[places[0]]:g}")
         )
         return Frames(
             time_s=time_s[regular],

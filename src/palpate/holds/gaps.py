@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,13 +46,15 @@ def split_at_open(
         return plain
     edges = [(0, 0), *gaps, (time_s.size, time_s.size)]
     found = []
-    for (before, begin), (end, after) in zip(edges[:-1], edges[1:], strict=True):
+    for (before, begin), (end, after) in pairwise(edges):
         inside = np.arange(begin, end)[finite[begin:end]]
         if inside.size < FEWEST:
             continue
         piece = time_s[inside], values[inside]
         if not find_contacts(*piece, unit=unit).contacts:
-            piece = _fill(time_s, values, inside, lead=(before, begin), tail=(end, after), unit=unit)
+            piece = _fill(
+                time_s, values, inside, lead=(before, begin), tail=(end, after), unit=unit
+            )
         found.append(piece)
     return found or plain
 

@@ -97,6 +97,10 @@ class LineForm:
         return [*first, *(found.get(label, "") for label in self.labels)]
 
 
+#: Lines without times and labels.
+PLAIN = LineForm()
+
+
 def find_line_form(lines: Sequence[str]) -> LineForm:
     """Return the form of the first lines of a file.
 
@@ -104,7 +108,7 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
     >>> form.names, form.rewrite("12:00:01.5 -> A0:7 A1:8\\n", separator="\\t")
     (['terminal time', 'A0', 'A1'], '12:00:01.5\\t7\\t8\\n')
     """
-    form = LineForm()
+    form = PLAIN
     filled = [line for line in lines if line.strip()]
     stamps = [form.split(line) for line in filled]
     stamped = _is_most(sum(part is not None for part in stamps), len(filled))

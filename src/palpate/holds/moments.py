@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 
 _DAY_S = 86400.0
-_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*\.?"
 _DATE = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}|\d{1,2}[./-]\d{1,2}[./-]\d{2}"
     rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
     rf"|{_MONTH}[ _]{{1,2}}\d{{1,2}})"
 )
-_TIME = (
-    r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
-)
+_TIME = r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
 _ZONE = r"(?: ?(?:z\b|utc\b|gmt\b|[+-]\d\d:?\d\d\b))?"
 #: A date, a time of day, or both.
 MOMENT = rf"(?:{_DATE}(?:(?:t| +|, *|_|;){_TIME}{_ZONE})?|{_TIME}{_ZONE})"
@@ -62,9 +60,7 @@ def mask_dates(line: str) -> str:
     return _SPACED.sub(lambda m: "#" * len(m[0]), line)
 
 
-def parse_moments(
-    texts: Sequence[object], *, name: str, file: str
-) -> NDArray[np.float64] | None:
+def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[np.float64] | None:
     """Return seconds since the first moment (NaN for other texts); None if few are moments.
 
     Times of day may pass midnight. A time without a zone is used as written; daylight saving time

@@ -49,6 +49,7 @@ _SPREAD_ROWS = 3
 _RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
 #: Extensions, removed repeatedly, so the stem of ``log.csv.gz`` is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
+_ENDINGS += (".lvm", ".jsonl", ".ndjson")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +178,9 @@ def read_recordings(
     remarks = list(table.omissions)
     if interval_s is not None:
         if time_column is not None:
-            raise InputError(f"{table.name}: an interval replaces the time column; omit one of both")
+            raise InputError(
+                f"{table.name}: an interval replaces the time column; omit one of both"
+            )
         clock, time_unit = _COUNTED, "s"
         counted = interval_s * np.arange(table.rows, dtype=np.float64)
         table = replace(table, columns={**table.columns, clock: counted})
@@ -486,9 +489,7 @@ def _merge_repeats(
     time_s = frames.time_s
     is_new = np.diff(time_s, prepend=-np.inf) > 0
     # Sensors in separate rows share a time without repeating it.
-    most = max(
-        (_count_most(values, is_new) for values in frames.columns.values()), default=1
-    )
+    most = max((_count_most(values, is_new) for values in frames.columns.values()), default=1)
     if most >= _SPREAD_ROWS:
         time_s = _spread_over_ticks(time_s, is_new, rows=most)
         is_new = np.diff(time_s, prepend=-np.inf) > 0

@@ -87,7 +87,7 @@ def find_slow_contacts(time_s: FloatArray, load: FloatArray) -> list[SlowContact
         low = np.flatnonzero(risen[:begin] <= ONSET_FRACTION * top)
         onset = int(low[-1]) if low.size else 0
         inside = slice(onset, stop)
-        one = _follow(time_s[inside], risen[inside], is_open=stop < risen.size)
+        one = _follow(time_s[inside], risen[inside], is_open=bool(stop < risen.size))
         if one is not None and one.end_s - one.start_s >= max(
             SHORTEST_S, one.start_s - one.onset_s
         ):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import date, time, timedelta
 from io import BufferedReader, FileIO
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError, require_extra
 from palpate.holds import table
 from palpate.holds.columns import find_clocks
-from palpate.holds.formats import MCAP_MAGIC, START_BYTES, FileFormat, name_format
+from palpate.holds.formats import START_BYTES, FileFormat, name_format
 from palpate.holds.moments import is_moment
 from palpate.holds.table import LARGEST_NUMBER, LONGEST_LINE, OPEN_NUMBER, Table
 from palpate.holds.text import SAMPLE_BYTES, SAMPLE_ROWS, detect_layout, gather_rows, read_text
@@ -201,7 +201,9 @@ def _read_spreadsheet(path: Path, wanted: str | None, *, without_clock: bool) ->
 
 
 def _has_clock(found: Table) -> bool:
-    dates = any(column.dtype == object and is_moment(str(column[0])) for column in found.columns.values())
+    dates = any(
+        column.dtype == object and is_moment(str(column[0])) for column in found.columns.values()
+    )
     return bool(find_clocks([*found.columns])) or dates or "1" in found.columns
 
 

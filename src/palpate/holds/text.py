@@ -23,7 +23,7 @@ from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.columns import find_recording_column
 from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number
-from palpate.holds.log_lines import STAMP, LineForm, find_line_form
+from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form
 from palpate.holds.moments import is_moment, join_spaced
 from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
 from palpate.holds.units import is_unit_field
@@ -172,7 +172,7 @@ class Layout:
     #: Count of numbers found with this layout.
     score: int
     #: Form of the lines before they are split at the separator.
-    form: LineForm = LineForm()
+    form: LineForm = PLAIN
     #: One sentence for each assumption.
     remarks: tuple[str, ...] = ()
 
@@ -273,7 +273,9 @@ def _check_commas(
     if is_pair and names != 2 and (form.stamped or without_clock):
         with_comma = form.stamped and re.search(r"\d,\d+ ?(-+>|[\])>])", data[0])
         # No board prints 05.
-        doubts = bool(without_clock or with_comma or any(re.search(r",0\d", pair) for pair in pairs))
+        doubts = bool(
+            without_clock or with_comma or any(re.search(r",0\d", pair) for pair in pairs)
+        )
         if not doubts:
             return replace(
                 layout,
@@ -291,7 +293,7 @@ def detect_layout(
     rows: Sequence[Sequence[str]],
     *,
     separator: str | None = None,
-    form: LineForm = LineForm(),
+    form: LineForm = PLAIN,
     narrowest: int = 2,
 ) -> Layout | None:
     """Return the layout of rows of fields, or None if the rows form no table.
@@ -351,12 +353,12 @@ def _parse_header(above: Sequence[Sequence[str]], width: int, *, stamped: bool) 
     fitting = [row for row in above if not any(field.strip() for field in row[width:])]
     lines = [[field.strip() for field in row][:width] for row in fitting[-2:]]
     # The terminal's time in front of a header is no name.
-    lines = [([""] + line[1:] if stamped else line) for line in lines]
+    lines = [(["", *line[1:]] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
     units = [""] * width
-    if len(lines) == 2 and any(lines[1]) and all(map(is_unit_field, lines[1])):
-        if _is_header(lines[0], stamped=stamped):
-            units = [field.strip("[](){}<>-") for field in lines.pop()]
+    has_units = len(lines) == 2 and any(lines[1]) and all(map(is_unit_field, lines[1]))
+    if has_units and _is_header(lines[0], stamped=stamped):
+        units = [field.strip("[](){}<>-") for field in lines.pop()]
     if not lines or not _is_header(lines[-1], stamped=stamped):
         return [STAMP] * stamped + [str(number) for number in range(1 + stamped, width + 1)]
     names: list[str] = []

@@ -38,11 +38,11 @@ _PREFIXED = {
 }
 UNITS: dict[str, tuple[Unit, float]] = {**_PREFIXED, **_PLAIN}
 #: Units of quantities that are not readings of a pressure sensor.
-OTHER_UNITS = frozenset(
-    "mm cm m um µm μm nm in inch mil deg rad ° °C ℃ degC deg.C C K °F degF A mA uA µA nA Hz kHz MHz"
-    " rpm W mW J S mS uS µS nS N/mm N/m mm/s mm/min mm/mm m/s m/s² m/s2 %RH F pF nF uF µF H dB"
-    " lux lx bit bits Nm N·m mm² mm2 1/s".split()
-)
+OTHER_UNITS = {"%RH", "1/s", "A", "bit", "bits", "C", "cm", "dB", "deg", "deg.C", "degC", "degF"}
+OTHER_UNITS |= {"F", "H", "Hz", "in", "inch", "J", "K", "kHz", "lux", "lx", "m", "m/s", "m/s2"}
+OTHER_UNITS |= {"m/s²", "mA", "MHz", "mil", "mm", "mm/min", "mm/mm", "mm/s", "mm2", "mm²", "mS"}
+OTHER_UNITS |= {"mW", "N/m", "N/mm", "nA", "nF", "Nm", "nm", "nS", "N·m", "pF", "rad", "rpm", "S"}
+OTHER_UNITS |= {"uA", "uF", "um", "uS", "W", "°", "°C", "°F", "µA", "µF", "µm", "µS", "μm", "℃"}
 _TIME_UNITS = {
     "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
