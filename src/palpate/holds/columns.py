@@ -52,7 +52,8 @@ _LOADS = {"force", "load", "weight", "newton", "newtons", "n", "kraft", "standar
 _LOADS |= {"gram", "grams", "kg"}
 #: Columns that name the sensor of a row.
 _SENSORS = {"sensor", "channel", "ch", "pin", "pad", "taxel", "pixel", "node", "probe", "kanal"}
-_SENSORS |= {"sensor_id", "signal", "name", "label", "variable", "topic", "measurement", "addr"}
+_SENSORS |= {"signal", "name", "label", "variable", "topic", "measurement", "device", "id", "slot"}
+_NUMBERED = {"id", "no", "nr", "number", "index", "name", "address"}
 _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
 _PER_SECOND = {"h": 1 / 3600, "min": 1 / 60, "s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -178,7 +179,8 @@ def is_index(name: str) -> bool:
 
 def names_sensor(name: str) -> bool:
     """Return whether a column is likely to name the sensor of each row."""
-    return name.lower() in _SENSORS or split_words(name)[:1] == ["sensor"]
+    words = {*split_words(name)} - _NUMBERED
+    return name.lower() in _SENSORS or bool(words) and words <= _SENSORS
 
 
 def _is_other(name: str) -> bool:

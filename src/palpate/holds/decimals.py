@@ -25,7 +25,7 @@ MISSING |= {"-nan(ind)", "1.#qnan", "?", "n/a", "na", "nan", "nan(ind)", "nil", 
 MISSING |= {"no reading", "none", "null"}
 #: Fields that represent a reading above the range, as of a sensor without contact.
 OPEN = {"+inf", "+infinity", "+ol", "+over", "+ovld", "+∞", ".ol", "0.l", "0l", "1.#inf"}
-OPEN |= {">range", "inf", "infinity", "o l", "o. l", "o.l", "o.l.", "o/l", "of", "ol", "open"}
+OPEN |= {">range", "inf", "infinity", "o l", "o. l", "o.l", "o.l.", "o/l", "ol", "open"}
 OPEN |= {"open circuit", "out of range", "over", "over limit", "over load", "over range"}
 OPEN |= {"over-range", "overflow", "overload", "overrange", "ovf", "ovfl", "ovl", "ovld"}
 OPEN |= {"ovrflw", "∞"}

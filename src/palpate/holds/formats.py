@@ -11,7 +11,9 @@ FileFormat: TypeAlias = Literal["text", "parquet", "spreadsheet"]
 #: Bytes that decide the format.
 START_BYTES = 512
 MCAP_MAGIC = b"\x89MCA"
-#: First entry of a zip archive -> what it is and the remedy; other archives are workbooks.
+#: Names of first entries of workbooks.
+_WORKBOOK = (b"[Content_Types]", b"_rels/", b"docProps/", b"xl/")
+#: Name of the first entry of other zip archives -> what they are and the remedy.
 _ZIPPED = {
     b".npy": ("a NumPy archive", "save the arrays as columns of a CSV file, with numpy.savetxt"),
     b"mimetypeapplication/vnd.oasis": ("an OpenDocument file", "save it as .xlsx or CSV"),
@@ -75,10 +77,11 @@ def name_format(start: bytes, *, name: str) -> FileFormat:
         return "parquet"
     known = _OTHERS
     if start.startswith(b"PK\x03\x04"):
-        known = {mark: text for mark, text in _ZIPPED.items() if mark in start[26:200]}
-        if not known:
+        entry = start[26:200]
+        found = [text for mark, text in _ZIPPED.items() if mark in entry]
+        if not found and any(mark in entry for mark in _WORKBOOK):
             return "spreadsheet"
-        start = next(iter(known))
+        known = {b"PK": found[0] if found else ("a zip archive", "unpack it first")}
     for mark, (what, remedy) in known.items():
         if start.startswith(mark):
             raise InputError(f"{name}: {what}; {remedy}")

@@ -55,12 +55,13 @@ def find_sensor_column(
         counts = np.unique(labels, return_counts=True)[1]
         if not 2 <= counts.size <= _MOST_SENSORS or counts.min() < _FEWEST_ROWS:
             continue
-        if names_sensor(name):
+        if names_sensor(name) and cells.dtype == object:
             return name
         known = np.isfinite(time_s)
         pairs = {*zip(time_s[known].tolist(), labels[known].tolist(), strict=True)}
         is_unique = len(pairs) >= _MOST * known.sum()
-        if is_unique and np.unique(time_s[known]).size < 0.6 * known.sum():
+        alternates = names_sensor(name) and np.mean(labels[1:] != labels[:-1]) > _MOST
+        if is_unique and (alternates or np.unique(time_s[known]).size < 0.6 * known.sum()):
             return name
     return None
 

@@ -27,12 +27,12 @@ _FEWEST = 3
 _STAMP = re.compile(
     rf"\s*(?:[\[(<] *(?P<inside>{MOMENT}|\d+\.\d+) *[\])>] ?(?:-+>|→|=>|>>?|[:|-](?=\s))?"
     rf"|(?P<bare>{MOMENT}) ?(?:-+>|→|=>|>>?|[:-](?=\s)))"
-    r"[ ]?(?P<body>.*?)\s*",
+    r"[ ]?(?P<body>.*)",
     re.IGNORECASE,
 )
 _WORDS = "|".join(re.escape(word) for word in sorted(MISSING | OPEN, key=len, reverse=True) if word)
 _LABELLED = re.compile(
-    r"(?<!\w)(?P<label>[^\W\d_][^,;|\t:=\"{}]*?)\s*[:=]\s*"
+    r"(?<!\w)(?P<label>[^\W\d_][^,;|\t:=\"{}]{0,60}?)\s*[:=]\s*"
     rf"(?P<value>[-+\u2212]?(?:\d[\d.,]*\d|\d|[.,]\d+)(?:e[+-]?\d+)?(?![\d:])|{MOMENT}|(?:{_WORDS}))"
     r"(?:[ ]?(?P<unit>[^\s,;|:=\d]{1,6}))?(?=$|[\s,;|])(?!\s*[:=])",
     re.IGNORECASE,
@@ -61,11 +61,13 @@ class LineForm:
 
     def split(self, line: str) -> tuple[str, str] | None:
         """Return the terminal's time and the rest of a line, or None without a time."""
-        found = _STAMP.fullmatch(line.rstrip("\r\n"))
+        found = _STAMP.fullmatch(line.strip("\r\n"))
         if found is None:
             return None
         stamp = (found["inside"] or found["bare"]).strip()
-        return re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp).replace(" ", "T", 1), found["body"]
+        return re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp).replace(" ", "T", 1), found[
+            "body"
+        ].rstrip()
 
     def rewrite(self, line: str, *, separator: str | None) -> str:
         """Return a line as fields with the separator (None: a space) between them."""

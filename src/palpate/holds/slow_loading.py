@@ -82,11 +82,14 @@ def find_slow_contacts(time_s: FloatArray, load: FloatArray) -> list[SlowContact
     top = float(risen.max())
     touched = np.concatenate(([0], risen > TOUCHED_FRACTION * top, [0])).astype(np.int8)
     edges = np.diff(touched)
-    found = []
+    # Index of the last cell at rest up to each cell; 0 before the first.
+    low = np.maximum.accumulate(np.where(risen <= ONSET_FRACTION * top, np.arange(risen.size), 0))
+    found, last = [], 0
     for begin, stop in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-        low = np.flatnonzero(risen[:begin] <= ONSET_FRACTION * top)
-        onset = int(low[-1]) if low.size else 0
-        inside = slice(onset, stop)
+        inside = slice(max(int(low[max(begin - 1, 0)]), last), stop)
+        last = stop
+        if time_s[stop - 1] - time_s[inside.start] < SHORTEST_S:
+            continue
         one = _follow(time_s[inside], risen[inside], is_open=bool(stop < risen.size))
         if one is not None and one.end_s - one.start_s >= max(
             SHORTEST_S, one.start_s - one.onset_s
