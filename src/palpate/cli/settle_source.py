@@ -24,8 +24,10 @@ from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
 
 #: File-name endings of recordings; other files in a folder are skipped.
-RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
-RECORDING_ENDINGS += (".lvm", ".jsonl", ".ndjson")
+RECORDING_ENDINGS = (
+    *(".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".lvm", ".jsonl", ".ndjson"),
+    *(".xlsx", ".parquet", ".mcap"),
+)
 
 #: Sampling step above which the times are probably in milliseconds, seconds.
 _MAX_STEP_S = 4.0

@@ -25,6 +25,8 @@ _MOST = 0.9
 _ONE_SIGN, _TIMES_LARGER = 0.9, 3.0
 #: Repeated readings that differ by more than this fraction of the range are not of one sensor.
 _DIFFERENT = 0.1
+#: Most sensors whose alternating readings are recognised.
+_MOST_INTERLEAVED = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +123,8 @@ def split_frames(
         marked = _split_at_markers(time_s, columns[name])
         if marked is not None:
             return marked
+        if (np.diff(time_s) > 0).all():
+            _check_interleaved(columns[name], name=name, where=where)
     is_new = np.diff(time_s, prepend=-np.inf) > 0
     if is_new.mean() > 1.0 - _DIFFERENT:
         return plain
@@ -160,31 +164,24 @@ def _describe(size: int, sensors: int, *, left_out: int) -> list[str]:
 
 
 def _split_at_markers(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> Frames | None:
-    finite = values[np.isfinite(values)]
-    candidates = [~np.isfinite(values)]
-    if finite.size and finite.min() < 0 <= np.partition(finite, finite.size // 2)[finite.size // 2]:
-        candidates.append(values == finite.min())
-    for marker in candidates:
+    for marker, what in _find_markers(values):
         places = np.flatnonzero(marker)
         strides = np.diff(places)
-        if places.size < _FEWEST_ROWS or not strides.size:
+        if places.size < _FEWEST_ROWS:
             continue
         stride = int(np.median(strides))
         regular = places[:-1][strides == stride]
-        if stride < 2 or regular.size < _MOST * strides.size:
+        is_whole = places.size * stride >= _MOST * values.size
+        if stride < 2 or regular.size < _MOST * strides.size or not is_whole:
             continue
-        if places.size * stride < _MOST * values.size:
-            continue
-        last = places[-1] + stride
-        if last <= values.size:
+        if places[-1] + stride <= values.size:
             regular = np.append(regular, places[-1])
         grid = values[regular[:, None] + np.arange(1, stride)]
+        is_number = np.isfinite(values[places[0]]) and stride <= _MOST_INTERLEAVED
+        if stride > 2 and not is_number and not _is_rougher_within(grid):
+            # One sensor whose log has regular remarks.
+            continue
         names = ["value"] if stride == 2 else [f"place {k + 1}" for k in range(stride - 1)]
-        what = (
-            "a row without a reading"
-            if np.isnan(values[places[0]])
-            else (f"a row with {values[places[0]]:g}")
-        )
         return Frames(
             time_s=time_s[regular],
             columns=dict(zip(names, grid.T, strict=True)),
@@ -194,6 +191,41 @@ def _split_at_markers(time_s: NDArray[np.float64], values: NDArray[np.float64]) 
             ],
         )
     return None
+
+
+def _is_rougher_within(grid: NDArray[np.float64]) -> bool:
+    """Return whether readings change more from place to place than from frame to frame."""
+    within = np.nanmedian(np.abs(np.diff(grid, axis=1)))
+    return bool(within > _TIMES_LARGER * np.nanmedian(np.abs(np.diff(grid, axis=0))))
+
+
+def _find_markers(values: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
+    """Return masks of rows that may separate frames: without a reading, or of one odd number."""
+    known = np.isfinite(values)
+    found = [(~known, "a row without a reading")]
+    for end in (np.min, np.max):
+        odd = float(end(values[known], initial=np.inf if end is np.min else -np.inf))
+        others = values[known & (values != odd)]
+        if others.size and np.min(np.abs(others - odd)) > _DIFFERENT * float(np.ptp(others)):
+            found.append((values == odd, f"a row with {odd:g}"))
+    return found
+
+
+def _check_interleaved(values: NDArray[np.float64], *, name: str, where: str) -> None:
+    """Raise `InputError` if readings alternate, as of several sensors in one column."""
+    known = values[np.isfinite(values)]
+    if known.size < 4 * _MOST_INTERLEAVED:
+        return
+    low, high = np.quantile(known, [0.01, 0.99])
+    step = float(np.median(np.abs(np.diff(known))))
+    if step <= _DIFFERENT * (high - low):
+        return
+    for count in range(2, _MOST_INTERLEAVED + 1):
+        if np.median(np.abs(known[count:] - known[:-count])) < 0.2 * step:
+            raise InputError(
+                f"{where}: the readings in {name} alternate like {count} sensors in one column; add "
+                "a column with the name of the sensor, or write the readings of one time in one row"
+            )
 
 
 def _is_of_several(grid: NDArray[np.float64]) -> bool:

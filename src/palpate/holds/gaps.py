@@ -51,7 +51,9 @@ def split_at_open(
         if inside.size < FEWEST:
             continue
         piece = time_s[inside], values[inside]
-        if not find_contacts(*piece, unit=unit).contacts:
+        # A stretch with its own rest before a contact needs none filled in.
+        contacts = find_contacts(*piece, unit=unit).contacts
+        if not contacts or contacts[0].onset_s - piece[0][0] < SHORTEST_GAP_S:
             piece = _fill(
                 time_s, values, inside, lead=(before, begin), tail=(end, after), unit=unit
             )

@@ -48,7 +48,18 @@ _SPREAD_ROWS = 3
 #: this many rows may be between two restarts at least.
 _RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
 #: Extensions, removed repeatedly, so the stem of ``log.csv.gz`` is ``log``.
-_ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
+_ENDINGS: tuple[str, ...] = (
+    ".gz",
+    ".csv",
+    ".tsv",
+    ".txt",
+    ".dat",
+    ".log",
+    ".xlsx",
+    ".xlsm",
+    ".parquet",
+    ".pq",
+)
 _ENDINGS += (".lvm", ".jsonl", ".ndjson")
 
 

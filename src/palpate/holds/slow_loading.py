@@ -84,11 +84,11 @@ def find_slow_contacts(time_s: FloatArray, load: FloatArray) -> list[SlowContact
     edges = np.diff(touched)
     # Index of the last cell at rest up to each cell; 0 before the first.
     low = np.maximum.accumulate(np.where(risen <= ONSET_FRACTION * top, np.arange(risen.size), 0))
-    found, last = [], 0
+    found, last = list[SlowContact](), 0
     for begin, stop in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-        inside = slice(max(int(low[max(begin - 1, 0)]), last), stop)
-        last = stop
-        if time_s[stop - 1] - time_s[inside.start] < SHORTEST_S:
+        inside = slice(max(int(low[max(int(begin) - 1, 0)]), last), int(stop))
+        last = int(stop)
+        if time_s[last - 1] - time_s[inside.start] < SHORTEST_S:
             continue
         one = _follow(time_s[inside], risen[inside], is_open=bool(stop < risen.size))
         if one is not None and one.end_s - one.start_s >= max(

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from io import BufferedReader, RawIOBase, TextIOWrapper
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from typing import TYPE_CHECKING, Any, TextIO, TypeAlias, cast
 
 import numpy as np
@@ -46,6 +46,7 @@ _NOTE_FRACTION = 0.02
 _DATA_RUN = 3
 #: A field that is a number with a decimal comma or two numbers.
 _TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
+_TIME_FRACTION = re.compile(r"[^,]*\d:\d\d,(\d{3}|\d{6}),")
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_ERRORS = (EOFError, zlib.error, gzip.BadGzipFile)
 _GZIP_REMEDY = "the gzip data are truncated or damaged here; copy the file again"
@@ -270,6 +271,13 @@ def _check_commas(
     pairs = [body for body in bodies if _TWO_PARTS.fullmatch(body.strip())]
     is_pair = bool(pairs) and len(pairs) > 0.5 * len(bodies)
     doubts = fields == 2 * names and not any("." in body for body in bodies)
+    # 12:34:50,020 is a time with a decimal comma; a reading has no leading 0.
+    fractions = [found[1] for line in data if (found := _TIME_FRACTION.match(line))]
+    if len(fractions) > 0.9 * len(data) and any(part[0] == "0" for part in fractions):
+        raise InputError(
+            f"{name}: the first comma in {data[0].strip()[:40]!a} seems to be a decimal mark; write "
+            "the times with points, or separate the fields with semicolons"
+        )
     if is_pair and names != 2 and (form.stamped or without_clock):
         with_comma = form.stamped and re.search(r"\d,\d+ ?(-+>|[\])>])", data[0])
         # No board prints 05.
@@ -281,7 +289,10 @@ def _check_commas(
                 layout,
                 remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
             )
-    if doubts:
+    firsts = [int(first) for body in bodies if (first := body.split(",")[0].strip()).isdecimal()]
+    # The whole part of a reading doesn't increase from line to line, but a clock does.
+    is_clock = len(firsts) > 2 and all(a < b for a, b in pairwise(firsts))
+    if doubts and not is_clock:
         raise InputError(
             f"{name}: the comma in {data[0].strip()[:40]!a} may separate two readings or be a "
             "decimal mark; say --decimal point or --decimal comma"

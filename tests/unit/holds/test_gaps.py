@@ -51,3 +51,15 @@ def test_readings_that_begin_late_at_rest_are_no_contact() -> None:
     [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
     [cut] = cut_columns(readings)
     assert [round(begin_s) for begin_s, _ in cut.spans] == [2, 30, 60]
+
+
+@pytest.mark.parametrize("step_s", [0.05, 0.1])
+def test_single_contact_between_blanks_begins_at_its_first_reading(step_s: float) -> None:
+    time_s = np.arange(0.0, 30.0, step_s)
+    held = (time_s >= 3.0) & (time_s < 27.0)
+    ohm = 4e4 - 9e2 * np.log1p(np.maximum(time_s - 3.0, 0.0) / 0.3)
+    [readings] = read_recordings({"time_s": time_s, "R_ohm": np.where(held, ohm, np.nan)})
+    [cut] = cut_columns(readings)
+    [(begin_s, end_s)] = cut.spans
+    assert begin_s == pytest.approx(3.0, abs=0.3)
+    assert end_s == pytest.approx(27.0, abs=0.2)

@@ -15,6 +15,7 @@ from tests.logger_forms import (
     ONE,
     ROWS,
     TIME_S,
+    TWO,
     Form,
     comma,
     lines,
@@ -66,11 +67,17 @@ def write(path: Path, head: str, line: Callable[[int], str]) -> Path:
             lambda r: f"{TIME_S[r]};{OHM[r] / 1e3:.3f}".replace(".", "." if r < 200 else ","),
             "have different decimal marks",
         ),
-        ("time_s,R\n", lambda r: f"{comma(TIME_S[r])},{comma(ONE[r])}", "may separate two readings"),
+        (
+            "time_s,R\n",
+            lambda r: f"{comma(TIME_S[r])},{comma(ONE[r])}",
+            "may separate two readings",
+        ),
         ("", lambda r: stamp(r, "%H:%M:%S.%f -> ") + f"{r % 9},{r % 7:02d}", "may separate"),
         ("sample,fsr\n", lambda r: f"{r},{ONE[r]}", "--interval"),
         ("time,gap\ns,mm\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "--value-column"),
         ("Test of 3 May, pad 2\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "--time-column"),
+        ("ms,fsr\n", lambda r: f"{100 * r},{ONE[r]}\n{100 * r + 4},{TWO[r]}", "alternate"),
+        ("", lambda r: stamp(r, "%H:%M:%S,%f,") + f"{ONE[r]}", "seems to be a decimal mark"),
         ("ms,fsr\n", lambda r: f"{100 * (r ^ (r % 50 < 2))},{ONE[r]}", "sort the rows"),
     ],
 )
@@ -131,9 +138,7 @@ def test_force_alone_is_read_in_newton_and_beside_readings_named(
 
 
 def test_rows_of_a_coarse_clock_are_spread_over_its_tick(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "log.txt", "", lambda r: stamp(r, "[%Y-%m-%d %H:%M:%S] ") + f"{ONE[r]}"
-    )
+    path = write(tmp_path / "log.txt", "", lambda r: stamp(r, "[%Y-%m-%d %H:%M:%S] ") + f"{ONE[r]}")
     [found] = read_recordings(path)
     np.testing.assert_allclose(found.columns["2"], ONE)
     np.testing.assert_allclose(np.diff(found.time_s), 0.1, atol=0.02)
