@@ -357,7 +357,7 @@ NUMBERS = (
         columns={"R_ohm": OHM},
     ),
     Form(
-        what="points beside decimal commas",
+        what="points and decimal commas",
         line="0,1;62.018",
         content=lines(lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"),
         refused="say --decimal comma if '.' separates thousands",

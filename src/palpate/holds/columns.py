@@ -127,7 +127,7 @@ def unit_of(name: str) -> Unit | None:
 
 
 def scale_of(name: str) -> float:
-    """Return the factor of the unit in a name, such as 1000 for kilo-ohms; default 1.
+    """Return the factor of the unit in a name; default 1.
 
     >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
     [1000.0, 1000000.0, 0.001, 1000.0, 1.0]
@@ -139,7 +139,7 @@ def scale_of(name: str) -> float:
 
 
 def _find_named_unit(name: str) -> NamedUnit | None:
-    """Return the unit in brackets or at the end of a name, or one with a prefix, if any."""
+    """Return the unit in a name, if any."""
     bracketed = find_bracketed_unit(name)
     if bracketed is not None:
         return bracketed
@@ -180,7 +180,7 @@ def is_index(name: str) -> bool:
 def names_sensor(name: str) -> bool:
     """Return whether a column is likely to name the sensor of each row."""
     words = {*split_words(name)} - _NUMBERED
-    return name.lower() in _SENSORS or bool(words) and words <= _SENSORS
+    return name.lower() in _SENSORS or (bool(words) and words <= _SENSORS)
 
 
 def _is_other(name: str) -> bool:

@@ -113,7 +113,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
             "interpreted as counts; --adc-bits, --reference-ohm and --sensor-leg convert counts "
             "to ohm"
         )
-    # A reading above the range is not used, but says that the sensor is open.
+    # A reading above the range is not used, but means that the sensor is open.
     known = np.where(usable | np.isposinf(values), values, np.nan)
     spans, reason = _find_spans(readings.time_s, known, unit=unit, cut=cut, remarks=remarks)
     shown = np.where(usable, values, np.nan)

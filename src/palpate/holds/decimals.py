@@ -171,11 +171,11 @@ class MarkEvidence:
         if unsure in self.either and unsure not in self.group:
             place, text = self.either[unsure]
             both = f"{text.replace(unsure, '.')} or {text.replace(unsure, '')}"
-            beside = self.decimal.get(decimal)
-            known = f" beside {beside[1]} ({beside[0]})" if beside else ""
+            proof = self.decimal.get(decimal)
+            known = f" next to {proof[1]} ({proof[0]})" if proof else ""
             words = {mark: word for word, mark in MARKS.items()}
             remedy = f"--decimal {words[_other(unsure)]} if {unsure!r} separates thousands"
-            if not beside:
+            if not proof:
                 remedy += f", --decimal {words[unsure]} if it is the decimal mark"
             raise InputError(
                 f"{name} {place}: {text} may be {both}{known}; say {remedy}, or use one decimal "

@@ -1,4 +1,4 @@
-"""Formats of files by their first bytes, and the remedy for those that can't be read."""
+"""Formats of files by their first bytes, and remedies for the others."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Frames:
 def find_sensor_column(
     time_s: NDArray[np.float64], texts: Mapping[str, NDArray[Any]]
 ) -> str | None:
-    """Return the name of the column that says which sensor a row is of, if any.
+    """Return the name of the column that names each row's sensor, if any.
 
     `texts`: columns of labels, and of numbers whose names suggest a sensor's number.
 
@@ -200,7 +200,7 @@ def _is_rougher_within(grid: NDArray[np.float64]) -> bool:
 
 
 def _find_markers(values: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
-    """Return masks of rows that may separate frames: without a reading, or of one odd number."""
+    """Return masks of rows that may separate frames, and their description."""
     known = np.isfinite(values)
     found = [(~known, "a row without a reading")]
     for end in (np.min, np.max):
@@ -223,8 +223,8 @@ def _check_interleaved(values: NDArray[np.float64], *, name: str, where: str) ->
     for count in range(2, _MOST_INTERLEAVED + 1):
         if np.median(np.abs(known[count:] - known[:-count])) < 0.2 * step:
             raise InputError(
-                f"{where}: the readings in {name} alternate like {count} sensors in one column; add "
-                "a column with the name of the sensor, or write the readings of one time in one row"
+                f"{where}: the readings in {name} alternate like {count} sensors in one column; "
+                "add a column with the sensor's name, or write the readings of one time in one row"
             )
 
 

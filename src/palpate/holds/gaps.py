@@ -1,4 +1,4 @@
-"""Sensors without a reading at rest, such as an open circuit that a meter shows as OL."""
+"""Sensors without a reading at rest, such as an open circuit (OL)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.holds.table import find_runs
 
 #: Shortest gap that may be rest, seconds.
 SHORTEST_GAP_S = 0.3
-#: Largest change across a gap, as a fraction of the range, after which the contact goes on.
+#: Largest change across a gap, as a fraction of the range, after which the contact continues.
 SAME_FRACTION = 0.1
 #: Part of a gap that is kept before and after a contact, seconds.
 REST_S = 2.0
@@ -26,7 +26,7 @@ SIDE, FEWEST = 3, 5
 def split_at_open(
     time_s: FloatArray, values: FloatArray, *, unit: str | None
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the stretches of a recording between gaps at rest, with rest filled in around them.
+    """Return the stretches between gaps at rest, with rest filled in around them.
 
     A gap is rest if the meter was above its range (infinity), or if the readings before and after
     it differ. A single stretch without gaps is returned for other recordings.

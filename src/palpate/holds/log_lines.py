@@ -54,7 +54,7 @@ class LineForm:
 
     @property
     def names(self) -> list[str] | None:
-        """Names of the columns, or None if a header or the width of the rows decides."""
+        """Names of the columns, or None if the file decides."""
         if not self.labels:
             return None
         return [STAMP] * self.stamped + ["1"] * self.own_clock + [*self.labels]
@@ -80,7 +80,7 @@ class LineForm:
             head, body = parts[0].replace(" ", "") + mark, parts[1] + "\n"
         if not self.labels:
             return head + body
-        row = self._json_row(body) if self.is_json else self._labelled_row(body)
+        row = self._json_row(body) if self.is_json else self._row_of_labels(body)
         if row is None:
             # A line without numbers, such as one of hyphens, holds no reading.
             return line if any(map(str.isdigit, body)) else "\n"
@@ -90,7 +90,7 @@ class LineForm:
         found = _read_json(body)
         return None if found is None else [found.get(label, "") for label in self.labels]
 
-    def _labelled_row(self, body: str) -> list[str] | None:
+    def _row_of_labels(self, body: str) -> list[str] | None:
         found = {_name(pair): pair["value"] for pair in _find_pairs(body)}
         if not found.keys() & {*self.labels}:
             return None

@@ -41,7 +41,7 @@ def is_moment(text: str) -> bool:
 
 
 def join_spaced(line: str) -> str:
-    """Return a line whose dates and times of day are joined, so that spaces separate fields.
+    """Return a line with dates and times of day joined into one field.
 
     >>> join_spaced("2024-05-31 12:30:00.5 PM 620")
     '2024-05-31T12:30:00.5PM 620'
@@ -66,7 +66,7 @@ def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[n
     Times of day may pass midnight. A time without a zone is used as written; daylight saving time
     is ignored.
 
-    Raises `InputError` if day and month can't be told apart and both orders are possible.
+    Raises `InputError` if day and month can't be distinguished.
 
     >>> parse_moments(["12/31/2024 11:59:59 PM", "01/01/2025 12:00:01 AM"], name="", file="")
     array([0., 2.])

@@ -376,7 +376,7 @@ def _never_decreases(numbers: NDArray[np.float64]) -> bool:
 
 
 def _counts(table: Table, name: str) -> bool:
-    """Return whether a column always increases, as a clock or a counter, but no reading does."""
+    """Return whether a column always increases, as a clock or counter does."""
     numbers = table.columns[name]
     if numbers.dtype != np.float64 or numbers.size < _FEWEST_COUNTED:
         return False
@@ -399,7 +399,7 @@ def _increases(table: Table, name: str) -> bool:
 
 
 def _is_same_clock(table: Table, coarse: str, fine: str) -> bool:
-    """Return whether a column of numbers runs like a clock, in seconds or a part of them."""
+    """Return whether a column of numbers runs like a clock."""
     numbers = table.columns[fine]
     if numbers.dtype != np.float64:
         return False
@@ -517,7 +517,7 @@ def _merge_repeats(
 
 
 def _count_most(values: NDArray[np.float64], is_new: NDArray[np.bool_]) -> int:
-    """Return how many readings the times have: the median, or 2 if only few times repeat."""
+    """Return how many readings a time has, or 2 if few times repeat."""
     counts = np.bincount((np.cumsum(is_new) - 1)[~np.isnan(values)])
     counts = counts[counts > 0]
     if not counts.size:
@@ -545,7 +545,7 @@ def _spread_over_ticks(
 
 
 def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the mean of the readings at each time; infinity or NaN without a finite one."""
+    """Return the mean at each time; infinity or NaN without a finite reading."""
     use = np.isfinite(column)
     size = int(order.max(initial=-1)) + 1
     counts = np.bincount(order[use], minlength=size)

@@ -15,11 +15,11 @@ from palpate.arrays import FloatArray
 #: Shortest slow loading, seconds. The knee of a faster one is found by `contacts`.
 SLOW_LOADING_S = 0.8
 #: First window in which the end of the loading is sought, seconds, its growth while the loading
-#: goes on, and its largest length.
+#: lasts, and its largest length.
 FIRST_WINDOW_S, GROWTH, LAST_WINDOW_S = 1.0, 1.5, 60.0
-#: A loading goes on while the load rises, in the last fifth of the window, by more than this
+#: A loading lasts while the load rises, in the last fifth of the window, by more than this
 #: fraction of its mean rate.
-GOES_ON_FRACTION = 0.25
+LASTS_FRACTION = 0.25
 #: Fall of the load after its peak, as a fraction of its rise, that shows relaxation: then the hold
 #: begins at the peak instead of the knee.
 RELAXED_FRACTION = 0.07
@@ -131,14 +131,14 @@ def _follow(time_s: FloatArray, risen: FloatArray, *, is_open: bool) -> SlowCont
 
 
 def _find_loading_end(time_s: FloatArray, risen: FloatArray) -> tuple[int, bool]:
-    """Return the index of the peak of the load and True, or of its knee and False."""
+    """Return the index of the peak and True, or of the knee and False."""
     since_s = time_s - time_s[0]
     until_s = FIRST_WINDOW_S
     while until_s < min(LAST_WINDOW_S, float(since_s[-1])):
         inside = since_s <= until_s
         late = inside & (since_s >= 0.8 * until_s)
         rate = float(np.polyfit(since_s[late], risen[late], 1)[0]) if late.sum() > 1 else np.inf
-        if rate * until_s <= GOES_ON_FRACTION * float(np.ptp(risen[inside])):
+        if rate * until_s <= LASTS_FRACTION * float(np.ptp(risen[inside])):
             break
         until_s *= GROWTH
     # The window may end before the peak if the reading rises ever more slowly with the load.

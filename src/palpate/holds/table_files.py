@@ -161,7 +161,7 @@ def _refuse_long_text(column: str) -> NoReturn:
 
 
 def _read_spreadsheet(path: Path, wanted: str | None, *, without_clock: bool) -> Table:
-    """Read the wanted sheet, or the first one with times and readings, from an .xlsx workbook.
+    """Read the wanted sheet, or the first with times and readings.
 
     Raises `InputError` if the file is not an .xlsx workbook, or no sheet has a table;
     `MissingExtraError` if python-calamine is not installed.

@@ -270,21 +270,21 @@ def _check_commas(
     names = len(split_line(head[0], ",")) if head and not re.search(r"\d", head[0]) else 0
     pairs = [body for body in bodies if _TWO_PARTS.fullmatch(body.strip())]
     is_pair = bool(pairs) and len(pairs) > 0.5 * len(bodies)
-    doubts = fields == 2 * names and not any("." in body for body in bodies)
+    is_unclear = fields == 2 * names and not any("." in body for body in bodies)
     # 12:34:50,020 is a time with a decimal comma; a reading has no leading 0.
     fractions = [found[1] for line in data if (found := _TIME_FRACTION.match(line))]
     if len(fractions) > 0.9 * len(data) and any(part[0] == "0" for part in fractions):
         raise InputError(
-            f"{name}: the first comma in {data[0].strip()[:40]!a} seems to be a decimal mark; write "
-            "the times with points, or separate the fields with semicolons"
+            f"{name}: the first comma in {data[0].strip()[:40]!a} seems to be a decimal mark; "
+            "write the times with points, or separate the fields with semicolons"
         )
     if is_pair and names != 2 and (form.stamped or without_clock):
         with_comma = form.stamped and re.search(r"\d,\d+ ?(-+>|[\])>])", data[0])
         # No board prints 05.
-        doubts = bool(
+        is_unclear = bool(
             without_clock or with_comma or any(re.search(r",0\d", pair) for pair in pairs)
         )
-        if not doubts:
+        if not is_unclear:
             return replace(
                 layout,
                 remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
@@ -292,7 +292,7 @@ def _check_commas(
     firsts = [int(first) for body in bodies if (first := body.split(",")[0].strip()).isdecimal()]
     # The whole part of a reading doesn't increase from line to line, but a clock does.
     is_clock = len(firsts) > 2 and all(a < b for a, b in pairwise(firsts))
-    if doubts and not is_clock:
+    if is_unclear and not is_clock:
         raise InputError(
             f"{name}: the comma in {data[0].strip()[:40]!a} may separate two readings or be a "
             "decimal mark; say --decimal point or --decimal comma"
@@ -467,7 +467,7 @@ def _parse_column(
     word: str,
     omissions: list[str],
 ) -> NDArray[Any]:
-    """Return a column of numbers, or of texts if half of its first chunk is text."""
+    """Return a column of numbers, or of texts if half of the first are."""
     is_text = column == find_recording_column([column])
     found: list[NDArray[Any]] = []
     odd: list[int] = []

@@ -59,7 +59,7 @@ _BRACKETS = re.compile(r"[\[(<{]\s*([^\[\](){}<>]{1,16}?)\s*[\])>}]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedUnit:
-    """A unit: quantity (None if it is not one of a reading), and factor to that quantity's unit."""
+    """A unit's quantity (None for other quantities), and factor to its basic unit."""
 
     quantity: Unit | None
     factor: float = 1.0
@@ -92,7 +92,7 @@ def find_bracketed_unit(name: str) -> NamedUnit | None:
 
 
 def is_unit_field(text: str) -> bool:
-    """Return whether a field of a row above the data may be a unit; a blank one may.
+    """Return whether a field of a header row may be a unit; a blank may.
 
     >>> [is_unit_field(text) for text in ("", "-", "min", "kN", "Force")]
     [True, True, True, True, False]

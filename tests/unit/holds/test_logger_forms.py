@@ -1,4 +1,4 @@
-"""Every form in which a logger writes is read right, or refused with the choice named."""
+"""Every form of a logger is read right, or refused in one line."""
 
 from __future__ import annotations
 
