@@ -160,7 +160,8 @@ def test_damaged_file_is_read_or_refused_in_one_line(
             lines += 1
         except BaseException as error:
             raise AssertionError(f"file {number} ({data[:80]!r}...): {error!r}") from error
-    assert lines == refused > COUNT // 4
+    # The reader of logs accepts most damage, in rows of their own.
+    assert lines == refused > COUNT // 8
 
 
 @pytest.mark.parametrize("name", ["calibration.json", "damage.json", "rules.toml", "holds.csv"])

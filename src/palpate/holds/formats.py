@@ -11,13 +11,12 @@ FileFormat: TypeAlias = Literal["text", "parquet", "spreadsheet"]
 #: Bytes that decide the format.
 START_BYTES = 512
 MCAP_MAGIC = b"\x89MCA"
-#: Names of first entries of workbooks.
-_WORKBOOK = (b"[Content_Types]", b"_rels/", b"docProps/", b"xl/")
 #: Name of the first entry of other zip archives -> what they are and the remedy.
 _ZIPPED = {
     b".npy": ("a NumPy archive", "save the arrays as columns of a CSV file, with numpy.savetxt"),
     b"mimetypeapplication/vnd.oasis": ("an OpenDocument file", "save it as .xlsx or CSV"),
     b"word/": ("a Word document", "save its table as CSV"),
+    **dict.fromkeys((b".csv", b".txt", b".tsv", b".log"), ("a zip archive", "unpack it first")),
 }
 #: First bytes -> what the file is and the remedy.
 _OTHERS = {
@@ -79,9 +78,9 @@ def name_format(start: bytes, *, name: str) -> FileFormat:
     if start.startswith(b"PK\x03\x04"):
         entry = start[26:200]
         found = [text for mark, text in _ZIPPED.items() if mark in entry]
-        if not found and any(mark in entry for mark in _WORKBOOK):
+        if not found:
             return "spreadsheet"
-        known = {b"PK": found[0] if found else ("a zip archive", "unpack it first")}
+        known = {b"PK": found[0]}
     for mark, (what, remedy) in known.items():
         if start.startswith(mark):
             raise InputError(f"{name}: {what}; {remedy}")

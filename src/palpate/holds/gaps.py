@@ -36,8 +36,8 @@ def split_at_open(
     >>> time_s = np.arange(0, 6, 0.1)
     >>> ohm = np.where((time_s > 2) & (time_s < 4), 100.0, np.inf)
     >>> [(found_s, filled)] = split_at_open(time_s, ohm, unit="ohm")
-    >>> filled.min(), filled.max(), bool(np.isfinite(filled).all())
-    (100.0, 1000.0, True)
+    >>> sorted({*filled.tolist()})
+    [100.0, 1000.0]
     """
     finite = np.isfinite(values)
     plain = [(time_s[finite], values[finite])]

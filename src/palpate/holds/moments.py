@@ -54,8 +54,8 @@ def join_spaced(line: str) -> str:
 def mask_dates(line: str) -> str:
     """Return a line with dates and their times of day replaced by ``#``.
 
-    >>> mask_dates("31-May-2024 12:30,620")
-    '#################,620'
+    >>> mask_dates("31-May-2024 12:30;620")
+    '#################;620'
     """
     return _SPACED.sub(lambda m: "#" * len(m[0]), line)
 

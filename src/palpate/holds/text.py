@@ -289,7 +289,7 @@ def _check_commas(
                 layout,
                 remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
             )
-    firsts = [int(first) for body in bodies if (first := body.split(",")[0].strip()).isdecimal()]
+    firsts = [float(first) for body in bodies if (first := body.split(",")[0].strip()).isdecimal()]
     # The whole part of a reading doesn't increase from line to line, but a clock does.
     is_clock = len(firsts) > 2 and all(a < b for a, b in pairwise(firsts))
     if is_unclear and not is_clock:
