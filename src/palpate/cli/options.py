@@ -143,6 +143,20 @@ HorizonOption: TypeAlias = Annotated[
     float, opt("--horizon SECONDS", "Time of the settled value, from the start of the hold.")
 ]
 
+# How recordings of a logger are read. Require the default None.
+IntervalOption: TypeAlias = Annotated[
+    float | None,
+    opt("--interval SECONDS", "Time between the rows of a table without a clock."),
+]
+SheetOption: TypeAlias = Annotated[
+    str | None,
+    opt("--sheet NAME", "Sheet of a workbook. [default: the first with times and readings]"),
+]
+DecimalOption: TypeAlias = Annotated[
+    Literal["point", "comma"] | None,
+    opt("--decimal MARK", "Decimal mark: point or comma. [default: from the numbers]"),
+]
+
 #: Requires the default False.
 QuietOption: TypeAlias = Annotated[
     bool, opt("--quiet", "Hide the progress bar (always hidden without a terminal).")

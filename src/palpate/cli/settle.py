@@ -90,6 +90,9 @@ def settle(
         Literal["s", "ms", "us", "unix"] | None,
         opt("--time-unit UNIT", "s, ms, us or unix. [default: from column name and values]"),
     ] = None,
+    interval: option.IntervalOption = None,
+    sheet: option.SheetOption = None,
+    decimal: option.DecimalOption = None,
     value_column: Annotated[
         list[str] | None,
         opt(
@@ -149,7 +152,9 @@ def settle(
     Example: palpate settle recording.csv --plot cuts.png
     """
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
-    _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
+    _check_numbers(
+        cutoffs_s, horizon_s=horizon, level=level, until=until_half_width, interval_s=interval
+    )
     if plot is not None or (cutoffs_s and until_half_width):
         _refuse_pipes(holds)
     source = HoldSource(
@@ -157,6 +162,9 @@ def settle(
         reading=ReadingOptions(
             time_column=time_column,
             time_unit=time_unit,
+            interval_s=interval,
+            sheet=sheet,
+            decimal=decimal,
             value_columns=tuple(value_column or ()),
             unit=unit,
             divider=make_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
@@ -246,7 +254,12 @@ def _predict(
 
 
 def _check_numbers(
-    cutoffs_s: Sequence[float], *, horizon_s: float, level: float, until: float | None
+    cutoffs_s: Sequence[float],
+    *,
+    horizon_s: float,
+    level: float,
+    until: float | None,
+    interval_s: float | None,
 ) -> None:
     if not 0 < horizon_s < float("inf"):
         raise InputError(f"--horizon {horizon_s:g}: give a positive time in seconds, such as 20")
@@ -256,6 +269,8 @@ def _check_numbers(
                 f"--cutoff {cutoff_s:g}: give a time above 0 s and at most the horizon "
                 f"({horizon_s:g} s)"
             )
+    if interval_s is not None and not 0 < interval_s < float("inf"):
+        raise InputError(f"--interval {interval_s:g}: give a positive time in seconds, such as 0.1")
     if not 0 < level < 1:
         raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
     if until is not None and not 0 < until < float("inf"):

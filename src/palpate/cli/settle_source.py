@@ -12,17 +12,22 @@ import numpy as np
 from palpate.cli.output import print_message
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
-from palpate.holds.columns import TimeUnit, Unit
+from palpate.holds.columns import TimeUnit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
+from palpate.holds.formats import MCAP_MAGIC
 from palpate.holds.recordings import read_recordings, relative_readings
-from palpate.holds.table_files import MCAP_MAGIC, detect_format, open_parquet, open_table
+from palpate.holds.table_files import detect_format, open_parquet, open_table
 from palpate.holds.text import open_text, read_lines
+from palpate.holds.units import Unit
 from palpate.recording import load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
 
 #: File-name endings of recordings; other files in a folder are skipped.
-RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
+RECORDING_ENDINGS = (
+    *(".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".lvm", ".jsonl", ".ndjson"),
+    *(".xlsx", ".parquet", ".mcap"),
+)
 
 #: Sampling step above which the times are probably in milliseconds, seconds.
 _MAX_STEP_S = 4.0
@@ -40,6 +45,9 @@ class ReadingOptions:
     value_columns: Sequence[str] = ()
     unit: Unit | None = None
     divider: Divider | None = None
+    interval_s: float | None = None
+    sheet: str | None = None
+    decimal: Literal["point", "comma"] | None = None
     #: Argument of `palpate.cut_holds`.
     cut: CutAt = "auto"
     #: Interval at rest for the conversion to relative changes, and whether to average the columns.
@@ -144,6 +152,9 @@ class HoldSource:
             value_columns=options.value_columns,
             unit=options.unit,
             divider=options.divider,
+            interval_s=options.interval_s,
+            sheet=options.sheet,
+            decimal=options.decimal,
         )
         for readings in recordings:
             if options.rest_s is not None:

@@ -199,7 +199,7 @@ class _IdleMoves:
         self._least, self._counted_at = least, 0.0
 
     def count(self, closure: float) -> None:
-        """Count the end of a movement, unless the travel since the last one is too short."""
+        """Count the end of a movement, if it was long enough."""
         if abs(closure - self._counted_at) >= self._least:
             self.idle = np.where(self.changed, 0, self.idle + 1)
             self.changed = np.zeros_like(self.changed)

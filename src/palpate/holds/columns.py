@@ -1,30 +1,25 @@
-"""Recognition of a table's columns from their names, units and time formats."""
+"""Recognition of a table's columns from their names and units."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from datetime import datetime, time
+from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
+from palpate.holds.moments import parse_datetimes, parse_moments
+from palpate.holds.units import TIME_UNITS, UNITS, NamedUnit, Unit, find_bracketed_unit, find_unit
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns", "unix"]
-Unit: TypeAlias = Literal["ohm", "percent", "counts", "volt", "newton", "pascal"]
 
-_TIME_UNIT_NAMES = {
-    "s": ("s", "sec", "secs", "second", "seconds"),
-    "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"),
-    "ns": ("ns", "nanoseconds"),
-    "unix": ("unix", "epoch"),
-}
-_TIME_UNITS = {word: unit for unit, words in _TIME_UNIT_NAMES.items() for word in words}
 _CLOCKS = {"time", "t", "timestamp", "datetime", "date", "elapsed", "clock", "zeit", "zeitstempel"}
-_UNITS: dict[Unit, set[str]] = {
+_CLOCKS |= {"x_value", "prüfzeit", "testzeit", "uhrzeit", "datum", "timecode"}
+#: Words of a clock's name besides the word for time: at most this many.
+_MOST_CLOCK_WORDS = 4
+_UNIT_WORDS: dict[Unit, set[str]] = {
     "ohm": {"ohm", "ohms", "ω", "resistance", "r", "widerstand"},
     "percent": {"percent", "%", "relative", "rel"},
     "counts": {"counts", "adc", "raw", "analog"},
@@ -32,30 +27,44 @@ _UNITS: dict[Unit, set[str]] = {
     "newton": {"n", "newton", "newtons"},
     "pascal": {"pa", "pascal", "pascals"},
 }
-#: SI prefixes, and the units that accept a prefix in a name, in upper or lower case.
-_PREFIXES = {"G": 1e9, "M": 1e6, "K": 1e3, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6}
 _PREFIXED = re.compile(
     r"(?<![^\W\d_])([GMKkmuµμ])(?: )?(?i:(ohms?|Ω|\u2126)|(v|volts?)|(n|newtons?)|(pa|pascals?))"
     r"(?![^\W\d_])"
 )
-_PREFIXED_UNITS: tuple[Unit, ...] = ("ohm", "volt", "newton", "pascal")
+#: Last word of a name that is a unit of weight, such as load_g.
+_WEIGHT = re.compile(r"[ _](g|gf|kg|kgf|lbf?|lbs)$")
 _READINGS = {"value", "values", "reading", "readings", "sensor", "signal", "fsr", "velostat"}
 _READINGS |= {"pixel", "taxel", "pressure", "conductance", "ch", "channel", "s", "p", "wert"}
 #: Columns that often accompany sensor readings but are not sensor readings.
 _OTHERS = {"force", "load", "weight", "newton", "n", "temperature", "temp", "humidity", "index"}
 _OTHERS |= {"displacement", "position", "distance", "width", "sample", "sequence", "id", "row"}
 _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "current", "ma", "mm"}
-_OTHERS |= {"kpa", "date", "count", "number", "no", "unnamed", "event", "events", "location"}
+_OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "location"}
+_OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
+_OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
+_OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
+#: Columns that number or mark rows.
+_INDICES = {"index", "sample", "sequence", "id", "row", "count", "number", "no", "unnamed", "trial"}
+_INDICES |= {"phase", "touch", "label", "moving", "oversampling", "event", "events", "cycle"}
+_INDICES |= {"cycles", "step", "segment", "block", "line", "seq", "nr"}
+#: Words for a load, which is predicted only in a table without other readings.
+_LOADS = {"force", "load", "weight", "newton", "newtons", "n", "kraft", "standardkraft", "kn"}
+_LOADS |= {"gram", "grams", "kg"}
+#: Columns that name the sensor of a row.
+_SENSORS = {"sensor", "channel", "ch", "pin", "pad", "taxel", "pixel", "node", "probe", "kanal"}
+_SENSORS |= {"signal", "name", "label", "variable", "topic", "measurement", "device", "id", "slot"}
+_NUMBERED = {"id", "no", "nr", "number", "index", "name", "address"}
 _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
-_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_PER_SECOND = {"h": 1 / 3600, "min": 1 / 60, "s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
 _EARLIEST_UNIX_S = 1e8
 #: A board's 32-bit clock wraps to 0 after 71 min in microseconds, 49 days in milliseconds.
 _WRAP = 2.0**32
+#: A count kept in an `unsigned int` of an 8-bit board wraps after 65.5 s in milliseconds.
+_SHORT_WRAP = 2.0**16
 #: Longest interval between readings at which holds are recorded, seconds.
 _MAX_INTERVAL_S = 4.0
-_DAY_S = 86400.0
 
 
 def split_words(name: str) -> list[str]:
@@ -75,21 +84,27 @@ def time_unit_of(name: str) -> str | None:
     ['s', 'ms', 'ms', '', None]
     """
     words = split_words(name)
-    if not words:
+    if not words or find_bracketed_unit(name) is not None:
         return None
-    clock = any(word in _CLOCKS for word in words)
-    unit = next((_TIME_UNITS[word] for word in reversed(words) if word in _TIME_UNITS), None)
-    if unit is not None and (clock or len(words) == 1):
+    clock = name.lower() in _CLOCKS or any(word in _CLOCKS for word in words)
+    words_after = {*words[1:]} - _CLOCKS
+    unit = next((TIME_UNITS[word] for word in reversed(words) if word in TIME_UNITS), None)
+    # A column named min is likely to be a minimum.
+    if unit is not None and (clock or (len(words) == 1 and unit not in ("min", "h"))):
         return unit
-    return "" if clock and len(words) <= 2 else None
+    return "" if clock and len(words) <= _MOST_CLOCK_WORDS and not words_after & _OTHERS else None
 
 
-def find_clock(names: Sequence[str]) -> str | None:
-    """Return the name of the clock column; a column with a unit takes precedence."""
+def find_clocks(names: Sequence[str]) -> list[str]:
+    """Return the names of the clock columns; columns with a unit come first, dates last.
+
+    >>> find_clocks(["Date", "time", "ms", "force"])
+    ['ms', 'time', 'Date']
+    """
     units = {name: time_unit_of(name) for name in names}
     clocks = [name for name, unit in units.items() if unit is not None]
-    return min(
-        clocks, key=lambda name: (units[name] == "", "date" in split_words(name)), default=None
+    return sorted(
+        clocks, key=lambda name: (units[name] == "", bool({"date", "datum"} & {*split_words(name)}))
     )
 
 
@@ -99,52 +114,96 @@ def unit_of(name: str) -> Unit | None:
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
-    prefixed = _split_prefix(name)
-    if prefixed is not None:
-        return prefixed[0]
+    known = _find_named_unit(name)
+    if known is not None:
+        return known.quantity
     words = split_words(name)
     if len(words) == 2 and words[0] == "a" and words[1].isdigit():
         return "counts"
-    found = [unit for word in reversed(words) for unit in _UNITS if word in _UNITS[unit]]
+    found = [unit for word in reversed(words) for unit in _UNIT_WORDS if word in _UNIT_WORDS[unit]]
     # The last word takes precedence, so r0c0_counts is in counts.
-    exact = [unit for unit in found if words[-1] in _UNITS[unit]]
+    exact = [unit for unit in found if words[-1] in _UNIT_WORDS[unit]]
     return next(iter(exact or found), None)
 
 
 def scale_of(name: str) -> float:
-    """Return the factor of a name's SI prefix: 1000 for kilo-ohms; default 1.
+    """Return the factor of the unit in a name; default 1.
 
     >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
     [1000.0, 1000000.0, 0.001, 1000.0, 1.0]
+    >>> scale_of("weight [g]")
+    0.00980665
     """
-    prefixed = _split_prefix(name)
-    return 1.0 if prefixed is None else prefixed[1]
+    known = _find_named_unit(name)
+    return 1.0 if known is None else known.factor
 
 
-def _split_prefix(name: str) -> tuple[Unit, float] | None:
-    """Return unit and factor of the last SI-prefixed unit in a name, if any."""
-    found = list(_PREFIXED.finditer(re.sub(r"([a-z])([A-Z])", r"\1 \2", name)))
-    if not found:
-        return None
-    groups = found[-1].groups()
-    index = next(number for number, word in enumerate(groups[1:]) if word)
-    return _PREFIXED_UNITS[index], _PREFIXES[groups[0]]
+def _find_named_unit(name: str) -> NamedUnit | None:
+    """Return the unit in a name, if any."""
+    bracketed = find_bracketed_unit(name)
+    if bracketed is not None:
+        return bracketed
+    found = _PREFIXED.findall(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
+    if found:
+        prefix, *words = found[-1]
+        return find_unit(
+            prefix + ("ohm", "V", "N", "Pa")[[bool(word) for word in words].index(True)]
+        )
+    weight = _WEIGHT.search(name)
+    if weight:
+        return find_unit(weight[1])
+    # A column may have the name of its unit; one letter is more often the name of a sensor.
+    return find_unit(name) if name in UNITS and (len(name) > 1 or name in "NgVΩ%") else None
+
+
+def is_load(name: str) -> bool:
+    """Return whether a column is a force, a weight or a pressure in pascal.
+
+    >>> [is_load(name) for name in ("force_n", "Weight [g]", "R_ohm", "Strain [mm]")]
+    [True, True, False, False]
+    """
+    known = _find_named_unit(name)
+    if known is not None:
+        return known.quantity in ("newton", "pascal")
+    return bool(_LOADS & {*split_words(name)})
+
+
+def is_index(name: str) -> bool:
+    """Return whether a column numbers or marks rows.
+
+    >>> is_index("Sample No."), is_index("temperature")
+    (True, False)
+    """
+    return bool(_INDICES & {*split_words(name)})
+
+
+def names_sensor(name: str) -> bool:
+    """Return whether a column is likely to name the sensor of each row."""
+    words = {*split_words(name)} - _NUMBERED
+    return name.lower() in _SENSORS or (bool(words) and words <= _SENSORS)
+
+
+def _is_other(name: str) -> bool:
+    known = find_bracketed_unit(name)
+    others = bool(_OTHERS & {*split_words(name)})
+    return others or (known is not None and known.quantity is None)
 
 
 def find_readings(names: Sequence[str]) -> list[str]:
     """Return the names of the columns with sensor readings.
 
     Columns with common names for readings take precedence; if there are none, every column without
-    another known meaning is used. Counts are omitted if the same pixel has a column in ohm.
+    another known meaning is used, then every force. Counts are omitted if the same pixel has a
+    column in ohm.
 
     >>> find_readings(["resistance_ohm", "force_n"]), find_readings(["left", "right", "temp_c"])
     (['resistance_ohm'], ['left', 'right'])
-    >>> find_readings(["r0c0_counts", "r0c0_ohm"])
-    ['r0c0_ohm']
+    >>> find_readings(["r0c0_counts", "r0c0_ohm"]), find_readings(["Force [N]", "Travel [mm]"])
+    (['r0c0_ohm'], ['Force [N]'])
     """
-    other = [name for name in names if _OTHERS & set(split_words(name))]
-    named = [n for n in names if n not in other and (unit_of(n) or _READINGS & set(split_words(n)))]
-    found = named or [name for name in names if name not in other] or list(names)
+    plain = [name for name in names if not _is_other(name) and not is_load(name)]
+    named = [name for name in plain if unit_of(name) or _READINGS & {*split_words(name)}]
+    found = named or plain or [name for name in names if is_load(name)]
     in_ohm = {name.removesuffix("_ohm") for name in found if name.endswith("_ohm")}
     return [n for n in found if not (n.endswith("_counts") and n.removesuffix("_counts") in in_ohm)]
 
@@ -173,9 +232,16 @@ def convert_to_seconds(
     ([0.0, 0.02, 0.04], 'ms')
     """
     if column.dtype.kind in "mM":
-        return _parse_datetimes(column), "s"
+        return parse_datetimes(column), "s"
     if column.dtype == object:
-        return _parse_time_texts(column, name=name, file=file), "s"
+        seconds = parse_moments(column.tolist(), name=name, file=file)
+        if seconds is None:
+            example = next((str(text) for text in column if str(text).strip()), "")
+            raise InputError(
+                f"{file}: column {name} contains {example[:30]!a}, which is not a time; use "
+                "numbers, or dates in the form 2024-05-31 12:30:00.5"
+            )
+        return seconds, "s"
     known = column[np.isfinite(column)]
     if known.size == 0:
         raise InputError(f"{file}: column {name} contains no times; choose another --time-column")
@@ -191,13 +257,6 @@ def convert_to_seconds(
     if found in ("ms", "us"):
         counts = _unwrap_counter(counts)
     return counts / per_second, found
-
-
-def is_moment(value: object) -> bool:
-    """Return whether a text is a date or a time of day."""
-    return any(
-        np.isfinite(_try_reader(reader, value)) for reader in (_parse_date_s, _parse_time_of_day_s)
-    )
 
 
 def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str:
@@ -222,56 +281,14 @@ def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str
 
 
 def _unwrap_counter(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the count continuous across 32-bit overflows."""
-    wraps = np.flatnonzero(np.diff(counts) < -0.9 * _WRAP) + 1
-    for row in wraps:
-        counts = counts + _WRAP * (np.arange(counts.size) >= row)
+    """Make the count continuous across overflows of 16 and 32 bits."""
+    steps = np.diff(counts)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for wrap in (_SHORT_WRAP, _WRAP):
+        if counts.size and np.nanmax(counts) < wrap:
+            # The step across the overflow is as long as the others.
+            rows = np.flatnonzero((steps < -0.9 * wrap) & (steps + wrap <= 10.0 * usual)) + 1
+            for row in rows:
+                counts = counts + wrap * (np.arange(counts.size) >= row)
+            break
     return counts
-
-
-def _parse_datetimes(column: NDArray[Any]) -> NDArray[np.float64]:
-    missing = np.isnat(column)
-    first = column[np.argmin(missing)]
-    result = (column - first) / np.timedelta64(1, "ns") / 1e9
-    return np.where(missing, np.nan, result)
-
-
-def _parse_time_texts(column: NDArray[Any], *, name: str, file: str) -> NDArray[np.float64]:
-    """Return seconds from ISO dates, or from times of day, which may pass midnight."""
-    readers: tuple[Callable[[str], float], ...] = (_parse_date_s, _parse_time_of_day_s)
-    for reader in readers:
-        found = np.array([_try_reader(reader, text) for text in column])
-        if np.isfinite(found).sum() > 0.5 * found.size:
-            start = float(found[np.isfinite(found)][0])
-            found = found - start
-            if reader is _parse_time_of_day_s:
-                passed = np.diff(np.nan_to_num(found), prepend=0.0) < -0.5 * _DAY_S
-                found = found + _DAY_S * np.cumsum(passed)
-            return found
-    example = next((str(text) for text in column if str(text).strip()), "")
-    raise InputError(
-        f"{file}: column {name} contains {example[:30]!a}, which is not a time; use numbers, or "
-        "dates in the form 2024-05-31 12:30:00.5"
-    )
-
-
-def _try_reader(reader: Callable[[str], float], text: object) -> float:
-    try:
-        return reader(str(text).strip())
-    except ValueError:
-        return float("nan")
-
-
-def _parse_date_s(text: str) -> float:
-    moment = datetime.fromisoformat(text.replace(",", "."))
-    # A time without a zone is used as written; daylight saving time is ignored.
-    first = datetime(1970, 1, 1, tzinfo=moment.tzinfo)
-    return (moment - first).total_seconds()
-
-
-def _parse_time_of_day_s(text: str) -> float:
-    clean = text.replace(",", ".")
-    if not re.match(r"\d{1,2}:\d\d", clean):
-        raise ValueError(text)
-    moment = time.fromisoformat(clean if clean[2] == ":" else f"0{clean}")
-    return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond / 1e6

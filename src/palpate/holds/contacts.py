@@ -9,7 +9,7 @@ offset.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
+from palpate.holds.slow_loading import SlowContact, estimate_load, find_slow_contacts
 
 #: Smallest change of a movement, as a fraction of the range.
 MOVED_FRACTION = 0.1
@@ -57,6 +58,9 @@ OPENING_S = 0.1
 MIN_LEVEL_S = 0.3
 #: Minimum ratio of the scatter of low to high levels in a recording that begins under load.
 SCATTER_RATIO = 2.0
+
+#: Units of the load itself.
+_LOADS = ("newton", "pascal")
 
 _TOO_SHORT = f"none lasts {SHORTEST_HOLD_S:g} s"
 _TOO_FEW = f"fewer than {MIN_READINGS} readings during the hold"
@@ -104,18 +108,29 @@ def log_if_wide(values: FloatArray) -> FloatArray:
     return np.log(values) if positive else values
 
 
-def find_stretches(time_s: FloatArray, values: FloatArray) -> ContactOutline:
+def scale_height(values: FloatArray, *, unit: str | None) -> FloatArray:
+    """Return the readings on the scale on which contacts are compared.
+
+    Force and pressure are near 0 at rest, where a logarithm would magnify their noise.
+    """
+    return values if unit in _LOADS else log_if_wide(values)
+
+
+def find_stretches(
+    time_s: FloatArray, values: FloatArray, *, unit: str | None = None
+) -> ContactOutline:
     """Find the movements of a recording and the stretches between them.
 
     `time_s`, shape (n_times,): strictly increasing, seconds; sampling may be uneven.
     `values`, shape (n_times,): finite readings, in any unit.
+    `unit`: force and pressure are compared on a linear scale.
 
     >>> time_s = np.arange(0, 9, 0.05)
     >>> found = find_stretches(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
     >>> [round(stretch.begin_s) for stretch in found.stretches]
     [0, 3, 6]
     """
-    at_s, height, cell_s = _median_cells(time_s, log_if_wide(values))
+    at_s, height, cell_s = _median_cells(time_s, scale_height(values, unit=unit))
     smooth = median_filter(height, size=MEDIAN_CELLS, mode="nearest")
     noise = 0.0
     if smooth.size > 2 * MEDIAN_CELLS:
@@ -258,12 +273,15 @@ def find_contacts(
     >>> [(round(hold.start_s), round(hold.end_s)) for hold in found.holds]
     [(3, 6)]
     """
-    outline = find_stretches(time_s, values)
-    if len(outline.stretches) < 2:
+    outline = find_stretches(time_s, values, unit=unit)
+    slow, slow_rises = _find_slow(time_s, values, unit=unit)
+    if len(outline.stretches) < 2 and not slow:
         return ColumnContacts(contacts=[], moves=False, rises=False, began_loaded=False)
     rises, began_loaded = _find_load_side(outline, unit)
+    if slow:
+        rises, began_loaded = slow_rises, False
     sign = 1.0 if rises else -1.0
-    height = log_if_wide(values)
+    height = scale_height(values, unit=unit)
     loaded = [sign * (s.level - s.before) >= outline.step for s in outline.stretches]
     loaded[0] = False
     for place, stretch in enumerate(outline.stretches):
@@ -271,10 +289,13 @@ def find_contacts(
         if loaded[place] and rest is not None:
             # A level no higher than the next rest is a decaying start-up offset, not a load.
             loaded[place] = sign * (stretch.level - outline.stretches[rest].level) >= outline.step
-    contacts: list[Contact] = []
+    # The end of the loading is 1.5 times its knee in a reading, and the knee in the load itself.
+    per_knee = 1.0 if unit in _LOADS else LOADING_PER_KNEE
+    contacts = [Contact(onset_s=one.onset_s, start_s=one.start_s, end_s=one.end_s) for one in slow]
     for (last, stretch), held in zip(pairwise(outline.stretches), loaded[1:], strict=True):
-        if held:
-            start_s = _find_loading_end_s(stretch, sign, time_s=time_s, height=height)
+        overlaps = any(s.onset_s < stretch.end_s and stretch.onset_s < s.end_s for s in slow)
+        if held and not overlaps:
+            start_s = _find_loading_end_s(stretch, sign * height, time_s=time_s, per_knee=per_knee)
             contacts.append(
                 Contact(
                     onset_s=stretch.onset_s,
@@ -283,7 +304,40 @@ def find_contacts(
                     refused=_explain_refusal(stretch, last, outline, start_s, time_s=time_s),
                 )
             )
+    contacts.sort(key=lambda contact: contact.onset_s)
     return ColumnContacts(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
+
+
+def _find_slow(
+    time_s: FloatArray, values: FloatArray, *, unit: str | None
+) -> tuple[list[SlowContact], bool]:
+    """Return the contacts with slow loading, and whether load raises the reading."""
+    at_s, height, cell_s = _median_cells(time_s, values)
+    smooth = median_filter(height, size=MEDIAN_CELLS, mode="nearest")
+    first = float(np.median(smooth[at_s <= at_s[0] + MOVED_WITHIN_S]))
+    rises = bool(smooth.max() - first > first - smooth.min())
+    load = estimate_load(smooth, rises=rises, unit=unit)
+    if np.ptp(load) == 0:
+        return [], rises
+    found = [one for one in find_slow_contacts(at_s, load) if not _explain_course(at_s, load, one)]
+    raw = estimate_load(values, rises=rises, unit=unit)
+    return [_move_to_peak(one, time_s, raw, near_s=MEDIAN_CELLS * cell_s) for one in found], rises
+
+
+def _move_to_peak(
+    one: SlowContact, time_s: FloatArray, load: FloatArray, *, near_s: float
+) -> SlowContact:
+    """Return a contact whose hold begins at the largest reading, which smoothing moves."""
+    near = np.flatnonzero(np.abs(time_s - one.start_s) <= near_s)
+    if not one.relaxes or not near.size:
+        return one
+    return replace(one, start_s=float(time_s[near[np.argmax(load[near])]]))
+
+
+def _explain_course(at_s: FloatArray, load: FloatArray, one: SlowContact) -> str:
+    inside = (at_s >= one.start_s) & (at_s <= one.end_s - OPENING_S)
+    rise = float(np.ptp(load[(at_s >= one.onset_s) & (at_s <= one.end_s)]))
+    return _explain_path(load[inside], still=STILL_FRACTION * rise)
 
 
 def _find_load_side(outline: ContactOutline, unit: str | None) -> tuple[bool, bool]:
@@ -307,13 +361,16 @@ def _find_load_side(outline: ContactOutline, unit: str | None) -> tuple[bool, bo
 
 
 def _find_loading_end_s(
-    stretch: Stretch, sign: float, *, time_s: FloatArray, height: FloatArray
+    stretch: Stretch, height: FloatArray, *, time_s: FloatArray, per_knee: float
 ) -> float:
-    """Return the end of loading, estimated from the knee of the loading curve."""
+    """Return the end of loading, estimated from the knee of the loading curve.
+
+    `height`, shape (n_times,): rises under load.
+    """
     until_s = min(stretch.end_s, stretch.onset_s + LOADING_S)
     first = max(0, int(np.searchsorted(time_s, stretch.onset_s)) - 1)
     stop = int(np.searchsorted(time_s, until_s, side="right"))
-    at_s, risen = time_s[first:stop], sign * height[first:stop]
+    at_s, risen = time_s[first:stop], height[first:stop]
     # An actuation spike first moves the reading away from load; loading begins at its peak.
     peak = int(np.argmin(risen[: max(1, int(np.searchsorted(at_s, stretch.begin_s)))]))
     at_s, risen = at_s[peak:], risen[peak:]
@@ -321,7 +378,7 @@ def _find_loading_end_s(
         return float(at_s[-1])
     chord = risen[0] + (risen[-1] - risen[0]) * (at_s - at_s[0]) / (at_s[-1] - at_s[0])
     knee_s = float(at_s[int(np.argmax(risen - chord))])
-    return min(float(at_s[0]) + LOADING_PER_KNEE * (knee_s - float(at_s[0])), stretch.end_s)
+    return min(float(at_s[0]) + per_knee * (knee_s - float(at_s[0])), stretch.end_s)
 
 
 def _explain_refusal(
@@ -358,9 +415,17 @@ def _is_still_before(stretch: Stretch, last: Stretch, outline: ContactOutline) -
 def _explain_unsettled(stretch: Stretch, outline: ContactOutline, start_s: float) -> str:
     """Return the reason why a hold doesn't settle; empty if it settles."""
     inside = (outline.time_s >= start_s) & (outline.time_s <= stretch.end_s - OPENING_S)
-    parts = np.array_split(outline.height[inside], SETTLING_PARTS)
-    path = np.diff([np.median(part) for part in parts if part.size])
     still = STILL_FRACTION * abs(stretch.level - stretch.before) + 4.0 * outline.noise
+    return _explain_path(outline.height[inside], still=still)
+
+
+def _explain_path(height: FloatArray, *, still: float) -> str:
+    """Return the reason why readings don't settle; empty if they settle.
+
+    `still`: change that counts as none.
+    """
+    parts = np.array_split(height, SETTLING_PARTS)
+    path = np.diff([np.median(part) for part in parts if part.size])
     third = path.size // 3
     early, late = abs(float(path[:third].sum())), abs(float(path[-third:].sum()))
     if late > max(still, SLOWING_FRACTION * early):

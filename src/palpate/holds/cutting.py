@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.holds.columns import Unit
 from palpate.holds.contacts import find_contacts
+from palpate.holds.gaps import split_at_open
 from palpate.holds.hold import Hold
 from palpate.holds.recordings import Readings, read_recordings
+from palpate.holds.units import Unit
 from palpate.signal.circuit import Divider, resistance_ohm
 
 #: Method of cutting: after contacts, at a time in seconds, or the whole recording as one hold.
@@ -32,7 +33,7 @@ class CutColumn:
 
     #: Name of the column.
     column: str
-    #: Shape (n_times,). Readings without missing values.
+    #: Shape (n_times,). Readings; NaN where there is none, or no usable one.
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     #: Unit of `values`, if known. With a divider, the holds are in ohm instead.
@@ -112,8 +113,11 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
             "interpreted as counts; --adc-bits, --reference-ohm and --sensor-leg convert counts "
             "to ohm"
         )
+    # A reading above the range is not used, but means that the sensor is open.
+    known = np.where(usable | np.isposinf(values), values, np.nan)
+    spans, reason = _find_spans(readings.time_s, known, unit=unit, cut=cut, remarks=remarks)
+    shown = np.where(usable, values, np.nan)
     time_s, values = readings.time_s[usable], values[usable]
-    spans, reason = _find_spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
     divider, ends = _find_divider(readings, name, values)
     holds: list[Hold] = []
     hold_spans: list[tuple[float, float]] = []
@@ -132,7 +136,8 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
             Hold(
                 hold_id=f"{readings.name}:{name}:{len(holds) + 1}",
                 channel=None,
-                time_s=time_s[rows][in_range] - begin_s,
+                # Otherwise a sample at 2.5 s may be a rounding error after a cut-off of 2.5 s.
+                time_s=np.round(time_s[rows][in_range] - begin_s, 9),
                 values=resistance_ohm(hold_values, divider=divider) if divider else hold_values,
                 unit="ohm" if divider else unit,
             )
@@ -140,8 +145,8 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
         hold_spans.append((begin_s, end_s))
     return CutColumn(
         column=name,
-        time_s=time_s,
-        values=values,
+        time_s=readings.time_s,
+        values=shown,
         unit=unit,
         spans=hold_spans,
         holds=holds,
@@ -173,26 +178,44 @@ def _find_spans(
     cut: CutAt,
     remarks: list[str],
 ) -> tuple[list[tuple[float, float]], str]:
-    """Return start and end of each hold, and the reason if there is none."""
-    if time_s.size < _MIN_READINGS:
+    """Return start and end of each hold, and the reason if there is none.
+
+    `values`, shape (n_times,): NaN where missing, infinity where above the range.
+    """
+    readable_s = time_s[np.isfinite(values)]
+    if readable_s.size < _MIN_READINGS:
         return [], "fewer than two readings"
     if cut != "auto":
-        begin_s = float(time_s[0]) if cut == "none" else float(cut)
-        remaining = int(np.sum(time_s >= begin_s))
-        spans = [(begin_s, float(time_s[-1]))] if remaining >= _MIN_READINGS else []
+        begin_s = float(readable_s[0]) if cut == "none" else float(cut)
+        remaining = int(np.sum(readable_s >= begin_s))
+        spans = [(begin_s, float(readable_s[-1]))] if remaining >= _MIN_READINGS else []
         return spans, (
             f"fewer than {_MIN_READINGS} readings after {begin_s:g} s; the recording ends at "
-            f"{time_s[-1]:g} s"
+            f"{readable_s[-1]:g} s"
         )
-    found = find_contacts(time_s, values, unit=unit)
-    if found.began_loaded:
+    pieces = split_at_open(time_s, values, unit=unit)
+    if len(pieces) > 1 or pieces[0][0].size > readable_s.size:
+        remarks.append("has no readings at rest; a gap is taken as no contact")
+    found = [find_contacts(*piece, unit=unit) for piece in pieces]
+    held = [contact for piece in found for contact in piece.holds]
+    if any(piece.began_loaded for piece in found):
         remarks.append("the recording begins during a hold; that hold was omitted")
-    if found.rises and found.holds and unit == "ohm":
+    if any(piece.rises for piece in found) and held and unit == "ohm":
         remarks.append(
             "resistance rises at contact: check --sensor-leg, and whether the recording begins "
             "under load"
         )
-    return [(contact.start_s, contact.end_s) for contact in found.holds], found.reason()
+    # A gap at rest has no time of its own at which the reading changes.
+    spans = [
+        (
+            float(readable_s[np.searchsorted(readable_s, one.start_s)]),
+            float(readable_s[np.searchsorted(readable_s, one.end_s, side="right") - 1]),
+        )
+        if len(pieces) > 1 or pieces[0][0].size > readable_s.size
+        else (one.start_s, one.end_s)
+        for one in held
+    ]
+    return spans, found[0].reason()
 
 
 def _find_divider(

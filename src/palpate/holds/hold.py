@@ -12,6 +12,8 @@ from palpate.errors import require_extra
 
 #: Stretch before the horizon whose mean counts as the settled value, seconds.
 SETTLED_WINDOW_S = 0.5
+#: Largest interval between samples around the horizon, as a fraction of the horizon.
+_WIDEST_GAP_FRACTION = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -73,7 +75,8 @@ def measure_settled_value(
     """Return the mean over 0.5 s before the horizon; NaN for a shorter hold.
 
     A sample covers the time up to the next sample. A hold therefore reaches the horizon if its last
-    sample is at most one median interval before the horizon.
+    sample is at most one median interval before the horizon. Between the samples of a slow logger
+    the value is interpolated; NaN if they are more than a quarter of the horizon apart.
 
     `horizon_s`: time of the settled value, seconds.
 
@@ -82,12 +85,22 @@ def measure_settled_value(
     19.75
     >>> measure_settled_value(time_s, time_s, horizon_s=30.0)
     nan
+    >>> measure_settled_value(np.array([17.0, 19.0, 21.0]), np.array([5.0, 4.0, 2.0]), horizon_s=20)
+    3.25
     """
     median_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     window = (time_s >= horizon_s - SETTLED_WINDOW_S) & (time_s <= horizon_s)
     # Tolerance for rounding: 19.95 + 0.05 is slightly less than 20.
     reached = time_s[-1] + median_interval_s >= horizon_s * (1 - 1e-9)
-    return float(values[window].mean()) if reached and window.any() else float("nan")
+    if reached and window.any():
+        return float(values[window].mean())
+    after = int(np.searchsorted(time_s, horizon_s))
+    if not 0 < after < len(time_s):
+        return float("nan")
+    before_s, after_s = time_s[after - 1], time_s[after]
+    if after_s - before_s > _WIDEST_GAP_FRACTION * horizon_s:
+        return float("nan")
+    return float(np.interp(horizon_s - SETTLED_WINDOW_S / 2, time_s, values))
 
 
 def find_recorded_value(

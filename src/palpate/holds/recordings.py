@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,22 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.columns import (
     TimeUnit,
-    Unit,
     convert_to_seconds,
-    find_clock,
+    find_clocks,
     find_readings,
     find_recording_column,
-    is_moment,
+    is_index,
+    names_sensor,
     scale_of,
     time_unit_of,
     unit_of,
 )
+from palpate.holds.decimals import MARKS
+from palpate.holds.frames import Frames, find_sensor_column, split_by_label, split_frames
+from palpate.holds.moments import is_moment
 from palpate.holds.table import Table, find_runs, report_bad_rows
 from palpate.holds.table_files import read_table_file, table_of_arrays
+from palpate.holds.units import Unit
 from palpate.signal.circuit import Divider, resistance_ohm
 from palpate.signal.relative import mean_change
 
@@ -33,8 +37,30 @@ from palpate.signal.relative import mean_change
 MEAN_COLUMN = "mean change"
 #: Minimum readings at rest in each column.
 _MIN_REST_READINGS = 3
+#: Name of the clock made from an interval, and most rows from which a column may be a counter.
+_COUNTED = "row"
+_FEWEST_COUNTED = 20
+#: Ratio of two clocks that are taken for the same in other units, and its tolerance.
+_UNIT_RATIOS, _RATIO_TOLERANCE = (1.0, 1e3, 1e6), 0.02
+#: Rows of one time from which a clock is called coarse.
+_SPREAD_ROWS = 3
+#: A clock restarts if it falls below this fraction of its last value, or to its first value; and
+#: this many rows may be between two restarts at least.
+_RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
 #: Extensions, removed repeatedly, so the stem of ``log.csv.gz`` is ``log``.
-_ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
+_ENDINGS: tuple[str, ...] = (
+    ".gz",
+    ".csv",
+    ".tsv",
+    ".txt",
+    ".dat",
+    ".log",
+    ".xlsx",
+    ".xlsm",
+    ".parquet",
+    ".pq",
+)
+_ENDINGS += (".lvm", ".jsonl", ".ndjson")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +74,7 @@ class Readings:
     time_s : ndarray, shape (n_times,)
         Strictly increasing, seconds.
     columns : mapping of str to ndarray, shape (n_times,)
-        Readings by column; NaN where missing.
+        Readings by column; NaN where missing, infinity where a meter was above its range.
     units : mapping of str to str or None
         ``ohm``, ``percent``, ``counts``, ``volt``, ``newton``, ``pascal``, or None if unknown. SI
         prefixes are converted: readings in ``kOhm`` are stored in ohm.
@@ -77,6 +103,9 @@ def read_recording(
     value_columns: Sequence[str] = (),
     unit: Unit | None = None,
     divider: Divider | None = None,
+    interval_s: float | None = None,
+    sheet: str | None = None,
+    decimal: Literal["point", "comma"] | None = None,
 ) -> Readings:
     """Read one recording from a file, a mapping of arrays or a pandas DataFrame.
 
@@ -94,6 +123,12 @@ def read_recording(
         Unit of all value columns; by default inferred from their names.
     divider : Divider, optional
         Circuit with which counts were read; `cut_holds` then returns ohm.
+    interval_s : float, optional
+        Time between rows of a table without a clock, seconds.
+    sheet : str, optional
+        Sheet of a workbook; by default the first with times and readings.
+    decimal : {"point", "comma"}, optional
+        Decimal mark of a text file; by default found in its numbers.
 
     Raises
     ------
@@ -115,6 +150,9 @@ def read_recording(
         value_columns=value_columns,
         unit=unit,
         divider=divider,
+        interval_s=interval_s,
+        sheet=sheet,
+        decimal=decimal,
     )
     if len(parts) > 1:
         raise InputError(
@@ -132,19 +170,38 @@ def read_recordings(
     value_columns: Sequence[str] = (),
     unit: Unit | None = None,
     divider: Divider | None = None,
+    interval_s: float | None = None,
+    sheet: str | None = None,
+    decimal: Literal["point", "comma"] | None = None,
 ) -> list[Readings]:
-    """Read all recordings of a table; a column such as ``recording_id`` separates them."""
-    table, stem = _load_table(source)
+    """Read all recordings of a table.
+
+    A column such as ``recording_id`` separates them, or a clock that restarts.
+    """
+    table, stem = _load_table(
+        source, sheet=sheet, decimal=decimal, without_clock=interval_s is not None
+    )
     if time_unit not in (None, *get_args(TimeUnit)) or unit not in (None, *get_args(Unit)):
         raise InputError(
             f"{table.name}: time_unit {time_unit} or unit {unit} is unknown; time_unit is one of "
             f"{', '.join(get_args(TimeUnit))}, unit one of {', '.join(get_args(Unit))}"
         )
-    clock = _find_clock_column(table, time_column)
-    values = _find_value_columns(table, clock, value_columns)
+    remarks = list(table.omissions)
+    if interval_s is not None:
+        if time_column is not None:
+            raise InputError(
+                f"{table.name}: an interval replaces the time column; omit one of both"
+            )
+        clock, time_unit = _COUNTED, "s"
+        counted = interval_s * np.arange(table.rows, dtype=np.float64)
+        table = replace(table, columns={**table.columns, clock: counted})
+    else:
+        clock = _find_clock_column(table, time_column, remarks=remarks)
+    values = _find_value_columns(table, clock, value_columns, remarks=remarks)
+    if not value_columns:
+        remarks += _name_unused(table, values, clock)
     found: list[Readings] = []
     for label, rows in _split_recordings(table):
-        remarks = list(table.omissions) if not found else []
         where = f"{table.name} {label}".strip()
         raw_s, source_unit = convert_to_seconds(
             table.columns[clock][rows], name=clock, unit=time_unit, file=where
@@ -153,35 +210,104 @@ def read_recordings(
             remarks.append(
                 f"times in {clock} are interpreted as {source_unit}; --time-unit overrides this"
             )
-        time_s, order = _order_times(raw_s, rows, table, clock, where=where, remarks=remarks)
-        columns = {name: _average_repeats(table.columns[name][rows], order) for name in values}
-        units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
-        for name in values:
-            if unit is None and scale_of(name) != 1.0:
-                columns[name] = scale_of(name) * columns[name]
-                remarks.append(f"{name} was converted to {units[name]}; --unit overrides this")
-        found.append(
-            Readings(
-                name=f"{stem}:{label}" if label else stem,
-                is_hold="hold_id" in table.columns,
-                time_s=time_s,
-                columns=columns,
-                units=units,
-                divider=divider,
-                remarks=remarks,
-            )
+        known = np.flatnonzero(np.isfinite(raw_s))
+        bad = np.flatnonzero(~np.isfinite(raw_s))
+        remarks += report_bad_rows(
+            [(table.place(rows.start + int(row)), f"no time in column {clock}") for row in bad],
+            total=raw_s.size,
+            name=where,
         )
+        time_s = raw_s[known]
+        columns = {name: table.columns[name][rows][known] for name in values}
+        texts = {
+            name: column[rows][known]
+            for name, column in table.columns.items()
+            if name not in (clock, find_recording_column([name]))
+            and (column.dtype == object or names_sensor(name))
+        }
+        sensor = find_sensor_column(time_s, {n: c for n, c in texts.items() if n not in columns})
+        if sensor is None:
+            sensor = find_sensor_column(
+                time_s, {n: c for n, c in texts.items() if len(columns) > 1 and n in columns}
+            )
+        parts = [("", Frames(time_s=time_s, columns=columns))]
+        if sensor is not None:
+            columns.pop(sensor, None)
+            parts = [
+                ("", split_by_label(time_s, columns, texts[sensor], column=sensor, where=where))
+            ]
+        else:
+            places = [table.place(rows.start + int(row)) for row in known] if known.size else []
+            is_date = table.columns[clock].dtype != np.float64
+            stretches = _split_restarts(
+                time_s, places, is_date=is_date, where=where, remarks=remarks
+            )
+            parts = [
+                (part, split_frames(time_s[inside], _take(columns, inside), where=where))
+                for part, inside in stretches
+            ]
+        for part, frames in parts:
+            names = ":".join(filter(None, (stem, label, part)))
+            own = list(frames.remarks)
+            time_s, readings = _merge_repeats(frames, remarks=own)
+            units = {name: unit or unit_of(_source_name(name, values)) for name in readings}
+            for name in readings:
+                scale = scale_of(_source_name(name, values))
+                if unit is None and scale != 1.0:
+                    readings[name] = scale * readings[name]
+                    own.append(f"{name} was converted to {units[name]}; --unit overrides this")
+            found.append(
+                Readings(
+                    name=names,
+                    is_hold="hold_id" in table.columns,
+                    time_s=time_s,
+                    columns=readings,
+                    units=units,
+                    divider=divider,
+                    remarks=[*remarks, *own],
+                )
+            )
+            remarks = []
     return found
 
 
-def _load_table(source: Any) -> tuple[Table, str]:
+def _source_name(name: str, values: Sequence[str]) -> str:
+    """Return the table's column of a sensor, whose name has the sensor appended."""
+    return next((one for one in values if name == one or name.startswith(f"{one} ")), values[0])
+
+
+def _take(
+    columns: Mapping[str, NDArray[np.float64]], rows: slice
+) -> dict[str, NDArray[np.float64]]:
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def _name_unused(table: Table, values: Sequence[str], clock: str) -> list[str]:
+    """Return a remark about the columns of numbers that are not predicted."""
+    others = [
+        name
+        for name in table.numeric()
+        if name not in (*values, clock, find_recording_column([name]))
+        and time_unit_of(name) is None
+        and not (names_sensor(name) or is_index(name) or name.isdigit())
+    ]
+    if not others:
+        return []
+    return [f"not predicted: {', '.join(others)[:200]}; --value-column NAME predicts a column"]
+
+
+def _load_table(
+    source: Any, *, sheet: str | None, decimal: str | None, without_clock: bool
+) -> tuple[Table, str]:
     """Return the table of a source, and its name without extensions."""
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         stem = path.name
         while Path(stem).suffix.lower() in _ENDINGS:
             stem = Path(stem).stem
-        return read_table_file(path), stem
+        mark = None if decimal is None else MARKS[decimal]
+        read = read_table_file(path, sheet=sheet, decimal=mark, without_clock=without_clock)
+        return read, stem
     if not isinstance(source, Mapping) and not hasattr(source, "columns"):
         raise InputError(
             f"a recording can't be a {type(source).__name__}; pass a file, a mapping of arrays or "
@@ -190,47 +316,127 @@ def _load_table(source: Any) -> tuple[Table, str]:
     return table_of_arrays(source, name="recording"), "recording"
 
 
-def _find_clock_column(table: Table, wanted: str | None) -> str:
+def _find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -> str:
     available = ", ".join(table.columns)[:120]
     if wanted is not None:
         if wanted not in table.columns:
             raise InputError(f"{table.name}: no column {wanted} (available: {available})")
         return wanted
-    named = find_clock(list(table.columns))
-    if named is not None:
-        return named
     moments = [
         name
         for name, column in table.columns.items()
-        if column.dtype.kind in "mM" or (column.dtype == object and is_moment(column[0]))
+        if column.dtype.kind in "mM" or (column.dtype == object and _is_moments(column))
     ]
-    if moments:
-        return moments[0]
-    first = next(iter(table.columns))
-    numbers = table.columns[first]
-    # Without a header, a first column that never decreases is the clock.
-    if first == "1" and numbers.dtype == np.float64 and not (np.diff(numbers) < 0).any():
-        return first
+    named = [
+        name
+        for name in find_clocks(list(table.columns))
+        if table.columns[name].dtype != object or name in moments
+    ]
+    clocks = list(dict.fromkeys([*named, *moments]))
+    if not named:
+        clocks += _find_counters(table, clocks)
+    increasing = [name for name in clocks if _increases(table, name)]
+    if len(clocks) > 1 and increasing:
+        if not named and len(increasing) > 1:
+            # A board's own clock is finer than the terminal's.
+            own = next((n for n in increasing[1:] if _is_same_clock(table, increasing[0], n)), None)
+            if own is not None:
+                remarks.append(f"column {own} is used as the clock; --time-column overrides this")
+                return own
+        return increasing[0]
+    if clocks:
+        return clocks[0]
     raise InputError(
-        f"{table.name}: no time column recognised; specify it with --time-column "
-        f"(available: {available})"
+        f"{table.name}: no time column recognised; specify it with --time-column (available: "
+        f"{available}), or the time between rows with --interval"
     )
 
 
-def _find_value_columns(table: Table, clock: str, wanted: Sequence[str]) -> list[str]:
-    available = ", ".join(name for name in table.columns if name != clock)[:120]
+def _is_moments(column: NDArray[Any]) -> bool:
+    filled = [str(text) for text in column[:50].tolist() if str(text).strip()]
+    return bool(filled) and sum(map(is_moment, filled)) > 0.5 * len(filled)
+
+
+def _find_counters(table: Table, clocks: Sequence[str]) -> list[str]:
+    """Return the columns without a name that may be a clock.
+
+    They are the first, which may not decrease, and others that always increase.
+    """
+    return [
+        name
+        for place, name in enumerate(table.columns)
+        if name.isdigit()
+        and table.columns[name].dtype == np.float64
+        and ((place == 0 and _never_decreases(table.columns[name])) or _counts(table, name))
+    ]
+
+
+def _never_decreases(numbers: NDArray[np.float64]) -> bool:
+    return not (np.diff(numbers) < 0).any() and bool(numbers[-1] > numbers[0])
+
+
+def _counts(table: Table, name: str) -> bool:
+    """Return whether a column always increases, as a clock or counter does."""
+    numbers = table.columns[name]
+    if numbers.dtype != np.float64 or numbers.size < _FEWEST_COUNTED:
+        return False
+    return bool((np.diff(numbers) > 0).all())
+
+
+def _increases(table: Table, name: str) -> bool:
+    """Return whether a clock never decreases within a recording, and is not constant."""
+    try:
+        for _, rows in _split_recordings(table):
+            time_s, _ = convert_to_seconds(
+                table.columns[name][rows], name=name, unit="s", file=table.name
+            )
+            known = time_s[np.isfinite(time_s)]
+            if (np.diff(known) < 0).any() or (known.size > 1 and known[-1] <= known[0]):
+                return False
+    except InputError:
+        return False
+    return True
+
+
+def _is_same_clock(table: Table, coarse: str, fine: str) -> bool:
+    """Return whether a column of numbers runs like a clock."""
+    numbers = table.columns[fine]
+    if numbers.dtype != np.float64:
+        return False
+    time_s, _ = convert_to_seconds(table.columns[coarse], name=coarse, unit=None, file=table.name)
+    known = np.flatnonzero(np.isfinite(time_s) & np.isfinite(numbers))
+    if known.size < _FEWEST_COUNTED:
+        return False
+    first, last = known[0], known[-1]
+    ratio = (numbers[last] - numbers[first]) / max(float(time_s[last] - time_s[first]), 1e-9)
+    return any(abs(ratio / unit - 1.0) < _RATIO_TOLERANCE for unit in _UNIT_RATIOS)
+
+
+def _find_value_columns(
+    table: Table, clock: str, wanted: Sequence[str], *, remarks: list[str]
+) -> list[str]:
+    available = ", ".join(name for name in table.columns if name not in (clock, _COUNTED))[:120]
     for name in wanted:
         if name not in table.columns:
             raise InputError(f"{table.name}: no column {name} (available: {available})")
         if name not in table.numeric():
             raise InputError(f"{table.name}: column {name} contains no numbers; choose another")
+    if wanted:
+        return list(dict.fromkeys(wanted))
     numeric = [
-        name for name in table.numeric() if name not in (clock, find_recording_column([name]))
+        name
+        for name in table.numeric()
+        if name not in (clock, find_recording_column([name])) and time_unit_of(name) is None
     ]
-    found = list(dict.fromkeys(wanted)) or find_readings(numeric)
+    counters = [name for name in numeric if name.isdigit() and _counts(table, name)]
+    if counters and len(counters) < len(numeric):
+        remarks.append(f"column {', '.join(counters)} always increases and is not read as a sensor")
+        numeric = [name for name in numeric if name not in counters]
+    found = find_readings(numeric)
     if not found:
         raise InputError(
-            f"{table.name}: no column of readings besides {clock} (available: {available})"
+            f"{table.name}: no column of readings besides {clock} (available: {available}); choose "
+            "one with --value-column"
         )
     return found
 
@@ -250,48 +456,102 @@ def _format_label(cell: object) -> str:
     return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
-def _order_times(
-    raw_s: NDArray[np.float64],
-    rows: slice,
-    table: Table,
-    clock: str,
+def _split_restarts(
+    time_s: NDArray[np.float64],
+    places: Sequence[str],
     *,
+    is_date: bool,
     where: str,
     remarks: list[str],
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the distinct times, and each row's time index (-1: no time)."""
-    known = np.flatnonzero(np.isfinite(raw_s))
-    bad = np.flatnonzero(~np.isfinite(raw_s))
-    remarks += report_bad_rows(
-        [(table.place(rows.start + int(row)), f"no time in column {clock}") for row in bad],
-        total=raw_s.size,
-        name=where,
-    )
-    time_s = raw_s[known]
-    back = np.flatnonzero(np.diff(time_s) < 0)
-    if back.size:
-        row = rows.start + int(known[back[0] + 1])
-        raise InputError(
-            f"{where} {table.place(row)}: time decreases ({time_s[back[0]]:g} s, then "
-            f"{time_s[back[0] + 1]:g} s); sort the rows, or save each recording as its own file"
+) -> list[tuple[str, slice]]:
+    """Return the name and rows of each stretch between restarts of a clock.
+
+    `is_date`: dates and times of day don't restart.
+    Raises `InputError` if time decreases otherwise.
+    """
+    back = (np.flatnonzero(np.diff(time_s) < 0) + 1).tolist()
+    starts, ends = [0, *back], [*back, time_s.size]
+    for row, start, end in zip(back, starts[:-1], ends[1:], strict=True):
+        before = float(time_s[row - 1])
+        restarts = time_s[row] <= max(_RESTART_FRACTION * before, float(time_s[start]))
+        if is_date or not restarts or min(row - start, end - row) < _FEWEST_PART_ROWS:
+            raise InputError(
+                f"{where} {places[row]}: time decreases ({before:g} s, then {time_s[row]:g} s); "
+                "sort the rows, or save each recording as its own file"
+            )
+    if back:
+        listed = ", ".join(places[row] for row in back[:3])
+        remarks.append(
+            f"the clock restarts at {listed}; the {len(starts)} parts are recordings of their own"
         )
+    return [
+        (f"part {number}" if back else "", slice(start, end))
+        for number, (start, end) in enumerate(zip(starts, ends, strict=True), start=1)
+    ]
+
+
+def _merge_repeats(
+    frames: Frames, *, remarks: list[str]
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Return distinct times and the readings at each.
+
+    Rows that repeat a time are averaged, or spread over the tick of a coarse clock.
+    """
+    time_s = frames.time_s
     is_new = np.diff(time_s, prepend=-np.inf) > 0
-    if not is_new.all():
+    # Sensors in separate rows share a time without repeating it.
+    most = max((_count_most(values, is_new) for values in frames.columns.values()), default=1)
+    if most >= _SPREAD_ROWS:
+        time_s = _spread_over_ticks(time_s, is_new, rows=most)
+        is_new = np.diff(time_s, prepend=-np.inf) > 0
+        remarks.append(
+            f"the clock is coarse: {most} rows have the same time and are spread over its tick"
+        )
+    elif most > 1:
         remarks.append(
             f"{int((~is_new).sum())} rows repeat the previous time; their readings were averaged"
         )
-    order = np.full(raw_s.size, -1, dtype=np.intp)
-    order[known] = np.cumsum(is_new) - 1
-    return time_s[is_new], order
+    order = np.cumsum(is_new) - 1
+    readings = {name: _average_repeats(values, order) for name, values in frames.columns.items()}
+    return time_s[is_new], readings
+
+
+def _count_most(values: NDArray[np.float64], is_new: NDArray[np.bool_]) -> int:
+    """Return how many readings a time has, or 2 if few times repeat."""
+    counts = np.bincount((np.cumsum(is_new) - 1)[~np.isnan(values)])
+    counts = counts[counts > 0]
+    if not counts.size:
+        return 1
+    usual = int(np.median(counts))
+    return usual if usual > 1 else min(2, int(counts.max()))
+
+
+def _spread_over_ticks(
+    time_s: NDArray[np.float64], is_new: NDArray[np.bool_], *, rows: int
+) -> NDArray[np.float64]:
+    """Return times spread over the ticks of a coarse clock.
+
+    The recording begins and ends within a tick: the first rows are at the end of theirs.
+    """
+    starts = np.flatnonzero(is_new)
+    counts = np.diff(starts, append=time_s.size)
+    ticks = time_s[starts]
+    tick_s = float(np.median(np.diff(ticks))) if ticks.size > 1 else 1.0
+    number = np.cumsum(is_new) - 1
+    place = np.arange(time_s.size) - starts[number]
+    in_tick = np.maximum(counts, rows)[number]
+    place = place + np.where(number == 0, in_tick - counts[0], 0)
+    return np.asarray(time_s + tick_s * place / in_tick)
 
 
 def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the mean of the readings at each time; NaN without a reading."""
-    use = (order >= 0) & np.isfinite(column)
+    """Return the mean at each time; infinity or NaN without a finite reading."""
+    use = np.isfinite(column)
     size = int(order.max(initial=-1)) + 1
     counts = np.bincount(order[use], minlength=size)
     sums = np.bincount(order[use], weights=column[use], minlength=size)
     means = np.full(size, np.nan)
+    means[order[column == np.inf]] = np.inf
     np.divide(sums, counts, out=means, where=counts > 0)
     return means
 
@@ -315,7 +575,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
 
     Examples
     --------
-    >>> table = {"time_s": [0, 1, 2, 3], "a": [10, 10, 10, 5.0], "b": [20, 20, 20, 20.0]}
+    >>> table = {"time_s": [0, 1, 2, 3], "a_ohm": [9, 9, 9, 4.5], "b_ohm": [20, 20, 20, 20.0]}
     >>> changed = relative_readings(read_recording(table), rest_s=(0, 2), mean=True)
     >>> changed.columns["mean change"].tolist()
     [0.0, 0.0, 0.0, -25.0]
@@ -345,8 +605,14 @@ def _column_ohm(readings: Readings, name: str) -> NDArray[np.float64]:
     unit, values = readings.units[name], readings.columns[name]
     if unit in (None, "counts") and readings.divider is not None:
         return np.asarray(resistance_ohm(values, divider=readings.divider))
-    if unit not in (None, "ohm"):
-        remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""
+    circuit = "--adc-bits, --reference-ohm and --sensor-leg"
+    if unit is None:
+        raise InputError(
+            f"{readings.name}: {name}: the unit is unknown, and --rest needs ohms; say --unit ohm, "
+            f"or for counts give {circuit}"
+        )
+    if unit != "ohm":
+        remedy = f"; add {circuit}" if unit == "counts" else ""
         raise InputError(
             f"{readings.name}: {name}: --rest converts ohms to relative changes, but the unit is "
             f"{unit}" + remedy

@@ -13,6 +13,8 @@ from palpate.errors import InputError
 
 #: No reading is larger, and the squares of larger numbers overflow.
 LARGEST_NUMBER = 1e150
+#: Meters write 9.9E37 for a reading above their range (SCPI).
+OPEN_NUMBER = 9.9e37
 #: Rows read at a time, enough to hide NumPy's overhead and few enough for the cache (65536 rows
 #: took three times as long per row).
 ROWS_AT_A_TIME = 4096
@@ -30,8 +32,8 @@ class Table:
 
     #: Name of the file or the data in errors.
     name: str
-    #: Shape (n_rows,). float64 (NaN for missing numbers), datetime64, timedelta64, or objects
-    #: (text).
+    #: Shape (n_rows,). float64 (NaN for missing numbers, infinity for readings above the range),
+    #: datetime64, timedelta64, or objects (text).
     columns: Mapping[str, NDArray[Any]]
     #: Number of each row in the file, and whether lines or rows are counted.
     numbers: Sequence[int]

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import date, time, timedelta
 from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, NoReturn, TypeAlias
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, require_extra
 from palpate.holds import table
-from palpate.holds.table import LONGEST_LINE, Table, is_usable
+from palpate.holds.columns import find_clocks
+from palpate.holds.formats import START_BYTES, FileFormat, name_format
+from palpate.holds.moments import is_moment
+from palpate.holds.table import LARGEST_NUMBER, LONGEST_LINE, OPEN_NUMBER, Table
 from palpate.holds.text import SAMPLE_BYTES, SAMPLE_ROWS, detect_layout, gather_rows, read_text
 
-FileFormat: TypeAlias = Literal["text", "parquet", "spreadsheet"]
-
-_FORMS: dict[bytes, FileFormat] = {b"PAR1": "parquet", b"PK\x03\x04": "spreadsheet"}
-_OLD_EXCEL_MAGIC = b"\xd0\xcf\x11\xe0"
-MCAP_MAGIC = b"\x89MCA"
 #: Overhead allowed for a column of a Parquet file in addition to its cells, bytes.
 _PAGE_BYTES = 1_000_000
+#: A column of a sheet with fewer cells than this fraction of the fullest column holds notes.
+_NOTE_FRACTION = 0.05
 
 
 def open_table(path: Path) -> BufferedReader:
@@ -47,20 +48,16 @@ def detect_format(file: BufferedReader, *, name: str) -> FileFormat:
 
     Raises `InputError` if the file is empty, or of an unsupported format.
     """
-    start = file.peek(4)[:4]
-    if not start:
-        raise InputError(f"{name}: the file is empty; it needs a header and rows")
-    if start == _OLD_EXCEL_MAGIC:
-        raise InputError(f"{name}: an old Excel file; save it as .xlsx or CSV")
-    if start == MCAP_MAGIC:
-        raise InputError(
-            f"{name}: a palpate recording; extract its holds with `palpate export {name} --holds`"
-        )
-    return _FORMS.get(start, "text")
+    return name_format(file.peek(START_BYTES)[:START_BYTES], name=name)
 
 
-def read_table_file(path: Path) -> Table:
+def read_table_file(
+    path: Path, *, sheet: str | None = None, decimal: str | None = None, without_clock: bool = False
+) -> Table:
     """Read a table from CSV or other text, gzip, .xlsx or Parquet.
+
+    `sheet`: name of a workbook's sheet; by default the first with a table of times and readings.
+    `decimal`, `without_clock`: as for `read_text`.
 
     Raises `InputError` if the file doesn't exist or contains no table; `MissingExtraError` if the
     format needs an extra that isn't installed.
@@ -68,10 +65,12 @@ def read_table_file(path: Path) -> Table:
     name = str(path)
     with open_table(path) as file:
         form = detect_format(file, name=name)
+        if sheet is not None and form != "spreadsheet":
+            raise InputError(f"{name}: --sheet {sheet}: only a workbook has sheets")
         if form == "text":
-            return read_text(file, name=name)
+            return read_text(file, name=name, decimal=decimal, without_clock=without_clock)
         if form == "spreadsheet":
-            return _read_spreadsheet(path)
+            return _read_spreadsheet(path, sheet, without_clock=without_clock)
         with open_parquet(file, name=name) as parquet:
             from pyarrow.types import is_nested
 
@@ -161,8 +160,8 @@ def _refuse_long_text(column: str) -> NoReturn:
     )
 
 
-def _read_spreadsheet(path: Path) -> Table:
-    """Read the first sheet with a table from an .xlsx workbook.
+def _read_spreadsheet(path: Path, wanted: str | None, *, without_clock: bool) -> Table:
+    """Read the wanted sheet, or the first with times and readings.
 
     Raises `InputError` if the file is not an .xlsx workbook, or no sheet has a table;
     `MissingExtraError` if python-calamine is not installed.
@@ -172,17 +171,63 @@ def _read_spreadsheet(path: Path) -> Table:
         from python_calamine import CalamineError, load_workbook
     try:
         with load_workbook(path) as book:
-            for sheet in map(book.get_sheet_by_index, range(len(book.sheet_names))):
-                cells = sheet.to_python(skip_empty_area=False)
-                rows = [[_cell_text(cell) for cell in row] for row in cells]
-                if layout := detect_layout(rows[:SAMPLE_ROWS]):
-                    below = rows[layout.first :], range(layout.first + 1, len(rows) + 1)
-                    return gather_rows([below], layout, name=name, word="row")
+            names = list(book.sheet_names)
+            if wanted is not None and wanted not in names:
+                raise InputError(f"{name}: no sheet {wanted!a} (available: {', '.join(names)})")
+            tables: dict[str, Table] = {}
+            for title in names if wanted is None else [wanted]:
+                cells = book.get_sheet_by_name(title).to_python(skip_empty_area=False)
+                found = _read_sheet(cells, name=f"{name} sheet {title}", narrow=without_clock)
+                if found is not None:
+                    tables[title] = found
     except CalamineError as error:
         raise InputError(
             f"{name}: not a complete .xlsx workbook; save it again as .xlsx or CSV"
         ) from error
-    raise InputError(f"{name}: no sheet with rows of times and readings; add a sheet with a table")
+    if not tables:
+        raise InputError(
+            f"{name}: no sheet with rows of times and readings; add a sheet with a table"
+        )
+    timed = [title for title, one in tables.items() if _has_clock(one)]
+    chosen = (timed or [*tables])[0]
+    if len(names) == 1 or wanted is not None:
+        return replace(tables[chosen], name=name)
+    others = [title for title in timed if title != chosen]
+    remark = f"sheet {chosen!a} was read"
+    if others:
+        remark += f", and not {', '.join(map(ascii, others))}; --sheet NAME reads another"
+    found = tables[chosen]
+    return replace(found, name=name, omissions=[remark, *found.omissions])
+
+
+def _has_clock(found: Table) -> bool:
+    dates = any(
+        column.dtype == object and is_moment(str(column[0])) for column in found.columns.values()
+    )
+    return bool(find_clocks([*found.columns])) or dates or "1" in found.columns
+
+
+def _read_sheet(cells: list[list[Any]], *, name: str, narrow: bool) -> Table | None:
+    """Return the table of a sheet, or None if there is none."""
+    rows = [[_cell_text(cell) for cell in row] for row in cells]
+    rows = _drop_notes(rows)
+    layout = detect_layout(rows[:SAMPLE_ROWS], narrowest=1 if narrow else 2)
+    if layout is None:
+        return None
+    below = rows[layout.first :], range(layout.first + 1, len(rows) + 1)
+    # Cells hold numbers, so a mark in a text doesn't change them.
+    return gather_rows([below], layout, name=name, word="row")
+
+
+def _drop_notes(rows: list[list[str]]) -> list[list[str]]:
+    """Return rows without the columns at the right that have few cells, such as notes."""
+    if not rows:
+        return rows
+    counts = [sum(bool(text.strip()) for text in column) for column in zip(*rows, strict=True)]
+    width = len(counts)
+    while width and counts[width - 1] <= _NOTE_FRACTION * max(counts):
+        width -= 1
+    return [row[:width] for row in rows]
 
 
 def _cell_text(cell: Any) -> str:
@@ -231,5 +276,6 @@ def _to_column(values: Any, key: str, *, name: str) -> NDArray[Any]:
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError):
         return array.astype(object)
-    numbers[~is_usable(numbers)] = np.nan
+    numbers[numbers >= OPEN_NUMBER] = np.inf
+    numbers[~((np.abs(numbers) <= LARGEST_NUMBER) | (numbers == np.inf))] = np.nan
     return numbers

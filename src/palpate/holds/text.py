@@ -10,9 +10,9 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BufferedReader, RawIOBase, TextIOWrapper
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from typing import TYPE_CHECKING, Any, TextIO, TypeAlias, cast
 
 import numpy as np
@@ -22,7 +22,11 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.columns import find_recording_column
-from palpate.holds.table import LONGEST_LINE, Table, is_usable, report_bad_rows
+from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number
+from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form
+from palpate.holds.moments import is_moment, join_spaced
+from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
+from palpate.holds.units import is_unit_field
 
 if TYPE_CHECKING:
     from _csv import Reader as CsvReader
@@ -34,13 +38,15 @@ NumberedRows: TypeAlias = tuple[list[list[str]], Sequence[int]]
 SAMPLE_BYTES, SAMPLE_ROWS = 65536, 400
 #: Separators in the order in which they are tried; None is any run of spaces.
 SEPARATORS = ("\t", ";", ",", "|", None)
-#: Fields that represent a missing reading.
-_NO_VALUE = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf"})
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
-_MOMENT = re.compile(r"(\d{4}-\d\d-\d\d([T ].*)?)|(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")
-_UNIT_ROW = re.compile(r"[\[(]?(s|sec|ms|us|µs|v|mv|ohm|kohm|Ω|kΩ|%|n|counts?|-)?[\])]?", re.I)
+#: Separator of the texts of a column while they are collected; no text contains it.
+_JOIN = "\x1f"
+#: A column without a name and with fewer readings than this fraction of rows is a note.
+_NOTE_FRACTION = 0.02
 #: Number of consecutive data rows that mark the start of the data.
 _DATA_RUN = 3
+#: A field that is a number with a decimal comma or two numbers.
+_TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
+_TIME_FRACTION = re.compile(r"[^,]*\d:\d\d,(\d{3}|\d{6}),")
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_ERRORS = (EOFError, zlib.error, gzip.BadGzipFile)
 _GZIP_REMEDY = "the gzip data are truncated or damaged here; copy the file again"
@@ -142,31 +148,16 @@ def split_rows(
 
 
 def parse_numbers(fields: Sequence[str], *, comma: bool) -> FloatArray:
-    """Return fields as numbers; NaN for a field that is not a usable number.
+    """Return fields as finite numbers; NaN for a field that is not a usable number.
 
     `comma`: whether numbers have decimal commas.
 
     >>> parse_numbers(["1,5", "ERR", "1_000", "2e300"], comma=True).tolist()
     [1.5, nan, nan, nan]
     """
-    if comma:
-        fields = [field.replace(",", ".") for field in fields]
-    try:
-        # Python parses 1_000 as a number; in a file it is an error.
-        if "_" in "".join(fields):
-            raise ValueError("underscore in a number")
-        numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
-    except ValueError:
-        numbers = np.array([_parse_number(field) for field in fields])
-    numbers[~is_usable(numbers)] = np.nan
+    numbers = NumberFormat(decimal="," if comma else ".").parse(fields)
+    numbers[~np.isfinite(numbers)] = np.nan
     return numbers
-
-
-def _parse_number(field: str) -> float:
-    try:
-        return float("nan") if "_" in field else float(field)
-    except ValueError:
-        return float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,40 +166,56 @@ class Layout:
 
     #: Separator between fields; None for runs of spaces.
     separator: str | None
-    #: Whether numbers have decimal commas.
-    comma: bool
     #: Column names from the header, or ``1``, ``2``, ... without a header; unique, not empty.
     names: list[str]
     #: Index of the first row of data.
     first: int
     #: Count of numbers found with this layout.
     score: int
+    #: Form of the lines before they are split at the separator.
+    form: LineForm = PLAIN
+    #: One sentence for each assumption.
+    remarks: tuple[str, ...] = ()
 
 
-def read_text(file: BufferedReader, *, name: str) -> Table:
+def read_text(
+    file: BufferedReader, *, name: str, decimal: str | None = None, without_clock: bool = False
+) -> Table:
     """Read a table from a text file.
 
     Separators are commas, semicolons, tabs, bars or spaces; numbers have decimal points or commas;
     the encoding is UTF-8, UTF-16 or a Western code page. Notes before the header and lines that
-    begin with ``#``, ``%`` or ``//`` are skipped.
+    begin with ``#``, ``%`` or ``//`` are skipped. Lines of terminals and sketches may have times
+    and labels (`palpate.holds.log_lines`).
 
+    `decimal`: decimal mark; by default found in the numbers.
+    `without_clock`: whether a single column is a table.
     Raises `InputError` if the file isn't text, contains no table, or has too many unusable rows.
     """
     with open_text(file, name=name) as text:
         # Comments become empty lines to preserve the line numbers.
         lines = ("\n" if line.startswith(("#", "%", "//")) else line for line in read_lines(text))
         sample = list(islice(lines, SAMPLE_ROWS))
-        layout = find_layout(sample, name=name)
+        layout = find_layout(sample, name=name, decimal=decimal, without_clock=without_clock)
+        rest = chain(sample[layout.first :], lines)
         rows = split_rows(
-            chain(sample[layout.first :], lines),
+            (prepare_line(line, layout.form, layout.separator) for line in rest),
             separator=layout.separator,
             first_number=layout.first + 1,
             name=name,
         )
-        return gather_rows(rows, layout, name=name)
+        return gather_rows(rows, layout, name=name, decimal=decimal)
 
 
-def find_layout(lines: Sequence[str], *, name: str) -> Layout:
+def prepare_line(line: str, form: LineForm, separator: str | None) -> str:
+    """Return a line whose fields are separated by the separator only."""
+    line = form.rewrite(line, separator=separator)
+    return join_spaced(line) if separator is None else line
+
+
+def find_layout(
+    lines: Sequence[str], *, name: str, decimal: str | None = None, without_clock: bool = False
+) -> Layout:
     """Return the layout that yields the most numbers in the first lines of a file.
 
     Raises `InputError` if no separator yields rows of at least two fields with numbers.
@@ -216,27 +223,99 @@ def find_layout(lines: Sequence[str], *, name: str) -> Layout:
     >>> find_layout(["my log", "time;value", "0,0;5,5", "0,1;5,4"], name="a.csv").names
     ['time', 'value']
     """
-    found = [
-        detect_layout([split_line(line, separator) for line in lines], separator=separator)
-        for separator in SEPARATORS
-    ]
-    best = max(filter(None, found), key=lambda layout: layout.score, default=None)
+    form = find_line_form(lines)
+    narrowest = 1 if without_clock else 2
+    found: list[Layout] = []
+    for separator in ["\t"] if form.labels else SEPARATORS:
+        # A comma that the user calls a decimal mark separates no fields.
+        if decimal is not None and separator == decimal and not form.labels:
+            continue
+        rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
+        layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
+        found += [layout] if layout else []
+    best = max(found, key=lambda layout: layout.score, default=None)
     if best is None:
-        has_one_column = sum(_NUMBER.fullmatch(line.strip()) is not None for line in lines) > 1
+        if lines and re.match(r"\s*(\[\s*([\[{]|$)|\{\s*(\"|$))", lines[0]):
+            raise InputError(
+                f"{name}: a JSON document; write one object per line, or save the table as CSV"
+            )
+        has_one_column = sum(is_number(line) for line in lines if line.strip()) > 1
         raise InputError(
-            f"{name}: only one column; a recording needs a column of times and a column of readings"
+            f"{name}: only one column; a recording needs a column of times and a column of "
+            "readings; for readings at equal intervals say --interval SECONDS"
             if has_one_column
             else f"{name}: no table found in the first lines; expected rows of times and "
             "readings, such as time,value"
         )
+    if decimal is None and not form.labels and best.separator == ",":
+        best = _check_commas(best, lines, name=name, without_clock=without_clock)
     return best
 
 
-def detect_layout(rows: Sequence[Sequence[str]], *, separator: str | None = None) -> Layout | None:
-    """Return the layout of rows of fields, or None if the rows form no table."""
-    numbers = [_score_row(row) for row in rows]
+def _check_commas(
+    layout: Layout, lines: Sequence[str], *, name: str, without_clock: bool
+) -> Layout:
+    """Return a layout whose commas separate fields, with a remark if that was assumed.
+
+    Raises `InputError` if they may be decimal marks: a header has one name for two fields; a number
+    without a clock has two parts; or a terminal writes its own times with commas.
+    """
+    form = layout.form
+    data = [line for line in lines[layout.first :] if line.strip()]
+    parts = [form.split(line) for line in data] if form.stamped else []
+    bodies = [part[1] for part in parts if part] if form.stamped else data
+    fields = len(split_line(bodies[0], ",")) if bodies else 0
+    above = [line for line in lines[: layout.first] if line.strip()]
+    head = above[-1:] if not form.stamped else [p[1] for p in map(form.split, above[-1:]) if p]
+    names = len(split_line(head[0], ",")) if head and not re.search(r"\d", head[0]) else 0
+    pairs = [body for body in bodies if _TWO_PARTS.fullmatch(body.strip())]
+    is_pair = bool(pairs) and len(pairs) > 0.5 * len(bodies)
+    is_unclear = fields == 2 * names and not any("." in body for body in bodies)
+    # 12:34:50,020 is a time with a decimal comma; a reading has no leading 0.
+    fractions = [found[1] for line in data if (found := _TIME_FRACTION.match(line))]
+    if len(fractions) > 0.9 * len(data) and any(part[0] == "0" for part in fractions):
+        raise InputError(
+            f"{name}: the first comma in {data[0].strip()[:40]!a} seems to be a decimal mark; "
+            "write the times with points, or separate the fields with semicolons"
+        )
+    if is_pair and names != 2 and (form.stamped or without_clock):
+        with_comma = form.stamped and re.search(r"\d,\d+ ?(-+>|[\])>])", data[0])
+        # No board prints 05.
+        is_unclear = bool(
+            without_clock or with_comma or any(re.search(r",0\d", pair) for pair in pairs)
+        )
+        if not is_unclear:
+            return replace(
+                layout,
+                remarks=("the commas separate readings; --decimal comma makes them decimal marks",),
+            )
+    firsts = [float(first) for body in bodies if (first := body.split(",")[0].strip()).isdecimal()]
+    # The whole part of a reading doesn't increase from line to line, but a clock does.
+    is_clock = len(firsts) > 2 and all(a < b for a, b in pairwise(firsts))
+    if is_unclear and not is_clock:
+        raise InputError(
+            f"{name}: the comma in {data[0].strip()[:40]!a} may separate two readings or be a "
+            "decimal mark; say --decimal point or --decimal comma"
+        )
+    return layout
+
+
+def detect_layout(
+    rows: Sequence[Sequence[str]],
+    *,
+    separator: str | None = None,
+    form: LineForm = PLAIN,
+    narrowest: int = 2,
+) -> Layout | None:
+    """Return the layout of rows of fields, or None if the rows form no table.
+
+    `narrowest`: smallest number of columns.
+    """
+    numbers = [_score_row(row, narrowest=narrowest) for row in rows]
     widths = Counter(
-        len(row) for row, count in zip(rows, numbers, strict=True) if len(row) > 1 and count
+        len(row)
+        for row, count in zip(rows, numbers, strict=True)
+        if len(row) >= narrowest and count
     )
     width = max(widths, key=lambda each: (widths[each], each), default=0)
     filled = [index for index, row in enumerate(rows) if any(field.strip() for field in row)]
@@ -247,61 +326,89 @@ def detect_layout(rows: Sequence[Sequence[str]], *, separator: str | None = None
     first = next(starts, None)
     if first is None:
         return None
-    fields = [field for index in data for field in rows[index] if _NUMBER.fullmatch(field.strip())]
+    # Rows with a number above the first full row are data too, such as those of an open sensor.
+    above = [index for index in filled if index < first]
+    while above and len(rows[above[-1]]) == width and _has_number(rows[above[-1]], form):
+        first = above.pop()
+    names = form.names
+    if names is None or len(names) != width:
+        names = _parse_header([rows[index] for index in above], width, stamped=form.stamped)
     return Layout(
         separator=separator,
-        comma=any("," in field for field in fields),
-        names=_parse_header([rows[index] for index in filled if index < first], width),
+        names=names,
         first=first,
         score=sum(numbers[index] for index in data),
+        form=form,
     )
 
 
-def _score_row(row: Sequence[str]) -> int:
+def _score_row(row: Sequence[str], *, narrowest: int) -> int:
     """Return the excess of number and time fields over text fields; 0 if not data."""
     number = text = missing = 0
     for field in row:
-        stripped = field.strip()
-        if _NUMBER.fullmatch(stripped) or _MOMENT.fullmatch(stripped):
+        if is_number(field) or is_moment(field):
             number += 1
-        elif stripped.lower() in _NO_VALUE:
+        elif is_missing(field):
             missing += 1
         else:
             text += 1
-    return max(0, number - text) if number and number + missing > 1 else 0
+    return max(0, number - text) if number and number + missing >= narrowest else 0
 
 
-def _parse_header(above: Sequence[Sequence[str]], width: int) -> list[str]:
+def _has_number(row: Sequence[str], form: LineForm) -> bool:
+    return any(is_number(field) or is_moment(field) for field in row[form.stamped :])
+
+
+def _parse_header(above: Sequence[Sequence[str]], width: int, *, stamped: bool) -> list[str]:
     """Return the column names above the data, with units from a separate line if present."""
-    lines = [[field.strip() for field in row][:width] for row in above[-2:]]
+    fitting = [row for row in above if not any(field.strip() for field in row[width:])]
+    lines = [[field.strip() for field in row][:width] for row in fitting[-2:]]
+    # The terminal's time in front of a header is no name.
+    lines = [(["", *line[1:]] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
     units = [""] * width
-    if len(lines) == 2 and all(_UNIT_ROW.fullmatch(field) for field in lines[1]):
-        units = [field.strip("[]()-") for field in lines.pop()]
-    if not lines or 2 * sum(map(bool, lines[-1])) < width:
-        return [str(number) for number in range(1, width + 1)]
+    has_units = len(lines) == 2 and any(lines[1]) and all(map(is_unit_field, lines[1]))
+    if has_units and _is_header(lines[0], stamped=stamped):
+        units = [field.strip("[](){}<>-") for field in lines.pop()]
+    if not lines or not _is_header(lines[-1], stamped=stamped):
+        return [STAMP] * stamped + [str(number) for number in range(1 + stamped, width + 1)]
     names: list[str] = []
     for name, unit in zip(lines[-1], units, strict=True):
         name = " ".join((f"{name} [{unit}]" if unit else name).split())
-        name = name or f"column {len(names) + 1}"
+        name = name or (STAMP if stamped and not names else f"column {len(names) + 1}")
         names.append(name if name not in names else f"{name} ({len(names) + 1})")
     return names
 
 
+def _is_header(line: Sequence[str], *, stamped: bool) -> bool:
+    """Return whether a line above the data names at least half of the columns.
+
+    A note has one field. The first column of a table may have no name, if it is an index.
+    """
+    named = sum(map(bool, line[stamped:]))
+    is_index = not line[0] and not stamped
+    return 2 * named >= len(line) - stamped and named >= min(2, len(line) - stamped - is_index)
+
+
 def gather_rows(
-    chunks: Iterable[NumberedRows], layout: Layout, *, name: str, word: str = "line"
+    chunks: Iterable[NumberedRows],
+    layout: Layout,
+    *,
+    name: str,
+    word: str = "line",
+    decimal: str | None = None,
 ) -> Table:
     """Gather rows into a table that lists its skipped rows and its non-numeric fields.
 
-    A column is text if at least half of its first chunk is text.
+    The fields remain texts until all numbers have been seen, because the last may decide what a
+    mark in the first means. A column is text if at least half of its first chunk is text.
 
     `word` ("line" or "row"): unit of the row numbers in messages.
     Raises `InputError` if there are no rows, or too many unusable ones.
     """
     names, width = layout.names, len(layout.names)
-    texts: set[str] = {find_recording_column(names) or ""}
-    columns: dict[str, list[NDArray[Any]]] = {column: [] for column in names}
-    non_numeric: dict[str, list[int]] = {column: [] for column in names}
+    texts: dict[str, list[str]] = {column: [] for column in names}
+    evidence = MarkEvidence()
     used: list[int] = []
     bad: list[tuple[str, str]] = []
     for rows, numbers in chunks:
@@ -317,36 +424,74 @@ def gather_rows(
                 for i in sorted({*filled} - {*complete})
             ]
             rows, numbers = [rows[i][:width] for i in complete], [numbers[i] for i in complete]
-        for column, fields in zip(names, zip(*rows, strict=True), strict=False):
-            if column in texts:
-                columns[column].append(np.array(fields, dtype=object))
-                continue
-            parsed = parse_numbers(fields, comma=layout.comma)
-            odd = [
-                numbers[i]
-                for i in np.flatnonzero(np.isnan(parsed)).tolist()
-                if fields[i].strip().lower() not in _NO_VALUE
-            ]
-            if not used and 2 * len(odd) >= len(fields):
-                texts.add(column)
-                columns[column].append(np.array(fields, dtype=object))
-            else:
-                non_numeric[column] += odd
-                columns[column].append(parsed)
+        if not rows:
+            continue
+        places = [f"{word} {number}" for number in numbers]
+        for column, fields in zip(names, zip(*rows, strict=True), strict=True):
+            evidence.look(fields, places=places)
+            joined = _JOIN.join(fields)
+            if joined.count(_JOIN) != len(fields) - 1:
+                joined = _JOIN.join(text.replace(_JOIN, " ") for text in fields)
+            texts[column].append(joined)
         used += numbers
     omissions = report_bad_rows(bad, total=len(used) + len(bad), name=name)
     if not used:
         raise InputError(f"{name}: no rows of numbers; expected times and readings")
-    omissions += [
-        f"{column}: {len(odd)} fields are not numbers and count as missing (first at {word} "
-        f"{odd[0]})"
-        for column, odd in non_numeric.items()
-        if odd
-    ]
+    format_ = evidence.decide(name=name, separator=layout.separator, wanted=decimal)
+    if format_.group and (evidence.group or evidence.either):
+        omissions.append(f"{format_.group!r} separates thousands")
+    columns: dict[str, NDArray[Any]] = {}
+    for column in names:
+        columns[column] = _parse_column(
+            texts.pop(column), column, format_, numbers=used, word=word, omissions=omissions
+        )
+    for column in [c for c in names if c.startswith("column ")]:
+        cells = columns[column]
+        is_text = cells.dtype == object
+        count = sum(map(bool, cells)) if is_text else int(np.isfinite(cells).sum())
+        if count < _NOTE_FRACTION * len(used):
+            del columns[column]
+            if count and not is_text:
+                omissions.append(f"{column} has no name and {count} numbers; it was omitted")
     return Table(
-        name=name,
-        columns={column: np.concatenate(parts) for column, parts in columns.items()},
-        numbers=used,
-        word=word,
-        omissions=omissions,
+        name=name, columns=columns, numbers=used, word=word, omissions=[*layout.remarks, *omissions]
     )
+
+
+def _parse_column(
+    parts: Sequence[str],
+    column: str,
+    format_: NumberFormat,
+    *,
+    numbers: Sequence[int],
+    word: str,
+    omissions: list[str],
+) -> NDArray[Any]:
+    """Return a column of numbers, or of texts if half of the first are."""
+    is_text = column == find_recording_column([column])
+    found: list[NDArray[Any]] = []
+    odd: list[int] = []
+    start = 0
+    for part in parts:
+        fields = part.split(_JOIN)
+        if not is_text:
+            parsed = format_.parse(fields)
+            parsed[parsed >= OPEN_NUMBER] = np.inf
+            strange = [
+                start + i
+                for i in np.flatnonzero(np.isnan(parsed)).tolist()
+                if not is_missing(fields[i])
+            ]
+            is_text = not found and 2 * len(strange) >= len(fields)
+            if not is_text:
+                odd += strange
+                found.append(parsed)
+        if is_text:
+            found.append(np.array(fields, dtype=object))
+        start += len(fields)
+    if odd:
+        omissions.append(
+            f"{column}: {len(odd)} fields are not numbers and count as missing (first at {word} "
+            f"{numbers[odd[0]]})"
+        )
+    return np.concatenate(found)

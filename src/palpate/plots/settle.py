@@ -117,7 +117,7 @@ def _draw_overview(figure: Figure, row: Any, title: str, recording: CutColumn) -
     axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])
     thinned = slice(None, None, max(1, recording.time_s.size // OVERVIEW_POINTS))
     axis.plot(recording.time_s[thinned], recording.values[thinned], color=INK, lw=0.7)
-    low, high = float(recording.values.min()), float(recording.values.max())
+    low, high = float(np.nanmin(recording.values)), float(np.nanmax(recording.values))
     if low > 0 and high > LOGARITHMIC_FROM * low:
         log_axis(axis.yaxis)
     for number, (begin_s, end_s) in enumerate(recording.spans, start=1):

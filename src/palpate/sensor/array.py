@@ -233,7 +233,9 @@ class PressureArray(Protocol):
         ...
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, oldest first. With a timeout of 0, only one that has arrived.
+        """Return the next frame, oldest first.
+
+        With a timeout of 0, only a frame that has arrived.
 
         Raises
         ------

@@ -32,6 +32,8 @@ _MAX_HALF_WIDTH = 0.2
 #: Ratio of the settling rate per e-fold of time to the rate in the last e-fold. For 97 % of 217
 #: holds of five real materials it is in this range from 2.5 s on (study `settled`).
 _PROVEN_PACE = (0.6, 1.8)
+#: Latest horizon at which the shapes were compared with real materials, seconds.
+_PROVEN_HORIZON_S = 20.0
 #: A hold that returns by more than this fraction of its change is not settling.
 _MAX_RETURN = 0.3
 #: Largest predicted change, as a multiple of the observed change.
@@ -109,6 +111,10 @@ class Relaxation:
                         after_s=after_s - float(times[window.origin]),
                         quantile=quantile,
                     )
+                    if horizon_s > _PROVEN_HORIZON_S:
+                        status[hold] = np.where(
+                            status[hold] == Status.OK, Status.UNPROVEN, status[hold]
+                        )
                     base = last[batch, 0]
                     ends[:, hold] = base * np.exp(found) if positive else base + found
                     window_s[hold] = window.since_s[-1] - window.since_s[0]

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -447,3 +448,74 @@ def test_settle_rows_and_summary_of_one_hold_agree(tmp_path: Path, palpate: Comm
     assert float(row) == pytest.approx(float(summary), abs=0.06)
     # Statuses are counted for each method, so they add up to its holds.
     assert re.search(r"Status of relaxation: 1 \w+\nStatus of recorded: 1 \w+\n", shown)
+
+
+def write_press(path: Path, header: str, row: Callable[[float, float], str]) -> Path:
+    """Write a sensor at rest for 3 s, then pressed for 24 s."""
+    time_s = np.arange(0, 27, 0.1)
+    values = np.where(time_s < 3, 900.0, 400.0 - 9.0 * np.log1p(np.maximum(time_s - 3, 0) / 0.3))
+    rows = [row(t, v) for t, v in zip(time_s, values, strict=True)]
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_settle_rest_asks_for_an_unknown_unit(tmp_path: Path, palpate: Command) -> None:
+    path = write_press(tmp_path / "a.csv", "time_s,left", lambda t, v: f"{t:.1f},{v:.0f}")
+    rest = ("--rest", "0:2", "--mean")
+    assert "the unit is unknown" in palpate.refused("settle", path, *rest)
+    assert palpate("settle", path, *rest, "--unit", "ohm").out
+
+
+def test_settle_interval_replaces_a_missing_clock(tmp_path: Path, palpate: Command) -> None:
+    path = write_press(tmp_path / "a.csv", "fsr", lambda t, v: f"{v:.1f}")
+    assert "--interval" in palpate.refused("settle", path)
+    [row] = document(palpate, path, "--interval", "0.1")["rows"]
+    assert row["settled"] == pytest.approx(400 - 9 * np.log1p(20 / 0.3), rel=0.01)
+    assert "--interval -1" in palpate.refused("settle", path, "--interval", "-1")
+
+
+def test_settle_names_the_sheet_and_reads_another(tmp_path: Path, palpate: Command) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["Series", "n = 3"])
+    for title, scale in (("First", 1.0), ("Second", 2.0)):
+        sheet = book.create_sheet(title)
+        sheet.append(["time_s", "R_ohm"])
+        for t in np.arange(0, 27, 0.1):
+            held = 400.0 - 9.0 * np.log1p(max(t - 3, 0) / 0.3)
+            sheet.append([round(float(t), 1), scale * float(900.0 if t < 3 else held)])
+    book.save(path := tmp_path / "book.xlsx")
+    printed = palpate("settle", path, "--json")
+    assert "'First'" in printed.err
+    assert "--sheet" in printed.err
+    first = printed.document["rows"][0]["settled"]
+    [row] = document(palpate, path, "--sheet", "Second")["rows"]
+    assert row["settled"] == pytest.approx(2 * first, rel=1e-6)
+    assert "available: Sheet, First, Second" in palpate.refused("settle", path, "--sheet", "x")
+
+
+def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Command) -> None:
+    rows = [
+        f"h{k},{t:.1f},{(100 + k) * (1 - 0.03 * np.log1p(t)):.4f}"
+        for k in range(9)
+        for t in np.arange(0, 41, 0.2)
+    ]
+    for name, part in (("new", rows[:205]), ("past", rows[205:])):
+        text = "\n".join(["hold_id,time_s,value", *part]) + "\n"
+        (tmp_path / f"{name}.csv").write_text(text)
+    new = tmp_path / "new.csv"
+    statuses = [
+        document(palpate, new, *options)["rows"][0]["status"]
+        for options in ((), ("--horizon", "40"))
+    ]
+    assert statuses == ["ok", "unproven"]
+    learned = document(palpate, new, "--horizon", "40", "--learn-from", tmp_path / "past.csv")
+    assert learned["rows"][0]["status"] == "ok"
+
+
+def test_settle_of_a_slow_logger_has_a_settled_value(tmp_path: Path, palpate: Command) -> None:
+    rows = [f"a,{t},{100 - 5 * np.log1p(t):.4f}" for t in (0, *range(1, 40, 2))]
+    path = tmp_path / "slow.csv"
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    [row] = document(palpate, path, "--cutoff", "7")["rows"]
+    assert row["settled"] == pytest.approx(100 - 5 * np.log1p(19.75), rel=1e-3)

@@ -73,7 +73,7 @@ def test_device_clock_times_are_ordered_and_not_after_arrival(seed: int, drift: 
 
 
 def test_device_clock_frames_of_a_late_burst_keep_the_distances_of_the_board() -> None:
-    """Nothing was read for 0.1 s: the last frame of the burst shows the delay of all."""
+    """The last frame of a burst after 0.1 s shows the delay of all."""
     clock = DeviceClock()
     first_s = clock.to_host_s(0.0, arrival_s=5.003)
     burst_s = clock.convert_burst([0.004 * k for k in range(1, 26)], arrival_s=5.1005)

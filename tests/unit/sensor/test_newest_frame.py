@@ -78,7 +78,7 @@ def test_frames_of_a_burst_within_the_limit_are_not_skipped() -> None:
 
 @contextmanager
 def printing_board(*, rate_hz: float) -> Iterator[str]:
-    """Yield the port of a board that prints two numbers: the number of the line, and 300."""
+    """Yield the port of a board that prints the number of the line, and 300."""
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(master, False)

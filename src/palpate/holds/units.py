@@ -1,0 +1,102 @@
+"""Units in the names of columns and in rows of units."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+Unit: TypeAlias = Literal["ohm", "percent", "counts", "volt", "newton", "pascal"]
+
+#: SI prefixes of the units that accept one.
+_PREFIXES = {"G": 1e9, "M": 1e6, "K": 1e3, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6}
+#: A unit as written -> quantity and factor. Letters are as written, because a case matters: N and
+#: n, mm and MM are the exceptions that `find_unit` accepts.
+_GRAVITY = 9.80665
+_PLAIN: dict[str, tuple[Unit, float]] = {
+    **dict.fromkeys(("ohm", "ohms", "Ohm", "Ohms", "OHM", "Ω", "\u2126"), ("ohm", 1.0)),
+    **dict.fromkeys(("%", "percent"), ("percent", 1.0)),
+    **dict.fromkeys(("count", "counts", "adc", "ADC", "raw", "LSB", "digits"), ("counts", 1.0)),
+    **dict.fromkeys(("V", "volt", "volts", "Volt", "Volts", "v"), ("volt", 1.0)),
+    **dict.fromkeys(("N", "newton", "newtons", "Newton", "Newtons"), ("newton", 1.0)),
+    **dict.fromkeys(("Pa", "pascal", "pascals", "pa"), ("pascal", 1.0)),
+    **dict.fromkeys(("g", "gf", "gram", "grams", "gr"), ("newton", 1e-3 * _GRAVITY)),
+    **dict.fromkeys(("kg", "kgf", "Kg", "KG", "kp"), ("newton", _GRAVITY)),
+    **dict.fromkeys(("lb", "lbs", "lbf"), ("newton", 0.45359237 * _GRAVITY)),
+    **dict.fromkeys(("oz", "ozf"), ("newton", 0.45359237 * _GRAVITY / 16)),
+    "mbar": ("pascal", 100.0),
+    "bar": ("pascal", 1e5),
+    "psi": ("pascal", 6894.757),
+    "PSI": ("pascal", 6894.757),
+    "mmHg": ("pascal", 133.322),
+}
+_WITH_PREFIX = ("ohm", "ohms", "Ohm", "Ohms", "OHM", "Ω", "\u2126", "V", "v", "N", "Pa", "pa")
+_PREFIXED = {
+    f"{prefix}{unit}": (_PLAIN[unit][0], factor)
+    for prefix, factor in _PREFIXES.items()
+    for unit in (*_WITH_PREFIX, "volt", "volts", "newton", "newtons", "pascal", "pascals")
+}
+UNITS: dict[str, tuple[Unit, float]] = {**_PREFIXED, **_PLAIN}
+#: Units of quantities that are not readings of a pressure sensor.
+OTHER_UNITS = {"%RH", "1/s", "A", "bit", "bits", "C", "cm", "dB", "deg", "deg.C", "degC", "degF"}
+OTHER_UNITS |= {"F", "H", "Hz", "in", "inch", "J", "K", "kHz", "lux", "lx", "m", "m/s", "m/s2"}
+OTHER_UNITS |= {"m/s²", "mA", "MHz", "mil", "mm", "mm/min", "mm/mm", "mm/s", "mm2", "mm²", "mS"}
+OTHER_UNITS |= {"mW", "N/m", "N/mm", "nA", "nF", "Nm", "nm", "nS", "N·m", "pF", "rad", "rpm", "S"}
+OTHER_UNITS |= {"uA", "uF", "um", "uS", "W", "°", "°C", "°F", "µA", "µF", "µm", "µS", "μm", "℃"}
+_TIME_UNITS = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"),
+    "ns": ("ns", "nanoseconds"),
+    "min": ("min", "mins", "minute", "minutes"),
+    "h": ("h", "hr", "hour", "hours"),
+    "unix": ("unix", "epoch"),
+}
+#: Word -> unit of time.
+TIME_UNITS = {word: unit for unit, words in _TIME_UNITS.items() for word in words}
+_BRACKETS = re.compile(r"[\[(<{]\s*([^\[\](){}<>]{1,16}?)\s*[\])>}]")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedUnit:
+    """A unit's quantity (None for other quantities), and factor to its basic unit."""
+
+    quantity: Unit | None
+    factor: float = 1.0
+
+
+def find_unit(text: str) -> NamedUnit | None:
+    """Return the unit that a text is, or None; brackets around it are ignored.
+
+    >>> find_unit("kPa"), find_unit("[mm]"), find_unit("Force")
+    (NamedUnit(quantity='pascal', factor=1000.0), NamedUnit(quantity=None, factor=1.0), None)
+    """
+    word = text.strip().strip("[](){}<>").strip()
+    for known in (word, word.lower()):
+        if known in UNITS:
+            quantity, factor = UNITS[known]
+            return NamedUnit(quantity=quantity, factor=factor)
+        if known in OTHER_UNITS:
+            return NamedUnit(quantity=None)
+    return None
+
+
+def find_bracketed_unit(name: str) -> NamedUnit | None:
+    """Return the unit in the last brackets of a name, if any.
+
+    >>> find_bracketed_unit("Standard force [kN]")
+    NamedUnit(quantity='newton', factor=1000.0)
+    """
+    found = [unit for text in _BRACKETS.findall(name) if (unit := find_unit(text)) is not None]
+    return found[-1] if found else None
+
+
+def is_unit_field(text: str) -> bool:
+    """Return whether a field of a header row may be a unit; a blank may.
+
+    >>> [is_unit_field(text) for text in ("", "-", "min", "kN", "Force")]
+    [True, True, True, True, False]
+    """
+    word = text.strip().strip("[](){}<>").strip()
+    is_time = word.lower() in TIME_UNITS or word in ("hh:mm:ss", "HH:MM:SS")
+    return word in ("", "-", "1") or is_time or find_unit(word) is not None

@@ -1,0 +1,466 @@
+"""Forms in which loggers, terminals and programs write readings, and what is read of each.
+
+The list drives the tests of the reader and the table of the documentation.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+#: A recording of two sensors: at rest, a contact at 3 s, a hold.
+TIME_S = np.round(np.arange(0.0, 25.0, 0.1), 3)
+_HELD = TIME_S >= 3.0
+_CREEP = np.log1p(np.maximum(TIME_S - 3.0, 0.0) / 0.3)
+ONE = np.where(_HELD, 412 - 9 * _CREEP, 620).round().astype(int)
+TWO = np.where(_HELD, 530 - 11 * _CREEP, 806).round().astype(int)
+FORCE_N = np.where(_HELD, 6.25 - 0.25 * _CREEP, 0.0).round(3)
+#: Ohm with four digits before the decimal mark, and counts that never repeat.
+OHM = (100.0 * ONE + 18.7).round(1)
+ROWS = range(TIME_S.size)
+START = datetime(2024, 5, 31, 12, 34, 50, 120_000)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """One form of a file."""
+
+    #: What writes it, and one of its lines.
+    what: str
+    line: str
+    #: Content of the file, and its ending.
+    content: str | bytes
+    ending: str = ".txt"
+    #: Arguments of `palpate.read_recording` that it needs.
+    options: Mapping[str, Any] = field(default_factory=dict)
+    #: Readings by column, or by recording and column; empty if the file is refused.
+    columns: Mapping[str, Any] = field(default_factory=dict)
+    #: Part of the message if the file is refused.
+    refused: str = ""
+
+    def verdict(self) -> str:
+        """Return the result in words of the documentation."""
+        if self.refused:
+            return f"refused: {self.refused}"
+        needs = "".join(f" with `--{name.removesuffix('_s')}`" for name in self.options)
+        return f"read{needs}: {', '.join(self.columns)}"
+
+
+def stamp(row: int, form: str, *, start: datetime = START) -> str:
+    """Return the time of a row in a `strftime` form; %f has milliseconds."""
+    moment = start + timedelta(seconds=float(TIME_S[row]))
+    return moment.strftime(form.replace("%f", f"{moment.microsecond // 1000:03d}"))
+
+
+def lines(line: Callable[[int], str], *, head: str = "") -> str:
+    """Return a line for each row, below a header."""
+    return head + "".join(line(row) + "\n" for row in ROWS)
+
+
+def comma(number: float, digits: int = 1) -> str:
+    """Return a number with a decimal comma."""
+    return f"{number:.{digits}f}".replace(".", ",")
+
+
+def archive(name: str) -> bytes:
+    """Return a zip archive with one entry."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packed:
+        packed.writestr(name, b"x")
+    return file.getvalue()
+
+
+def workbook(*sheets: list[list[Any]]) -> bytes:
+    """Return a workbook with a sheet for each list of rows."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for number, rows in enumerate(sheets, start=1):
+        sheet = book.create_sheet(f"Run {number}")
+        for row in rows:
+            sheet.append(row)
+    file = io.BytesIO()
+    book.save(file)
+    return file.getvalue()
+
+
+def _open(words: str) -> str:
+    return lines(
+        lambda r: f"{TIME_S[r]:.1f},{OHM[r] if _HELD[r] else words}", head="time_s,R_ohm\n"
+    )
+
+
+_SHEET = [["Test time", "Standard force"], ["s", "N"]]
+_SHEET += [[float(t), float(f)] for t, f in zip(TIME_S, FORCE_N, strict=True)]
+_OPEN_OHM = np.where(_HELD, OHM, np.inf)
+_STAMP = "%H:%M:%S.%f -> "
+
+TERMINALS = (
+    Form(
+        what="Arduino IDE, two values",
+        line="12:34:50.120 -> 620,806",
+        content=lines(lambda r: stamp(r, _STAMP) + f"{ONE[r]},{TWO[r]}"),
+        columns={"2": ONE, "3": TWO},
+    ),
+    Form(
+        what="Arduino IDE, labels",
+        line="12:34:50.120 -> A0:620<tab>A1:806",
+        content=lines(lambda r: stamp(r, _STAMP) + f"A0:{ONE[r]}\tA1:{TWO[r]}"),
+        columns={"A0": ONE, "A1": TWO},
+    ),
+    Form(
+        what="labels with units",
+        line="12:34:50.120 -> FSR: 620 | Weight: 1.5 g",
+        content=lines(lambda r: stamp(r, _STAMP) + f"FSR: {ONE[r]} | Weight: {FORCE_N[r]} g"),
+        columns={"FSR": ONE},
+    ),
+    Form(
+        what="a label in each line",
+        line="12:34:50.120 -> left = 620",
+        content=lines(
+            lambda r: (
+                stamp(r, _STAMP) + f"left = {ONE[r]}\n" + stamp(r, _STAMP) + f"right = {TWO[r]}"
+            )
+        ),
+        columns={"left": ONE, "right": TWO},
+    ),
+    Form(
+        what="own clock first",
+        line="12:34:50.120 -> 54321,620",
+        content=lines(lambda r: stamp(r, _STAMP) + f"{54321 + round(1e3 * TIME_S[r])},{ONE[r]}"),
+        columns={"3": ONE},
+    ),
+    Form(
+        what="header among the lines",
+        line="12:34:49.900 -> ms,fsr",
+        content=lines(
+            lambda r: stamp(r, _STAMP) + f"{round(1e3 * TIME_S[r])},{ONE[r]}",
+            head="12:34:49.800 -> ready\n12:34:49.900 -> ms,fsr\n",
+        ),
+        columns={"fsr": ONE},
+    ),
+    Form(
+        what="over midnight",
+        line="23:59:50.120 -> 620",
+        content=lines(
+            lambda r: stamp(r, _STAMP, start=datetime(2024, 5, 31, 23, 59, 50)) + f"{ONE[r]}"
+        ),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="date and arrow",
+        line="2024-05-31 12:34:50.120 -> 620",
+        content=lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f -> ") + f"{ONE[r]}"),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="tio, Tera Term, arduino-cli",
+        line="[2024-05-31 12:34:50.120] 620 806",
+        content=lines(lambda r: stamp(r, "[%Y-%m-%d %H:%M:%S.%f] ") + f"{ONE[r]} {TWO[r]}"),
+        columns={"2": ONE, "3": TWO},
+    ),
+    Form(
+        what="PlatformIO",
+        line="12:34:50.120 > 620",
+        content=lines(lambda r: stamp(r, "%H:%M:%S.%f > ") + f"{ONE[r]}", head="--- Terminal\n"),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="PuTTY, own clock in ms",
+        line="54321,620",
+        content=lines(
+            lambda r: f"{54321 + round(1e3 * TIME_S[r])},{ONE[r]}",
+            head="=~=~=~=~= PuTTY log 2024.05.31 12:34:50 =~=~=~=~=\n",
+        ),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="comma in the time",
+        line="12:34:50,120 -> 620,806",
+        content=lines(lambda r: stamp(r, "%H:%M:%S,%f -> ") + f"{ONE[r]},{TWO[r]}"),
+        refused="may separate two readings or be a decimal mark",
+    ),
+    Form(
+        what="JSON lines",
+        line='{"t_ms": 100, "fsr": [620, 806]}',
+        content=lines(
+            lambda r: json.dumps(
+                {"t_ms": round(1e3 * TIME_S[r]), "fsr": [int(ONE[r]), int(TWO[r])]}
+            )
+        ),
+        columns={"fsr.0": ONE, "fsr.1": TWO},
+    ),
+    Form(
+        what="JSON document",
+        line='[{"t": 0.1, "fsr": 620}, ...',
+        content=json.dumps([{"t": float(TIME_S[r]), "fsr": int(ONE[r])} for r in ROWS], indent=1),
+        refused="a JSON document",
+    ),
+)
+SENSORS = (
+    Form(
+        what="a row per sensor",
+        line="0.1,S1,620",
+        content=lines(
+            lambda r: f"{TIME_S[r]},S1,{ONE[r]}\n{TIME_S[r]},S2,{TWO[r]}",
+            head="time_s,sensor,value\n",
+        ),
+        columns={"S1": ONE, "S2": TWO},
+    ),
+    Form(
+        what="a row per channel number",
+        line="0.1,0,620",
+        content=lines(
+            lambda r: f"{TIME_S[r]},0,{ONE[r]}\n{TIME_S[r]},1,{TWO[r]}",
+            head="time_s,channel,value\n",
+        ),
+        columns={"0": ONE, "1": TWO},
+    ),
+    Form(
+        what="a line per reading, -1 before a frame",
+        line="12:34:50.120 -> -1",
+        content=lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (-1, ONE[r], TWO[r]))),
+        columns={"place 1": ONE, "place 2": TWO},
+    ),
+    Form(
+        what="a line per reading, equal times",
+        line="12:34:50.120 -> 620",
+        content=lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (ONE[r], TWO[r]))),
+        columns={"place 1": ONE, "place 2": TWO},
+    ),
+    Form(
+        what="the same, readings missing",
+        line="12:34:50.120 -> 620",
+        content=lines(
+            lambda r: "\n".join(
+                stamp(r, _STAMP) + f"{v}" for v in (ONE[r], TWO[r], TWO[r] + 99)[: 1 + r % 3]
+            )
+        ),
+        refused="rows with the same time have different readings",
+    ),
+    Form(
+        what="two readings in a clock tick",
+        line="0.1,620",
+        content=lines(lambda r: f"{TIME_S[r]},{ONE[r]}\n{TIME_S[r]},{ONE[r]}", head="time_s,fsr\n"),
+        columns={"fsr": ONE},
+    ),
+)
+TIMES = (
+    Form(
+        what="ISO date and tab",
+        line="2024-05-31 12:34:50.120<tab>620",
+        content=lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f\t") + f"{ONE[r]}"),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="ISO date with T and Z",
+        line="2024-05-31T12:34:50.120Z,620",
+        content=lines(
+            lambda r: stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ,") + f"{ONE[r]}", head="timestamp,fsr\n"
+        ),
+        columns={"fsr": ONE},
+    ),
+    Form(
+        what="month first, AM and PM",
+        line="05/31/2024 12:34:50.120 PM,620",
+        content=lines(
+            lambda r: stamp(r, "%m/%d/%Y %I:%M:%S.%f %p,") + f"{ONE[r]}", head="Timestamp,FSR\n"
+        ),
+        columns={"FSR": ONE},
+    ),
+    Form(
+        what="European date",
+        line="31.05.2024 12:34:50,120;620",
+        content=lines(
+            lambda r: stamp(r, "%d.%m.%Y %H:%M:%S,%f;") + f"{ONE[r]}", head="Datum;fsr\n"
+        ),
+        columns={"fsr": ONE},
+    ),
+    Form(
+        what="days or months, over months",
+        line="03/04/2024,620",
+        content="date,fsr\n"
+        + "".join(f"{d:02d}/{m:02d}/2024,{620 - m}\n" for m in range(1, 13) for d in (1, 6, 11)),
+        refused="may be day/month or month/day",
+    ),
+    Form(
+        what="the clock restarts",
+        line="0,620",
+        content=lines(
+            lambda r: f"{round(1e3 * TIME_S[r])},{ONE[r]}",
+            head="ms,fsr\n" + "".join(f"{54321 + 100 * k},620\n" for k in range(8)),
+        ),
+        columns={"part 1": {"fsr": np.full(8, 620)}, "part 2": {"fsr": ONE}},
+    ),
+    Form(
+        what="total and cycle time",
+        line="0.1;0.1;620",
+        content=lines(
+            lambda r: f"{TIME_S[r] % 5:.1f};{TIME_S[r]:.1f};{ONE[r]}",
+            head="Cycle time;Total time;fsr\n",
+        ),
+        columns={"fsr": ONE},
+    ),
+    Form(
+        what="no clock",
+        line="620,806",
+        content=lines(lambda r: f"{ONE[r]},{TWO[r]}", head="left,right\n"),
+        refused="no time column recognised",
+    ),
+    Form(
+        what="no clock, one column",
+        line="620",
+        content=lines(lambda r: f"{ONE[r]}"),
+        options={"interval_s": 0.1},
+        columns={"1": ONE},
+    ),
+)
+NUMBERS = (
+    Form(
+        what="German",
+        line="0,1;62018,7",
+        content=lines(
+            lambda r: f"{comma(TIME_S[r])};{comma(OHM[r])}", head="Zeit [s];Widerstand [Ohm]\n"
+        ),
+        columns={"Widerstand [Ohm]": OHM},
+    ),
+    Form(
+        what="thousands with points",
+        line="0,1;62.018,7",
+        content=lines(
+            lambda r: f"{comma(TIME_S[r])};{OHM[r] // 1000:.0f}.{comma(OHM[r] % 1000).zfill(5)}",
+            head="time_s;R_ohm\n",
+        ),
+        columns={"R_ohm": OHM},
+    ),
+    Form(
+        what="thousands in quotes",
+        line='0.1,"62,018.7"',
+        content=lines(lambda r: f'{TIME_S[r]},"{OHM[r]:,.1f}"', head="time_s,R_ohm\n"),
+        columns={"R_ohm": OHM},
+    ),
+    Form(
+        what="thousands with spaces",
+        line="0,1;62 018,7",
+        content=lines(
+            lambda r: f"{comma(TIME_S[r])};" + f"{OHM[r]:,.1f}".replace(",", " ").replace(".", ","),
+            head="time_s;R_ohm\n",
+        ),
+        columns={"R_ohm": OHM},
+    ),
+    Form(
+        what="points and decimal commas",
+        line="0,1;62.018",
+        content=lines(lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"),
+        refused="say --decimal comma if '.' separates thousands",
+    ),
+    Form(
+        what="two decimal marks",
+        line="0.1;62,18",
+        content=lines(lambda r: f"{TIME_S[r]};{comma(OHM[r] / 1e3, 2)}", head="time_s;R_kohm\n"),
+        refused="have different decimal marks",
+    ),
+    Form(
+        what="row of units",
+        line="Time;Force;Extension / s;N;mm",
+        content=lines(
+            lambda r: f"{comma(TIME_S[r])};{comma(FORCE_N[r], 3)};3,00",
+            head="Time;Force;Extension\ns;N;mm\n",
+        ),
+        columns={"Force [N]": FORCE_N},
+    ),
+    Form(
+        what="row of other units",
+        line="time,load,strain / min,kN,%",
+        content=lines(
+            lambda r: f"{TIME_S[r] / 60:.6f},{FORCE_N[r] / 1e3:.6f},4.5",
+            head="time,load,strain\nmin,kN,%\n",
+        ),
+        columns={"load [kN]": FORCE_N},
+    ),
+    Form(
+        what="blank at rest",
+        line="0.1,",
+        content=_open(""),
+        columns={"R_ohm": np.where(_HELD, OHM, np.nan)},
+    ),
+    Form(what="OL at rest", line="0.1,OL", content=_open("OL"), columns={"R_ohm": _OPEN_OHM}),
+    Form(
+        what="9.9E37 at rest",
+        line="0.1,9.90000E+37",
+        content=_open("9.90000E+37"),
+        columns={"R_ohm": _OPEN_OHM},
+    ),
+)
+FILES = (
+    Form(
+        what="note without a header",
+        line="Velostat, pad 3",
+        content=lines(lambda r: f"{TIME_S[r]:.1f} {ONE[r]}", head="Velostat pad number three\n"),
+        columns={"2": ONE},
+    ),
+    Form(
+        what="LabVIEW .lvm",
+        line="X_Value<tab>Voltage",
+        content=lines(
+            lambda r: f"{TIME_S[r]:.6f}\t{ONE[r]:.6f}",
+            head="LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\n***End_of_Header***\t\n"
+            "Channels\t1\t\nDelta_X\t0.100000\n***End_of_Header***\t\nX_Value\tVoltage\n",
+        ),
+        ending=".lvm",
+        columns={"Voltage": ONE},
+    ),
+    Form(
+        what="Excel, several sheets",
+        line="Statistics, Specimen 1, ...",
+        content=workbook([["Series", "Fmax"], ["n = 3", "N"], ["x", 1.07]], _SHEET, _SHEET),
+        ending=".xlsx",
+        columns={"Standard force [N]": FORCE_N},
+    ),
+    Form(
+        what="Excel, a note in a far cell",
+        line="",
+        content=workbook(
+            [[*row, "", "checked"] if k == 8 else row for k, row in enumerate(_SHEET)]
+        ),
+        ending=".xlsx",
+        columns={"Standard force [N]": FORCE_N},
+    ),
+    Form(
+        what="NumPy .npz",
+        line="",
+        content=archive("t.npy"),
+        ending=".npz",
+        refused="a NumPy archive",
+    ),
+    Form(
+        what="ROS 1 bag",
+        line="",
+        content=b"#ROSBAG V2.0\n\x45\0\0\0",
+        ending=".bag",
+        refused="a ROS 1 bag",
+    ),
+    Form(
+        what="MATLAB .mat",
+        line="",
+        content=b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(128),
+        ending=".mat",
+        refused="a MATLAB file",
+    ),
+    Form(
+        what="LabVIEW .tdms",
+        line="",
+        content=b"TDSm\x0e\0\0\0".ljust(64, b"\0"),
+        ending=".tdms",
+        refused="a LabVIEW .tdms file",
+    ),
+)
+FORMS = (*TERMINALS, *SENSORS, *TIMES, *NUMBERS, *FILES)

@@ -1,0 +1,65 @@
+"""A sensor without a reading at rest keeps all of its contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.touches import TOUCHES, resistance_ohm
+
+from palpate.holds.cutting import cut_columns
+from palpate.holds.recordings import read_recordings
+
+TIME_S = np.arange(0.0, 88.0, 0.05)
+OHM = resistance_ohm(TIME_S)
+TOUCHED = np.any([(close <= TIME_S) & (open_ > TIME_S) for close, open_ in TOUCHES], axis=0)
+READINGS = {
+    "R_ohm": OHM,
+    "counts": np.rint(1023 * 470.0 / (470.0 + OHM)),
+    "U_volt": 3.3 * OHM / (470.0 + OHM),
+    "value": OHM,
+    "force_n": 900.0 / OHM,
+}
+
+
+@pytest.mark.parametrize("column", READINGS)
+@pytest.mark.parametrize("rest", [np.nan, np.inf])
+def test_contacts_without_reading_at_rest_are_all_found(column: str, rest: float) -> None:
+    values = np.where(TOUCHED, READINGS[column], rest)
+    [readings] = read_recordings({"time_s": TIME_S, column: values})
+    [cut] = cut_columns(readings)
+    assert len(cut.holds) == len(TOUCHES)
+    for hold, (begin_s, end_s), (close_s, open_s) in zip(
+        cut.holds, cut.spans, TOUCHES, strict=True
+    ):
+        assert begin_s == pytest.approx(close_s + 0.2, abs=0.25)
+        assert end_s == pytest.approx(open_s, abs=0.1)
+        assert np.isfinite(hold.values).all()
+    assert any("no readings at rest" in remark for remark in cut.remarks)
+    assert np.isnan(cut.values[~TOUCHED]).all()
+
+
+def test_lost_readings_during_a_hold_do_not_end_it() -> None:
+    values = np.where((TIME_S > 12.0) & (TIME_S < 13.0), np.nan, OHM)
+    [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
+    [cut] = cut_columns(readings)
+    assert [round(end_s) for _, end_s in cut.spans] == [25, 54, 83]
+    assert not any("rest" in remark for remark in cut.remarks)
+
+
+def test_readings_that_begin_late_at_rest_are_no_contact() -> None:
+    values = np.where(TIME_S < 1.0, np.nan, OHM)
+    [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
+    [cut] = cut_columns(readings)
+    assert [round(begin_s) for begin_s, _ in cut.spans] == [2, 30, 60]
+
+
+@pytest.mark.parametrize("step_s", [0.05, 0.1])
+def test_single_contact_between_blanks_begins_at_its_first_reading(step_s: float) -> None:
+    time_s = np.arange(0.0, 30.0, step_s)
+    held = (time_s >= 3.0) & (time_s < 27.0)
+    ohm = 4e4 - 9e2 * np.log1p(np.maximum(time_s - 3.0, 0.0) / 0.3)
+    [readings] = read_recordings({"time_s": time_s, "R_ohm": np.where(held, ohm, np.nan)})
+    [cut] = cut_columns(readings)
+    [(begin_s, end_s)] = cut.spans
+    assert begin_s == pytest.approx(3.0, abs=0.3)
+    assert end_s == pytest.approx(27.0, abs=0.2)

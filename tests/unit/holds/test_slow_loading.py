@@ -1,0 +1,71 @@
+"""The hold begins when the loading ends, however slow the loading was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.holds.test_contacts_on_real_recordings import read_recordings
+
+from palpate.holds.contacts import find_contacts
+
+STEP_S = 0.05
+
+
+def press_n(
+    time_s: np.ndarray, *, begin_s: float, ramp_s: float, end_s: float, power: float = 1.0
+) -> np.ndarray:
+    """Return the force of a slow press that relaxes by two fifths."""
+    since_s = time_s - begin_s
+    force = np.clip(since_s / ramp_s, 0.0, 1.0) ** power
+    held_s = np.maximum(since_s - ramp_s, 0.0)
+    force *= 1.0 - 0.1 * np.log1p(held_s / 0.4)
+    force[(since_s < 0) | (time_s > end_s)] = 0.0
+    return 8.0 * force
+
+
+@pytest.mark.parametrize("ramp_s", [1.0, 3.0, 9.0])
+@pytest.mark.parametrize("power", [1.0, 2.0])
+@pytest.mark.parametrize("reading", ["newton", "ohm", "counts", None])
+def test_hold_after_slow_loading_begins_at_its_end(
+    ramp_s: float, power: float, reading: str | None
+) -> None:
+    time_s = np.arange(0.0, 60.0, STEP_S)
+    noise = 0.01 * np.random.default_rng(3).normal(size=time_s.size)
+    force_n = press_n(time_s, begin_s=4.0, ramp_s=ramp_s, end_s=40.0, power=power) + noise
+    values = {
+        "newton": force_n,
+        "ohm": 4e4 / (np.maximum(force_n, 0.0) + 0.05),
+        "counts": 1023.0 * np.maximum(force_n, 0.0) / (np.maximum(force_n, 0.0) + 3.0),
+        None: force_n,
+    }[reading]
+    [hold] = find_contacts(time_s, values, unit=reading).holds
+    assert hold.start_s == pytest.approx(4.0 + ramp_s, abs=0.25)
+    assert hold.end_s == pytest.approx(40.0, abs=0.3)
+
+
+def test_creeping_reading_after_slow_loading_begins_at_its_knee() -> None:
+    time_s = np.arange(0.0, 40.0, STEP_S)
+    since_s = np.maximum(time_s - 8.0, 0.0)
+    load = np.clip((time_s - 4.0) / 4.0, 0.0, 1.0) * (1.0 + 0.02 * np.log1p(since_s / 0.5))
+    [hold] = find_contacts(time_s, 1e3 / (load + 0.01), unit="ohm").holds
+    assert hold.start_s == pytest.approx(8.0, abs=0.3)
+
+
+@pytest.mark.parametrize("period_s", [20.0, 45.0])
+def test_slow_waves_are_no_holds(period_s: float) -> None:
+    time_s = np.arange(0.0, 90.0, STEP_S)
+    wave = 5.0 * (1.0 - np.cos(2.0 * np.pi * time_s / period_s))
+    triangle = np.abs((time_s / period_s) % 1.0 - 0.5)
+    for values in (wave, 100.0 - wave, 0.5 - triangle):
+        assert find_contacts(time_s, values).holds == []
+
+
+def test_real_slow_tests_begin_at_the_peak_of_the_force(real_data: Path) -> None:
+    starts = []
+    for one in read_recordings(real_data / "tests_meat.csv.gz", "force_n").values():
+        [hold] = find_contacts(one["time_s"], one["force_n"], unit="newton").holds
+        starts.append(hold.start_s - one["time_s"][np.argmax(one["force_n"])])
+    assert len(starts) == 92
+    assert np.abs(starts).max() < 0.05
