@@ -202,6 +202,8 @@ def _judge(
     report, log = world.report(), world.read_log()
     outcome = document["outcome"]
     reason = "" if outcome == "held" else "; ".join(document["faults"]) or outcome
+    if not reason and report["peak_n"] < _TOUCH_N:
+        reason = "held, but nothing was touched"
     if not reason and report["width_mm"] < _OPEN_MM:
         reason = f"the hand is left at {report['width_mm']:.1f} mm"
     touching = log["monotonic_s"][log["force_n"] > _TOUCH_N]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import os
 import select
+import struct
+import termios
 import tty
 from collections import deque
 from collections.abc import Callable
@@ -114,7 +117,6 @@ class PortProbe:
     def __init__(self) -> None:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
-        os.set_blocking(self._slave, False)
         self._sent_s: float | None = None
         self.latest_s = 0.0
 
@@ -124,8 +126,10 @@ class PortProbe:
             os.write(self._master, b"x")
             self._sent_s = now_s
         self.latest_s = max(self.latest_s, now_s - self._sent_s)
-        with suppress(BlockingIOError):
-            os.read(self._slave, 1)
+        # Unlike a read, this does not make the kernel pass the byte on at once.
+        (waiting,) = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))
+        if waiting:
+            os.read(self._slave, waiting)
             self._sent_s = None
 
 
