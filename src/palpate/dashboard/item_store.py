@@ -104,6 +104,7 @@ class ItemStore:
             return self.placement_without_store(item_id, why=self.trouble)
         placement = self._choose_bin(grasp, item_id=item_id, is_stored=recording is not None)
         if recording is not None:
+            placement["stored"] = True
             if self._sender is None:
                 self._sender = Sender(self._where)
             self._sender.wake()

@@ -53,6 +53,7 @@ export const reasons = (doc) => listReasons(doc).map(joined);
 function listReasons(doc) {
   const verdict = doc.verdict, parts = [];
   if ("target_force_n" in verdict && doc.item) parts.push(doc.item);
+  if ("target_force_n" in verdict && doc.not_stored) parts.push(t("not stored: {why}", { why: doc.not_stored }));
   if (verdict.why) parts.push(verdict.why);
   if (verdict.on_target === true) parts.push(t("within the target of {force} N", { force: number(verdict.target_force_n) }));
   if (verdict.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < verdict.target_force_n ? "below" : "above", force: number(verdict.target_force_n) }));

@@ -37,6 +37,7 @@ function show() {
 }
 
 export function begin() {
+  window.soundRefusal = () => play("fault");
   document.addEventListener("pointerdown", wake, true);
   document.addEventListener("keydown", wake, true);
   document.addEventListener("click", (event) => {
