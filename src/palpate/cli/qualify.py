@@ -158,7 +158,9 @@ def qualification_document(
             name: {end: finite_or_none(getattr(scatter, end)) for end in ("between", "within")}
             for name, scatter in (("reference", agreement.reference), ("grasp", agreement.grasp))
         },
-        "confusion": count_grades(agreement, demand.limits if agreement.is_related else ()).tolist(),
+        "confusion": count_grades(
+            agreement, demand.limits if agreement.is_related else ()
+        ).tolist(),
         "reference_readings_needed": effort.reference_readings,
         "grasps_needed": effort.grasps,
         "mismatch": finite_or_none(effort.mismatch),

@@ -400,7 +400,9 @@ class AppState:
         # The activity stays "grasping" until the result is published, because clients read the
         # result and the item at the end of the activity.
         self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
-        self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document, order=order))
+        self._task = asyncio.ensure_future(
+            self._place_and_publish(place, entry, document, order=order)
+        )
 
     async def _place_and_publish(
         self,

@@ -150,7 +150,8 @@ class ItemStore:
                 "name": decision.bin,
                 "rule": None if decision.rule is None else decision.rule.line,
                 "probability": decision.probability,
-                "again": decision.needs_regrasp,
+                # Grasps without a name are not combined, so another one would not help.
+                "again": decision.needs_regrasp and item_id != "",
                 "why": f"{decision.why} ({stored.away})" if stored.away else decision.why,
             }
         }

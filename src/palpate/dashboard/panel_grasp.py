@@ -78,6 +78,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
         error = fault()
         if error is not None and viewer.is_driver:
             viewer.refuse(error)
+        viewer.refresh()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
     # Enter selects the text, so that the next scan replaces it.

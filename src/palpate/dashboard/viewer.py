@@ -183,9 +183,8 @@ class Viewer:
             raise InputError(f"the button press arrived {age_s:.0f} s late: press the button again")
 
     def refuse(self, error: Exception) -> None:
-        """Show the reason of a refusal as a notification, with the sound of a failure."""
+        """Show the reason of a refusal as a notification."""
         ui.notify(str(error), type="warning")
-        ui.run_javascript("window.soundRefusal?.()")
 
 
 def finite_number(value: object) -> float | None:
