@@ -66,19 +66,24 @@ def test_twenty_scanned_items_are_each_stored_with_their_own_name(
 
 
 RULES = """default = "by hand"
-confidence = 0.999
+confidence = 0.9
 most_grasps = 2
 [[rule]]
 bin = "soft"
-firmness = [0, 1]
+firmness = [0, 63]
+[[rule]]
+bin = "firm"
+firmness = [63, 100]
 """
+#: Measured firmness close to the limit of the rules.
+AVOCADO = ("--rig", "sim-rigid", "--object", "avocado-day-3", "--speed", "20", "--rate-hz", "15")
 
 
 def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
     browser: Browser, tmp_path: Path
 ) -> None:
     (tmp_path / "rules.toml").write_text(RULES)
-    with serve_dashboard(tmp_path, *FAST, "--rules", str(tmp_path / "rules.toml")) as address:
+    with serve_dashboard(tmp_path, *AVOCADO, "--rules", str(tmp_path / "rules.toml")) as address:
         machine = Machine(address)
         page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
         page.set_default_timeout(TIMEOUT_MS)

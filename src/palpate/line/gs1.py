@@ -8,7 +8,8 @@ from urllib.parse import quote
 from biip import ParseError
 from biip.checksums import gs1_standard_check_digit
 from biip.gs1_digital_link_uris import GS1DigitalLinkURI
-from biip.gs1_messages import GS1ElementString, GS1Message
+from biip.gs1_element_strings import GS1ElementString
+from biip.gs1_messages import GS1Message
 
 from palpate.errors import InputError
 
