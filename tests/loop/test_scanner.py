@@ -91,6 +91,7 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
         expect_fresh_link(page)
         drive(page)
         field = page.locator("input.scanned")
+        expect(field).to_be_enabled()
         # A damaged label is red and can't be grasped.
         page.keyboard.type("4006381333932")
         page.keyboard.press("Enter")
