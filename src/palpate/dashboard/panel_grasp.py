@@ -170,7 +170,7 @@ def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
 
 
 def _seed_of(value: object) -> int:
-    """Return the seed of the form; -1, which the session refuses, for anything but an integer."""
+    """Return the seed of the form; -1, which the session refuses, if not an integer."""
     number = finite_number(0 if value is None else value)
     return -1 if number is None or number % 1 else int(number)
 

@@ -257,7 +257,7 @@ class GraspForm:
         self.item_id, self.is_returned, self.ordered = "", False, order
 
     def return_item(self, order: GraspOrder | None, *, again: bool) -> None:
-        """Return the name of a grasp if its item is to be grasped again, else withdraw it.
+        """Return the name for another grasp of the item, or withdraw it.
 
         A name that was typed or scanned since the grasp is retained.
         """

@@ -206,7 +206,7 @@ class AppThread:
 
 
 async def _read_request(receive: Receive) -> Message | None:
-    """Return a request with its whole body, or a disconnection; None for a too large body."""
+    """Return a request with its body, or a disconnection; None if too large."""
     body = bytearray()
     while True:
         message = await receive()

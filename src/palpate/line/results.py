@@ -46,7 +46,7 @@ def is_bin_provisional(document: Mapping[str, Any] | None) -> bool:
 
 
 def not_stored_of(document: Mapping[str, Any] | None) -> str:
-    """Return the reason why a grasp was not stored; empty if it was, or without a grasp.
+    """Return why a grasp was not stored; empty if it was, or without a grasp.
 
     >>> not_stored_of({"stored": False, "not_stored": "no item"}), not_stored_of(None)
     ('no item', '')

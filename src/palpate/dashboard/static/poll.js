@@ -192,7 +192,10 @@ function recordPress(press) {
   window.emitEvent?.("press", { stops: received.stops, at_s: atS });
 }
 
-// A barcode scanner types into the focused element. Text typed outside of a field replaces the next
+// The text of the item's field that the user has typed or clicked; the server may have replaced it since.
+let edited = "";
+
+// A barcode scanner types into the focused element. A scan replaces a name that the server has returned. Text typed outside of a field replaces the next
 // item's name. F8 grasps, F9 releases.
 function handleKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
@@ -200,6 +203,8 @@ function handleKey(event) {
   if (button) {
     event.preventDefault();
     $(button)?.click();
+  } else if (field && field === event.target && event.key.length === 1) {
+    if (field.value !== edited) field.select();
   } else if (field && !field.disabled && event.key.length === 1 && !(event.key === " " && event.target.closest("button, a, [tabindex]")) && !event.target.closest("input, textarea, select, [role=slider]:not(.plot), [role=dialog], [contenteditable]")) {
     field.focus();
     field.select();
@@ -212,5 +217,6 @@ export function follow(draw, onLost = () => {}) {
   setInterval(drawLoss, CHECK_MS, onLost);
   window.addEventListener("click", recordPress, true);
   window.addEventListener("keydown", handleKey, true);
+  for (const name of ["input", "pointerdown"]) window.addEventListener(name, ({ target }) => { if (target.matches?.("input.scanned")) edited = target.value; }, true);
   poll(draw, onLost);
 }
