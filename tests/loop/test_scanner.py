@@ -58,6 +58,7 @@ def test_twenty_scanned_items_are_each_stored_with_their_own_name(
         assert sorted(names) == sorted(f"A-{number}" for number in range(SCANS))
         page.get_by_label("Clear").click()
         again = page.locator("#same-item")
+        expect(again).to_be_visible()
         expect(again).to_have_text(f"Same item again: A-{SCANS - 1}")
         again.focus()
         page.keyboard.press("Enter")

@@ -192,14 +192,16 @@ function recordPress(press) {
   window.emitEvent?.("press", { stops: received.stops, at_s: atS });
 }
 
-// The text of the item's field that the user has typed or clicked; the server may have replaced it since.
-let edited = "";
+// The item's text that the user is editing; null after the end of a scan or a grasp, when the next
+// key replaces the text.
+let edited = null;
 
 // A barcode scanner types into the focused element. A scan replaces a name that the server has returned. Text typed outside of a field replaces the next
 // item's name. F8 grasps, F9 releases.
 function handleKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const button = { F8: "grasp", F9: "release" }[event.key], field = document.querySelector("input.scanned");
+  if (button || (event.key === "Enter" && field === event.target)) edited = null;
   if (button) {
     event.preventDefault();
     $(button)?.click();
