@@ -208,7 +208,13 @@ class _Hand:
         sent = self._gripper.command(command)
         if self._last is not None:
             self._tracking = CommandTracking.start(
-                sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
+                sent,
+                state=self._last,
+                now_s=now_s,
+                limits=self._limits,
+                safety=self._safety,
+                earlier=self._tracking,
+                sending_s=self._clock.now_s() - self._last.time_s,
             )
             # Commands in quicker succession than the hand can move are checked together, unless
             # the later one cancels the movement.

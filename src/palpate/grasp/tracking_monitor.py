@@ -44,6 +44,7 @@ class CommandTracking:
     """Tracks the execution of one command.
 
     `begin`, `target`: position at the command and target, mm or kPa.
+    `reach`: how far the hand may have closed by the earlier command before this one took effect.
     `ends_s`, `due_s`: time of arrival at the commanded rate, and latest time of arrival.
     `rate`: commanded speed, mm/s or kPa/s.
 
@@ -64,6 +65,7 @@ class CommandTracking:
     """
 
     begin: float
+    reach: float
     target: float
     ends_s: float
     due_s: float
@@ -78,12 +80,35 @@ class CommandTracking:
         now_s: float,
         limits: GripperLimits,
         safety: SafetyLimits,
+        earlier: CommandTracking | None = None,
+        sending_s: float = 0.0,
     ) -> CommandTracking:
-        """Start to track a command sent at `now_s`, with the gripper at `state`."""
+        """Start to track a command sent at `now_s`, with the gripper at `state`.
+
+        `earlier`: the command in effect until then.
+        `sending_s`: time from the gripper's report to the end of the sending.
+
+        Until the command takes effect, the hand follows the earlier one:
+
+        >>> from functools import partial
+        >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+        >>> state = GripperState(time_s=0.0, width_mm=34.0)
+        >>> start = partial(CommandTracking.start, now_s=0.0, limits=limits, safety=SafetyLimits())
+        >>> closing = start(GripperCommand(target=30.0, rate=20.0), state=state)
+        >>> stopping = GripperCommand(target=34.0, rate=20.0)
+        >>> start(stopping, state=state, earlier=closing, sending_s=0.03).reach
+        33.0
+        """
         begin = limits.drive_reading(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
+        reach = begin
+        if earlier is not None:
+            coasted = earlier.rate * (max(sending_s, 0.0) + safety.latency_s)
+            left = earlier.target - begin
+            reach += math.copysign(min(coasted, abs(left)), left)
         return cls(
             begin=begin,
+            reach=reach,
             target=sent.target,
             ends_s=ends_s,
             due_s=ends_s + safety.arrival_s,
@@ -105,7 +130,9 @@ class CommandTracking:
     def is_continued_by(self, later: GripperCommand) -> bool:
         """Return whether a later command leads at least as far in the same direction.
 
-        >>> tracking = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> tracking = CommandTracking(
+        ...     begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0
+        ... )
         >>> [
         ...     tracking.is_continued_by(GripperCommand(target=mm, rate=20.0))
         ...     for mm in (28.0, 30.0, 39.0)
@@ -121,7 +148,9 @@ class CommandTracking:
 
         >>> from functools import partial
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-        >>> tracking = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> tracking = CommandTracking(
+        ...     begin=40.0, reach=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0
+        ... )
         >>> resting = GripperState(time_s=0.0, width_mm=40.0)
         >>> is_idle = partial(tracking.is_idle, limits=limits, least=0.4)
         >>> [is_idle(resting, now_s=now_s) for now_s in (0.004, 0.1)]
@@ -144,7 +173,7 @@ class CommandTracking:
         reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
         overshoot = safety.overshoot_mm if limits.drive == "width" else safety.overshoot_kpa
         closing = -1.0 if limits.drive == "width" else 1.0
-        furthest = closing * max(closing * self.begin, closing * self.target)
+        furthest = closing * max(closing * at for at in (self.begin, self.reach, self.target))
         if closing * (reported - furthest) > overshoot:
             return (
                 f"the gripper was commanded to {self.target:.1f} {unit} but moved on to "

@@ -32,6 +32,8 @@ _GAP_PERIODS = 0.75
 #: Frames in a gap count as lost after several regular periods, each within this tolerance (guesses:
 #: a busy computer delays frames several times in a row).
 _IRREGULAR_PERIODS, _SETTLED_PERIODS = 0.25, 8
+#: Without a frame for this many periods, the bytes that arrive are of another format.
+_SILENT_PERIODS = 10
 _NO_END = "no end of a frame found; check the baud rate and the layout in the rig file"
 
 
@@ -191,7 +193,9 @@ class OneWayArray(PortArray):
         self._frames += count
 
     def _explain_silence(self, timeout_s: float) -> DeviceError:
-        if self._bytes:
+        # A caller that waits for less than a period finds the begin of the next frame.
+        expected_s = _SILENT_PERIODS * self._period_s
+        if self._bytes and self._clock.now_s() - self._last_s > expected_s:
             rows, cols = self._layout.rows, self._layout.cols
             return WireError(
                 f"{self.name}: {self._bytes} bytes but no frame of {rows} x {cols} readings in "

@@ -254,14 +254,12 @@ class FirmwareBoard:
             self._board = None
 
 
-class FirmwareStream:
-    """A `ByteStream` to a simulated board that reads the pixels of a world.
+class BoardOnStage:
+    """A board that scans the pixels of a world, and moves its fingers with a hobby servo.
 
-    Bytes pass through a real pseudo-terminal and pyserial. Each call runs the board up to the
-    world's clock and waits until the kernel has transferred every byte, so runs are reproducible.
-
-    `world`: source of the voltages; the board is powered up at the world's present time.
-    `board`: a new board; the stream closes it.
+    `world`: source of the voltages; the board is powered up at the world's present time and runs
+        before the world advances.
+    `board`: a new board, which is closed with this object.
     `travel`: travel of a hobby servo that moves the world's fingers with the board's pulses, or
         None.
     """
@@ -275,49 +273,10 @@ class FirmwareStream:
         self._stepped_s = -1.0
         self._is_running = False
         self._backlog = bytearray()
-        self._master, slave, self.name = _open_terminal()
-        self._host = SerialStream(self.name)
-        self._slave = slave
-        self._open = True
-        world.watchers.append(self._run_until)
+        world.watchers.append(self.run_until)
 
-    def read_waiting(self) -> bytes:
-        """Return all bytes sent by the board so far."""
-        self._run_until(self._world.clock.now_s())
-        received = bytearray()
-        while self._backlog:
-            part = bytes(self._backlog[:_CHUNK])
-            del self._backlog[: len(part)]
-            os.write(self._master, part)
-            wanted = len(received) + len(part)
-            while len(received) < wanted:
-                self._wait_for(self._slave)
-                received += self._host.read_waiting()
-        return bytes(received)
-
-    def write(self, data: bytes) -> None:
-        """Send `data` to the board at the speed of the serial line."""
-        self._run_until(self._world.clock.now_s())
-        self._host.write(data)
-        left = len(data)
-        while left:
-            self._wait_for(self._master)
-            part = os.read(self._master, left)
-            self._board.write_bytes(part)
-            left -= len(part)
-
-    def close(self) -> None:
-        """Switch the board off and close the terminal; further calls have no effect."""
-        if not self._open:
-            return
-        self._open = False
-        self._world.watchers.remove(self._run_until)
-        self._host.close()
-        os.close(self._slave)
-        os.close(self._master)
-        self._board.close()
-
-    def _run_until(self, time_s: float) -> None:
+    def run_until(self, time_s: float) -> None:
+        """Run the board up to a time of the world."""
         # Reading the world's voltages calls its watchers, including this method.
         if self._is_running:
             return
@@ -333,6 +292,20 @@ class FirmwareStream:
         finally:
             self._is_running = False
 
+    def take_output(self) -> bytes:
+        """Return the bytes sent by the board since the last call."""
+        sent, self._backlog = bytes(self._backlog), bytearray()
+        return sent
+
+    def give(self, data: bytes) -> None:
+        """Send bytes to the board."""
+        self._board.write_bytes(data)
+
+    def close(self) -> None:
+        """Switch the board off."""
+        self._world.watchers.remove(self.run_until)
+        self._board.close()
+
     def _turn_servo(self, travel: ServoTravel) -> None:
         """Apply the latest servo pulse to the fingers if the safe line is high."""
         _, width_us = self._board.read_pulses()
@@ -347,6 +320,60 @@ class FirmwareStream:
     def _run_board_until(self, time_s: float) -> None:
         self._board.run_until(time_s - self._power_up_s)
         self._backlog += self._board.read_bytes()
+
+
+class FirmwareStream:
+    """A `ByteStream` to a simulated board that reads the pixels of a world.
+
+    Bytes pass through a real pseudo-terminal and pyserial. Each call runs the board up to the
+    world's clock and waits until the kernel has transferred every byte, so runs are reproducible.
+
+    `world`, `board`, `travel`: as in `BoardOnStage`.
+    """
+
+    def __init__(
+        self, world: Stage, *, board: FirmwareBoard, travel: ServoTravel | None = None
+    ) -> None:
+        self._clock = world.clock
+        self._board = BoardOnStage(world, board=board, travel=travel)
+        self._master, slave, self.name = _open_terminal()
+        self._host = SerialStream(self.name)
+        self._slave = slave
+        self._open = True
+
+    def read_waiting(self) -> bytes:
+        """Return all bytes sent by the board so far."""
+        self._board.run_until(self._clock.now_s())
+        waiting, received = self._board.take_output(), bytearray()
+        for begin in range(0, len(waiting), _CHUNK):
+            part = waiting[begin : begin + _CHUNK]
+            os.write(self._master, part)
+            wanted = len(received) + len(part)
+            while len(received) < wanted:
+                self._wait_for(self._slave)
+                received += self._host.read_waiting()
+        return bytes(received)
+
+    def write(self, data: bytes) -> None:
+        """Send `data` to the board at the speed of the serial line."""
+        self._board.run_until(self._clock.now_s())
+        self._host.write(data)
+        left = len(data)
+        while left:
+            self._wait_for(self._master)
+            part = os.read(self._master, left)
+            self._board.give(part)
+            left -= len(part)
+
+    def close(self) -> None:
+        """Switch the board off and close the terminal; further calls have no effect."""
+        if not self._open:
+            return
+        self._open = False
+        self._host.close()
+        os.close(self._slave)
+        os.close(self._master)
+        self._board.close()
 
     def _wait_for(self, terminal: int) -> None:
         if not select.select([terminal], [], [], _KERNEL_S)[0]:
