@@ -170,6 +170,36 @@ def test_modbus_grasp_result_equals_the_http_result(station: Served) -> None:
     assert modbus.decode_text(item) == document["item_id"] == "berry-8"
 
 
+def test_modbus_item_is_used_by_one_grasp_only(station: Served) -> None:
+    async def grasp_twice() -> list[tuple[str, int, str]]:
+        found = []
+        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+            await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+            await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("tray-4"))
+            for _ in range(2):
+                await reach(client, LineState.IDLE)
+                before = await read_registers(client, modbus.RESULTS, 2)
+                assert not (await client.write_register(modbus.COMMAND, modbus.GRASP)).isError()
+                waiting = await read_registers(client, modbus.NEW_ITEM, modbus.TEXT_REGISTERS)
+                await reach(client, LineState.HOLDING)
+                await client.write_register(modbus.COMMAND, modbus.RELEASE)
+                await wait_until(
+                    lambda: read_registers(client, modbus.RESULTS, 2),
+                    lambda now, last=before: now[1] == last[1] + 1,
+                )
+                item = await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+                (storage,) = await read_registers(client, modbus.STORAGE, 1)
+                found.append((modbus.decode_text(item), storage, modbus.decode_text(waiting)))
+        return found
+
+    assert asyncio.run(grasp_twice()) == [
+        ("tray-4", modbus.STORED, ""),
+        ("", modbus.WITHOUT_ITEM, ""),
+    ]
+    history = Machine(station.http).ask("GET", "/items/tray-4")[1]
+    assert len(history["grasps"]) == 1
+
+
 def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
     station: Served,
 ) -> None:

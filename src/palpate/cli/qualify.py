@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from palpate.cli.options import JsonOption, opt
@@ -90,13 +91,14 @@ def qualify(
     if report is not None:
         check_new(report, option="--report")
     pairs = read_pairs(readings)
+    for name, values in (("reference", pairs.reference), ("grasp", pairs.grasp)):
+        if np.ptp(values[pairs.has_both]) == 0:
+            raise InputError(f"{readings}: all readings of the {name} are equal")
     if tolerance is None:
         scatter = estimate_scatter(pairs.reference, pairs.item)
         tolerance = scatter.within
         if not tolerance > 0:
             tolerance = _TOLERANCE_FRACTION * scatter.between
-        if not tolerance > 0:
-            raise InputError(f"{readings}: all readings of the reference are equal")
     demand = Demand(
         tolerance=tolerance, limits=limits, level=level, cost_high=cost_high, cost_low=cost_low
     )
@@ -113,9 +115,11 @@ def qualify(
         return
     console = make_console()
     console.print(f"{document['items']} items, {document['pairs']} paired readings")
+    if not found.is_related:
+        console.print(relation_text(document))
     columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
     print_table(columns, figure_rows(document), console=console)
-    if limits:
+    if document["confusion"]:
         console.print()
         print_table(*grade_table(document), console=console)
     console.print()
@@ -141,18 +145,37 @@ def qualification_document(
             name: {end: finite_or_none(getattr(figure, end)) for end in ("value", "low", "high")}
             for name, figure in agreement.figures.items()
         },
-        "line": {"slope": agreement.slope, "offset": agreement.offset},
+        "related": agreement.is_related,
+        "correlation": {
+            end: finite_or_none(getattr(agreement.correlation, end))
+            for end in ("value", "low", "high")
+        },
+        "line": {"slope": agreement.slope, "offset": agreement.offset}
+        if agreement.is_related
+        else None,
         "scatter": {
             name: {end: finite_or_none(getattr(scatter, end)) for end in ("between", "within")}
             for name, scatter in (("reference", agreement.reference), ("grasp", agreement.grasp))
         },
-        "confusion": count_grades(agreement, demand.limits).tolist(),
+        "confusion": count_grades(
+            agreement, demand.limits if agreement.is_related else ()
+        ).tolist(),
         "reference_readings_needed": effort.reference_readings,
         "grasps_needed": effort.grasps,
-        "mismatch": effort.mismatch,
+        "mismatch": finite_or_none(effort.mismatch),
         "items_per_hour": effort.items_per_hour,
         "items_to_test": effort.items_to_test,
     }
+
+
+def relation_text(document: Document) -> str:
+    """Return the sentence of a qualification without a relation."""
+    found, level = document["correlation"], f"{100 * document['level']:.0f} %"
+    return (
+        "no relation between grasp and reference: correlation of the items "
+        f"{found['value']:.2f} ({level} interval {found['low']:.2f} to {found['high']:.2f}); "
+        "grasps can't be converted to the reference"
+    )
 
 
 def figure_rows(document: Document) -> list[tuple[str, str, str]]:
@@ -160,6 +183,9 @@ def figure_rows(document: Document) -> list[tuple[str, str, str]]:
     unit = f" {document['unit']}" if document["unit"] else ""
     rows = []
     for name, figure in document["figures"].items():
+        if not document["related"] and figure["value"] is None:
+            rows.append((FIGURES[name], "no relation", ""))
+            continue
         value, low, high = figure["value"], figure["low"], figure["high"]
         if value is None:
             rows.append((FIGURES[name], "not known", ""))
@@ -188,13 +214,15 @@ def effort_rows(document: Document) -> list[tuple[str, str]]:
         ("items per hour at that number of grasps", "-" if per_hour is None else f"{per_hour:.0f}"),
         (
             "items needed for limits of agreement within half of that",
-            f"{document['items_to_test']}",
+            "no relation" if document["items_to_test"] is None else f"{document['items_to_test']}",
         ),
     ]
 
 
 def format_count(document: Document, instrument: str) -> str:
     """Format the number of readings or grasps needed, or the reason why it is unknown."""
+    if instrument == "grasp" and not document["related"]:
+        return "no relation"
     if document["scatter"][instrument]["within"] is None:
         return "not known: no item was read twice"
     needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]
@@ -219,10 +247,12 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
     Raises `MissingExtraError` if matplotlib is not installed.
     """
     unit = f" ({document['unit']})" if document["unit"] else ""
-    shown = {
-        "Grasp against reference": readings_figure(found, unit=unit),
-        "Difference over mean (Bland-Altman)": differences_figure(found, unit=unit),
-    }
+    shown = {}
+    if found.is_related:  # both figures show converted grasps
+        shown = {
+            "Grasp against reference": readings_figure(found, unit=unit),
+            "Difference over mean (Bland-Altman)": differences_figure(found, unit=unit),
+        }
     body: list[Part] = [
         _tiles(document),
         [(name, inline_svg(figure, label=name)) for name, figure in shown.items()],
@@ -233,13 +263,14 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
         ),
         PageTable("Effort", ["question", ">answer"], effort_rows(document)),
     ]
-    if document["limits"]:
+    if document["confusion"]:
         body.append(PageTable("Grades, number of readings", *grade_table(document)))
     body.append(PageTable("Accepted", ["date", "name", "signature"], [["\xa0", "", ""]] * 2))
     text = render_page(
         title="Qualification",
         chips=[
             source,
+            *([] if document["related"] else [relation_text(document)]),
             f"{document['items']} items",
             f"{document['pairs']} pairs",
             f"tolerance {document['tolerance']:.3g} {document['unit'] or ''}",

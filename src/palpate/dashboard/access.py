@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import hmac
 import secrets
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from ipaddress import ip_address
 from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
@@ -24,11 +23,9 @@ COOKIE = "palpate-token"
 MIN_TOKEN_LENGTH = 8
 #: Paths of the stop requests, for the page and for the API.
 STOP_PATHS = frozenset({"/stop", "/api/stop"})
-#: A client address with this many wrong tokens within the window (seconds) is throttled: its tokens
-#: are then checked at this interval (seconds), too slowly to guess eight characters.
-MAX_WRONG_TOKENS, _WRONG_TOKEN_WINDOW_S, CHECK_INTERVAL_S = 10, 60.0, 1.0
-#: A throttled request with a longer wait is refused, so no order runs unexpectedly late, seconds.
-_MAX_WAIT_S = 4.0
+#: After this many wrong tokens from a client address within the window (seconds), the answer to
+#: further wrong ones is 429.
+MAX_WRONG_TOKENS, _WRONG_TOKEN_WINDOW_S = 10, 60.0
 #: Maximum number of client addresses counted separately; further addresses share one count.
 _MAX_VISITORS = 1000
 #: Maximum size of the token form, bytes; longer bodies are refused.
@@ -94,8 +91,8 @@ class AccessControl:
         client sends it with every request in the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether the server listens on the loopback only.
-    now_s, wait : callable
-        A clock, and a function that waits a number of seconds.
+    now_s : callable
+        A clock.
     """
 
     def __init__(
@@ -105,9 +102,8 @@ class AccessControl:
         token: str | None,
         loopback: bool,
         now_s: Callable[[], float] = time.monotonic,
-        wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        self.app, self._token, self._loopback, self._wait = app, token, loopback, wait
+        self.app, self._token, self._loopback = app, token, loopback
         self._wrong_tokens = WrongTokens(now_s)
         #: Random and independent of the token, so the cookie can't be used to verify guesses.
         self._cookie = secrets.token_urlsafe(32)
@@ -124,7 +120,7 @@ class AccessControl:
             answer = _token_page(403, "Requests from other sites are refused.")
         elif self._token is not None and not self._has_cookie(headers):
             if scope["path"].startswith(_API_PREFIX):
-                answer = await self._check_api_client(scope, headers, self._token)
+                answer = self._check_api_client(scope, headers, self._token)
             else:
                 answer = await self._ask_for_token(scope, receive, self._token)
         if answer is None:
@@ -149,35 +145,26 @@ class AccessControl:
             cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie
         )
 
-    async def _check_api_client(
-        self, scope: Scope, headers: Headers, token: str
-    ) -> Response | None:
+    def _check_api_client(self, scope: Scope, headers: Headers, token: str) -> Response | None:
         """Return a one-line refusal of an API request; None with a valid token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             return _error_response(
                 401, "token missing: send the header Authorization: Bearer TOKEN"
             )
-        client = _client_address(scope)
-        if scope["path"] in STOP_PATHS and self._wrong_tokens.is_throttled(client):
-            # A stop must not wait, so it is accepted without a check. Checking the token here
-            # would confirm or refute guesses.
-            return None
-        found = await self._check_token(sent, token, client)
+        found = self._check_token(sent, token, _client_address(scope))
         if found is None:
             return _error_response(429, "too many wrong tokens from this address: wait a minute")
         return None if found else _error_response(403, "wrong token")
 
-    async def _check_token(self, sent: str, token: str, client: str) -> bool | None:
-        """Return whether a token is correct; None if a throttled client would wait too long."""
-        wait_s = self._wrong_tokens.reserve_slot(client)
-        if wait_s > _MAX_WAIT_S:
-            return None
-        if wait_s > 0:
-            await self._wait(wait_s)
+    def _check_token(self, sent: str, token: str, client: str) -> bool | None:
+        """Return whether a token is correct; None for one of too many wrong tokens."""
+        # Checked before the count, because the user with the correct token may share an address
+        # with a client that sends wrong ones, and must never wait for a STOP.
         if _is_same_token(sent, token):
-            self._wrong_tokens.release_slot(client)
             return True
+        if self._wrong_tokens.is_throttled(client):
+            return None
         self._wrong_tokens.add(client)
         return False
 
@@ -193,7 +180,7 @@ class AccessControl:
             return _token_page(
                 401, "Enter the token that was set when this dashboard was started.", form=True
             )
-        found = await self._check_token(sent, token, _client_address(scope))
+        found = self._check_token(sent, token, _client_address(scope))
         if found is None:
             return _token_page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not found:
@@ -206,35 +193,16 @@ class AccessControl:
 class WrongTokens:
     """Counts recent wrong tokens of each client address.
 
-    An address with too many wrong tokens is throttled rather than refused, because another user at
-    this address may have the correct token.
+    The correct token is never refused, because another user at the same address may have it.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._times_s: dict[str, deque[float]] = {}
-        #: Time of the next token check of each throttled client address.
-        self._next_checks_s: dict[str, float] = {}
 
     def is_throttled(self, client: str) -> bool:
-        """Return whether a client address is throttled after too many wrong tokens."""
+        """Return whether a client address has sent too many wrong tokens."""
         return len(self._times_s.get(self._count_key(client), ())) >= MAX_WRONG_TOKENS
-
-    def reserve_slot(self, client: str) -> float:
-        """Reserve the next slot for a token check; return the delay until then, seconds."""
-        if not self.is_throttled(client):
-            return 0.0
-        now_s, name = self._now_s(), self._count_key(client)
-        slot_s = max(self._next_checks_s.get(name, now_s), now_s)
-        if slot_s - now_s <= _MAX_WAIT_S:
-            self._next_checks_s[name] = slot_s + CHECK_INTERVAL_S
-        return slot_s - now_s
-
-    def release_slot(self, client: str) -> None:
-        """Release the slot of a correct token."""
-        name = self._count_key(client)
-        if name in self._next_checks_s:
-            self._next_checks_s[name] -= CHECK_INTERVAL_S
 
     def add(self, client: str) -> None:
         """Count a wrong token of a client address."""
@@ -249,7 +217,6 @@ class WrongTokens:
                 times_s.popleft()
             if not times_s:
                 del self._times_s[address]
-                self._next_checks_s.pop(address, None)
         full = len(self._times_s) >= _MAX_VISITORS
         return "" if full and client not in self._times_s else client
 

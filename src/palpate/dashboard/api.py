@@ -21,6 +21,7 @@ from palpate.dashboard.app_state import AppState
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.machine import CommandRefusedError
+from palpate.line.results import NO_ITEM
 from palpate.produce.records import Item
 
 #: Driver name shared by all API clients; every client with access is trusted, as on the page.
@@ -55,6 +56,9 @@ class GraspStarted(BaseModel):
     """A grasp has been ordered."""
 
     recording: str = Field(description="Name of the recording; the result has the same name.")
+    not_stored: str | None = Field(
+        description="Reason why the grasp will not be stored; null if it will be."
+    )
 
 
 class Stopped(BaseModel):
@@ -145,7 +149,8 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
     async def grasp(body: GraspRequest) -> GraspStarted:
         """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
-            return GraspStarted(recording=await app_state.grasp(DRIVER, **body.model_dump()))
+            recording = await app_state.grasp(DRIVER, **body.model_dump())
+        return GraspStarted(recording=recording, not_stored=None if body.item_id else NO_ITEM)
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:

@@ -25,7 +25,7 @@ from palpate.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
-from palpate.dashboard.headline import outcome_kind
+from palpate.dashboard.headline import REPEATED_OUTCOMES, outcome_kind
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import (
     DeviceActivity,
@@ -34,6 +34,7 @@ from palpate.dashboard.messages import (
     GraspOrder,
     OpenRig,
     Order,
+    OrderEnded,
     Request,
     Shutdown,
     StopConfirmed,
@@ -50,6 +51,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
 from palpate.line.machine import CommandRefusedError
+from palpate.line.results import NO_ITEM
 from palpate.produce.records import Item
 from palpate.rig.file import find_calibration_file
 
@@ -300,7 +302,7 @@ class AppState:
                 f"the target force must be above 0 N and at most {FORCE_CEILING_N:g} N"
             )
         if item_id:
-            item_id = Item(item_id=read_label(item_id)).item_id
+            item_id = check_item(item_id)
         damage = self.settings.damage
         if kind and damage is None:
             raise InputError(f"kind {kind} requires a damage model; omit the kind")
@@ -385,7 +387,7 @@ class AppState:
         document = self._document(grasped, order, ended_at=entry.ended_at)
         source = live.source
         if source is None or not (order.item_id or self.settings.rules):
-            self._publish(entry, document, {})
+            self._publish(entry, document, {}, order=order)
             return
         place = partial(
             self.item_store.sort_grasp,
@@ -398,10 +400,17 @@ class AppState:
         # The activity stays "grasping" until the result is published, because clients read the
         # result and the item at the end of the activity.
         self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
-        self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document))
+        self._task = asyncio.ensure_future(
+            self._place_and_publish(place, entry, document, order=order)
+        )
 
     async def _place_and_publish(
-        self, place: Callable[[], Mapping[str, Any]], entry: Entry, document: dict[str, object]
+        self,
+        place: Callable[[], Mapping[str, Any]],
+        entry: Entry,
+        document: dict[str, object],
+        *,
+        order: GraspOrder,
     ) -> None:
         """Store a grasp, find its bin, and then publish its result."""
         devices, grasped = self.session.devices, self.session.devices.grasped
@@ -413,15 +422,27 @@ class AppState:
             placement = self.item_store.placement_without_store(entry.item_id, why=why)
         if devices.grasped is grasped:
             devices.placement = placement
-        self._publish(entry, document, placement)
+        self._publish(entry, document, placement, order=order)
         if devices.activity is DeviceActivity.GRASPING:
             devices.mark_idle()
 
     def _publish(
-        self, entry: Entry, document: dict[str, object], placement: Mapping[str, Any]
+        self,
+        entry: Entry,
+        document: dict[str, object],
+        placement: Mapping[str, Any],
+        *,
+        order: GraspOrder,
     ) -> None:
         """Add a grasp to the history, and publish its document."""
         devices, found = self.session.devices, placement.get("bin") or {}
+        again = bool(found.get("again")) or document["outcome"] in REPEATED_OUTCOMES
+        self.session.form.return_item(order, again=again)
+        not_stored = None
+        if not placement.get("stored"):
+            why = self.item_store.trouble or placement.get("why") or "the devices have no source"
+            not_stored = why if entry.item_id else NO_ITEM
+        devices.not_stored = not_stored or ""
         item = placement.get("item") or {}
         entry = replace(
             entry,
@@ -431,16 +452,16 @@ class AppState:
             stage=item.get("stage"),
             bruised=item.get("bruised"),
         )
-        if self.item_store.trouble and entry.item_id:
-            devices.trouble = f"the grasp was not stored: {self.item_store.trouble}"
+        if not_stored is not None and entry.item_id:
+            devices.trouble = f"the grasp was not stored: {not_stored}"
         try:
             self.history.add(entry)
         except OSError as error:
             devices.trouble = f"the grasp was not added to the history: {error}"
         self._results += 1
-        self._last_document = document | {
-            name: placement[name] for name in ("bin", "item") if name in placement
-        }
+        placed = {name: placement[name] for name in ("bin", "item") if name in placement}
+        storage = {"stored": not_stored is None, "not_stored": not_stored}
+        self._last_document = document | placed | storage
         for listener in self.on_result:
             listener(self._last_document)
 
@@ -464,7 +485,9 @@ class AppState:
             """Show the bin, unless the grasp has ended in the meantime."""
             if devices.live.generation == key[0] and devices.grasped is None:
                 devices.is_placing = False
-                devices.placement = placement.result()
+                devices.placement = found = placement.result()
+                again = bool((found.get("bin") or {}).get("again"))
+                self.session.form.return_item(order, again=again)
 
         place = partial(self.item_store.sort_grasp, answer, item_id=order.item_id, source=source)
         asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
@@ -516,7 +539,20 @@ class AppState:
 
     def _apply_update(self, update: Update | DevicesLost) -> None:
         self.session.devices.apply_update(update)
+        for note in update.notes if isinstance(update, Update) else ():
+            match note:
+                case OrderEnded(order=GraspOrder() as order, found=None):
+                    # The hand has not measured the item, which is to be grasped again.
+                    self.session.form.return_item(order, again=True)
         self._predict_bin()
+
+
+def check_item(text: str) -> str:
+    """Return the item identifier of a typed or scanned text.
+
+    Raises `InputError` if the label is damaged, or the text can't be a name.
+    """
+    return Item(item_id=read_label(text)).item_id
 
 
 def age_text(made_at: str) -> str:

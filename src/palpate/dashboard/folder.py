@@ -36,6 +36,8 @@ LISTED_GRASPS = 50
 #: Number of points of a stored force curve.
 _CURVE_POINTS = 48
 _FILE, _SUFFIX = "grasps.jsonl", ".mcap"
+#: Maximum length of a missing name in a message.
+_MAX_SHOWN_NAME = 80
 #: Number of table rows written per chunk.
 _CSV_CHUNK_ROWS = 200
 _MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
@@ -419,9 +421,13 @@ def find_recording(folder: Path, name: str) -> Path:
     """
     file = folder / name
     is_plain = name == Path(name).name and name.endswith(_SUFFIX) and "\0" not in name
-    if not is_plain or file.is_symlink() or not file.is_file():
-        raise InputError(f"{name!r}: no such recording in the folder")
-    return file
+    try:
+        if is_plain and not file.is_symlink() and file.is_file():
+            return file
+    except (OSError, ValueError):  # such as a name that is too long for the file system
+        pass
+    shown = name if len(name) <= _MAX_SHOWN_NAME else f"{name[:_MAX_SHOWN_NAME]}..."
+    raise InputError(f"{shown!r}: no such recording in the folder")
 
 
 def rename_recording(folder: Path, name: str, stem: str) -> Path:

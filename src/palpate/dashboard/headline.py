@@ -47,6 +47,17 @@ OUTCOMES = {
     Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you continue"),
     Outcome.STOPPED: ("Stopped", "Check the hand, then press Grasp again"),
 }
+#: Outcomes whose next step is another grasp of the same item.
+REPEATED_OUTCOMES = frozenset(
+    {
+        Outcome.NOTHING_THERE,
+        Outcome.SLIPPED,
+        Outcome.TIMED_OUT,
+        Outcome.SENSOR_LOST,
+        Outcome.GRIPPER_FAULT,
+        Outcome.STOPPED,
+    }
+)
 #: Next step with a provisional bin, while the hand holds the item and after it opened.
 AGAIN_STEPS = (
     "Press Release, turn the item, then press Grasp again: the bin is provisional",

@@ -104,6 +104,7 @@ class ItemStore:
             return self.placement_without_store(item_id, why=self.trouble)
         placement = self._choose_bin(grasp, item_id=item_id, is_stored=recording is not None)
         if recording is not None:
+            placement["stored"] = True
             if self._sender is None:
                 self._sender = Sender(self._where)
             self._sender.wake()
@@ -149,7 +150,8 @@ class ItemStore:
                 "name": decision.bin,
                 "rule": None if decision.rule is None else decision.rule.line,
                 "probability": decision.probability,
-                "again": decision.needs_regrasp,
+                # Grasps without a name are not combined, so another one would not help.
+                "again": decision.needs_regrasp and item_id != "",
                 "why": f"{decision.why} ({stored.away})" if stored.away else decision.why,
             }
         }

@@ -184,7 +184,7 @@ def _add_panel(
 
     def show_tab_of_url(event: GenericEventArguments) -> None:
         """Show the tab of the URL after the browser's back or forward button."""
-        _, first, *rest = str(event.args).split("/", 2)
+        first, *rest = str(event.args).removeprefix("/").split("/", 1)
         tabs.set_value(next((name for name, path in TABS.items() if path == f"/{first}"), "Set up"))
         if rest and first == "items":
             open_item(unquote(rest[0]))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from palpate.dashboard.app_state import AppState
+from palpate.dashboard.app_state import AppState, check_item
 from palpate.dashboard.folder import make_recording_path
 from palpate.dashboard.messages import Action, OpenRig, Record, SetSpeed
 from palpate.dashboard.session import GraspForm
-from palpate.dashboard.viewer import Viewer
+from palpate.dashboard.viewer import Viewer, finite_number
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import BUILT_IN
@@ -33,9 +33,9 @@ def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
 def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     form = app_state.session.form
 
-    def set_target(force_n: float | None) -> None:
+    def set_target(force_n: object) -> None:
         if viewer.is_driver:
-            form.target_force_n = force_n
+            form.target_force_n = finite_number(force_n)
 
     force = ui.number(
         "Target force, N (empty: a gentle squeeze)",
@@ -46,7 +46,7 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     ).props("outlined dense clearable")
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
-    add_item_field(app_state, viewer, label="Item (empty: not stored)")
+    add_item_field(app_state, viewer, label="Item")
     hint = "Grasps of a named item are stored; the tab Items shows them."
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
@@ -54,17 +54,37 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
 
 
 def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
-    """Add the field for the next item's name: typed, scanned or the last name."""
+    """Add the field for the next item's name: typed, scanned or the last name.
+
+    A damaged label is shown in red with the reason, and is not taken.
+    """
     form = app_state.session.form
 
-    def set_item(item_id: str | None) -> None:
+    def set_item(item_id: object) -> None:
         if viewer.is_driver:
-            form.item_id = (item_id or "").strip()
+            form.set_item(item_id.strip() if isinstance(item_id, str) else "")
+
+    def fault() -> InputError | None:
+        """Return why the text is not an item."""
+        try:
+            if form.item_id:
+                check_item(form.item_id)
+        except InputError as error:
+            return error
+        return None
+
+    def refuse_label() -> None:
+        """Report a damaged label at the end of a scan."""
+        error = fault()
+        if error is not None and viewer.is_driver:
+            viewer.refuse(error)
+        viewer.refresh()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
     # Enter selects the text, so that the next scan replaces it.
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
+    item.on("keydown.enter", refuse_label, args=[])
     with item.add_slot("append"):
         same_item = viewer.button(
             "", lambda: set_item(form.last_item_id), props="id=same-item", small=True
@@ -74,7 +94,10 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     def show() -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
-        item.classes(add="taken" if form.item_id else "", remove="" if form.item_id else "taken")
+        state = "" if not form.item_id else "taken" if fault() is None else "refused"
+        item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
+        hint = {"": ": none, not stored", "refused": ": label refused, scan again"}.get(state, "")
+        item.props["label"] = f"{label}{hint}"
         same_item.set_text(f"Same item again: {form.last_item_id}")
         same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
 
@@ -112,7 +135,7 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.refuse(error)
             return
         if viewer.order(order):
-            form.item_id, form.last_item_id = "", form.item_id or form.last_item_id
+            form.take_item(order)
             viewer.refresh()
 
     with ui.element("div").classes("panel-foot") as foot:
@@ -144,6 +167,12 @@ def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
     viewer.on_refresh(show)
     hint = "Every grasp is recorded. The hand holds until Release, at most 60 s."
     viewer.show_with_gripper(ui.label(hint).classes("muted"))
+
+
+def _seed_of(value: object) -> int:
+    """Return the seed of the form; -1, which the session refuses, if not an integer."""
+    number = finite_number(0 if value is None else value)
+    return -1 if number is None or number % 1 else int(number)
 
 
 def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
@@ -178,8 +207,7 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
             OpenRig(
                 name=name.value,
                 object_name=object_choice.value or None,
-                # A fractional seed is passed unchanged and refused by the session.
-                seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
+                seed=_seed_of(seed.value),
                 speed=speed.value or (requested.speed if requested else 1.0),
                 rate_hz=settings.rate_hz if name.value in BUILT_IN else None,
             )

@@ -47,6 +47,7 @@ from palpate.dashboard.messages import (
     check_ranges,
 )
 from palpate.errors import InputError
+from palpate.line.results import NO_ITEM
 from palpate.sensor.health import Health
 
 
@@ -87,6 +88,8 @@ class DeviceState:
         self.is_placing = False
         #: Item of the shown grasp; empty without a name.
         self.item_id = ""
+        #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
+        self.not_stored = ""
         self.calibrated: CalibrationRenewed | None = None
         self.health: Health | None = None
         #: Failure of the last order, if it was a calibration.
@@ -171,6 +174,8 @@ class DeviceState:
         if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped, self.placement, self.is_placing = None, {}, False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
+            is_unnamed = isinstance(order, GraspOrder) and not order.item_id
+            self.not_stored = NO_ITEM if is_unnamed else ""
             self.live.clear_curve()
 
     def mark_idle(self) -> None:
@@ -228,13 +233,40 @@ class GraspForm:
 
     #: Target grip force; None for a gentle squeeze.
     target_force_n: float | None = None
-    #: Name of the item; empty if the grasp is not stored. Each grasp clears the name, so that the
-    #: next object is not stored under the same name.
+    #: Name of the item; empty if the grasp is not stored. Each grasp takes the name, so that the
+    #: next object is not stored under the same name, and returns it if the same item is to be
+    #: grasped again.
     item_id: str = ""
     #: Name of the last grasped item.
     last_item_id: str = ""
     #: Kind of produce, for its damage limit; empty if unknown.
     kind: str = ""
+    #: The last grasp ordered with these settings.
+    ordered: GraspOrder | None = None
+    #: Whether the name is that of the last grasp, returned by it.
+    is_returned: bool = False
+
+    def set_item(self, text: str) -> None:
+        """Set the name that a user has typed or scanned."""
+        if text != self.item_id:
+            self.item_id, self.is_returned = text, False
+
+    def take_item(self, order: GraspOrder) -> None:
+        """Take the name for an ordered grasp."""
+        self.last_item_id = self.item_id or self.last_item_id
+        self.item_id, self.is_returned, self.ordered = "", False, order
+
+    def return_item(self, order: GraspOrder | None, *, again: bool) -> None:
+        """Return the name for another grasp of the item, or withdraw it.
+
+        A name that was typed or scanned since the grasp is retained.
+        """
+        if order is None or order != self.ordered:
+            return
+        if again and not self.item_id:
+            self.item_id, self.is_returned = self.last_item_id if order.item_id else "", True
+        elif not again and self.is_returned:
+            self.item_id, self.is_returned = "", False
 
 
 class Session:

@@ -12,6 +12,7 @@ from threading import Thread
 from typing import ClassVar, TypeVar
 
 from starlette.middleware.gzip import GZipMiddleware
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
@@ -21,6 +22,11 @@ _T = TypeVar("_T")
 REQUEST_TIMEOUT_S = 5.0
 #: Maximum number of connections, if the process may open twice as many files.
 MAX_CONNECTIONS = 1000
+
+
+#: Maximum size of a request's body, bytes. The page and the API send far less; the page's framework
+#: accepts as much.
+_MAX_BODY_BYTES = 1_000_000
 
 
 class BoundedConnection(HttpToolsProtocol):
@@ -180,14 +186,42 @@ class AppThread:
             await self._app(scope, receive, send)
             return
         server = asyncio.get_running_loop()
+        first: Message | None = None
+        if scope["type"] == "http":
+            # A body that arrives byte by byte would otherwise wake both loops for each byte. With
+            # a thousand of them, a STOP waited for seconds.
+            first = await _read_request(receive)
+            if first is None:
+                await PlainTextResponse("the request is too large", 413)(scope, receive, send)
+                return
+            if first["type"] == "http.disconnect":
+                return
 
         async def receive_on_server() -> Message:
+            nonlocal first
+            if first is not None:
+                message, first = first, None
+                return message
             return await run_on(server, receive())
 
         async def send_on_server(message: Message) -> None:
             await run_on(server, send(message))
 
         await self._thread.run(self._app(scope, receive_on_server, send_on_server))
+
+
+async def _read_request(receive: Receive) -> Message | None:
+    """Return a request with its body, or a disconnection; None if too large."""
+    body = bytearray()
+    while True:
+        message = await receive()
+        if message["type"] != "http.request":
+            return message
+        body += message.get("body", b"")
+        if len(body) > _MAX_BODY_BYTES:
+            return None
+        if not message.get("more_body", False):
+            return {"type": "http.request", "body": bytes(body), "more_body": False}
 
 
 #: Addresses reserved for documentation (RFC 5737, RFC 3849), reached through the default route.

@@ -59,8 +59,8 @@ class Viewer:
         reveals this. After a network failure, buffered presses arrive late; the time reveals this.
         """
         match state:
-            case {"stops": int(stops), "at_s": int() | float() as at_s}:
-                self._known_stops, self._pressed_s = stops, float(at_s)
+            case {"stops": int(stops), "at_s": at_s} if (time_s := finite_number(at_s)) is not None:
+                self._known_stops, self._pressed_s = stops, time_s
 
     def order(self, order: Order) -> bool:
         """Send an order and return whether it was accepted; a refusal is shown."""
@@ -179,12 +179,25 @@ class Viewer:
         if self._known_stops < self._session.stops:
             raise InputError("stopped before it started")
         age_s = self._now_s() - self._pressed_s
-        if age_s > _MAX_PRESS_AGE_S:
+        if not age_s <= _MAX_PRESS_AGE_S:
             raise InputError(f"the button press arrived {age_s:.0f} s late: press the button again")
 
     def refuse(self, error: Exception) -> None:
         """Show the reason of a refusal as a notification."""
         ui.notify(str(error), type="warning")
+
+
+def finite_number(value: object) -> float | None:
+    """Return a number that a browser sent; None for anything else.
+
+    >>> finite_number(2), finite_number(float("nan")), finite_number(10**400), finite_number("2")
+    (2.0, None, None, None)
+    """
+    try:
+        number = float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def add_heading(text: str) -> ui.html:

@@ -9,10 +9,13 @@ from typing import Any
 from palpate.errors import InputError, require_extra
 from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
+    NO_ITEM,
     OUTCOME_NUMBERS,
     bin_of,
+    is_bin_provisional,
     item_of,
     list_measurements,
+    not_stored_of,
 )
 
 with require_extra("--modbus", extra="line"):
@@ -23,13 +26,15 @@ with require_extra("--modbus", extra="line"):
 #: Driver name of this protocol.
 DRIVER = "modbus"
 #: Zero-based addresses of 16-bit registers; longer values are stored high word first.
-STATE, FLAGS, STOPS, RESULTS, OUTCOME, VALUES = 0, 1, 2, 4, 6, 8
+STATE, FLAGS, STOPS, RESULTS, OUTCOME, STORAGE, VALUES = 0, 1, 2, 4, 6, 7, 8
 ITEM, BIN, REFUSAL = 100, 140, 180
 COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM = 300, 301, 302, 310
 #: Number of registers of a text (two ASCII characters each, zero-padded) and of the whole map.
 TEXT_REGISTERS, REGISTER_COUNT = 40, 350
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
+#: Values of the register `STORAGE`; 0 means no grasp yet.
+STORED, WITHOUT_ITEM, STORE_FAILED = 1, 2, 3
 #: Value of `KNOWN_STOPS` that disables the comparison of the stop count.
 ANY_STOPS = 0xFFFFFFFF
 
@@ -105,6 +110,9 @@ class ModbusStation:
                 kind="",
                 stops=None if stops == ANY_STOPS else stops,
             )
+            # Each item is grasped once per write, so that a controller that repeats the command
+            # never stores the next object under the name of the previous one.
+            self._written[NEW_ITEM - COMMAND :] = [0] * TEXT_REGISTERS
         elif command == RELEASE:
             await machine.release(DRIVER)
         elif command == STOP:
@@ -125,7 +133,8 @@ class ModbusStation:
         number, result = self._machine.result()
         found = [0] * REGISTER_COUNT
         found[STATE] = line_state(state)
-        found[FLAGS] = _flags(state)
+        found[FLAGS] = _flags(state) | is_bin_provisional(result) << 4
+        found[STORAGE] = 0 if result is None else _storage(not_stored_of(result))
         found[STOPS : STOPS + 2] = _split_uint32(int(state["stops"]))
         found[RESULTS : RESULTS + 2] = _split_uint32(number)
         found[OUTCOME] = 0 if result is None else OUTCOME_NUMBERS[str(result["outcome"])]
@@ -159,6 +168,12 @@ def decode_text(registers: Sequence[int]) -> str:
     """
     raw = struct.pack(f">{len(registers)}H", *registers)
     return raw.split(b"\0", 1)[0].decode("ascii")
+
+
+def _storage(not_stored: str) -> int:
+    if not not_stored:
+        return STORED
+    return WITHOUT_ITEM if not_stored == NO_ITEM else STORE_FAILED
 
 
 def _flags(state: Mapping[str, Any]) -> int:

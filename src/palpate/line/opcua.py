@@ -12,7 +12,15 @@ from typing import Any, TypeAlias
 
 from palpate.errors import InputError, require_extra
 from palpate.line.machine import CommandRefusedError, Machine, line_state
-from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, list_measurements
+from palpate.line.results import (
+    MEASUREMENTS,
+    PARTS,
+    bin_of,
+    is_bin_provisional,
+    item_of,
+    list_measurements,
+    not_stored_of,
+)
 
 with require_extra("--opcua", extra="line"):
     from asyncua import ua
@@ -60,6 +68,8 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Outcome": (ua.VariantType.String, lambda found: "" if found is None else found["outcome"]),
     "Item": (ua.VariantType.String, item_of),
     "Bin": (ua.VariantType.String, bin_of),
+    "BinProvisional": (ua.VariantType.Boolean, is_bin_provisional),
+    "NotStored": (ua.VariantType.String, not_stored_of),
     "Document": (
         ua.VariantType.String,
         lambda found: "" if found is None else json.dumps(found, allow_nan=False),

@@ -12,6 +12,8 @@ from palpate.grasp.result import Outcome
 MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 #: Parts of each measurement.
 PARTS = ("value", "low", "high")
+#: Reason why a grasp without a name is not stored.
+NO_ITEM = "no item"
 #: Number of each outcome in the register map, from 1; 0 means no grasp yet.
 OUTCOME_NUMBERS = {outcome.value: number for number, outcome in enumerate(Outcome, start=1)}
 
@@ -36,6 +38,20 @@ def bin_of(document: Mapping[str, Any] | None) -> str:
     """Return the bin name of a grasp document, or an empty string if none."""
     found = (document or {}).get("bin") or {}
     return str(found.get("name") or "")
+
+
+def is_bin_provisional(document: Mapping[str, Any] | None) -> bool:
+    """Return whether the rules ask for another grasp of the same item."""
+    return bool(((document or {}).get("bin") or {}).get("again"))
+
+
+def not_stored_of(document: Mapping[str, Any] | None) -> str:
+    """Return why a grasp was not stored; empty if it was, or without a grasp.
+
+    >>> not_stored_of({"stored": False, "not_stored": "no item"}), not_stored_of(None)
+    ('no item', '')
+    """
+    return str((document or {}).get("not_stored") or "")
 
 
 def item_of(document: Mapping[str, Any] | None) -> str:

@@ -112,9 +112,7 @@ class Relaxation:
                         quantile=quantile,
                     )
                     if horizon_s > _PROVEN_HORIZON_S:
-                        status[hold] = np.where(
-                            status[hold] == Status.OK, Status.UNPROVEN, status[hold]
-                        )
+                        status[hold[status[hold] == Status.OK]] = Status.UNPROVEN
                     base = last[batch, 0]
                     ends[:, hold] = base * np.exp(found) if positive else base + found
                     window_s[hold] = window.since_s[-1] - window.since_s[0]

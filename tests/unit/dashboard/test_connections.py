@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import resource
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -152,7 +153,5 @@ def test_connection_limit_is_half_of_the_file_limit_and_at_most_1000(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for soft, most in ((1024, 512), (65_536, 1000), (-1, 1000)):
-        monkeypatch.setattr(
-            connections.resource, "getrlimit", lambda which, soft=soft: (soft, soft)
-        )
+        monkeypatch.setattr(resource, "getrlimit", lambda which, soft=soft: (soft, soft))
         assert connections.connection_limit() == most

@@ -77,3 +77,12 @@ def test_is_simulated_matches_the_origin_of_the_recording(
 
 def test_is_simulated_of_an_unreadable_recording_is_false(folder: Path) -> None:
     assert not is_simulated(folder / "one.mcap", (folder / "one.mcap").stat())
+
+
+@pytest.mark.parametrize("length", [251, 300, 5000])
+def test_name_too_long_for_the_file_system_is_refused_in_one_short_line(
+    folder: Path, length: int
+) -> None:
+    with pytest.raises(InputError, match="no such recording") as refused:
+        find_recording(folder, "x" * length + ".mcap")
+    assert len(str(refused.value)) < 200

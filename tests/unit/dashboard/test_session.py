@@ -38,7 +38,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
-from palpate.dashboard.session import Session
+from palpate.dashboard.session import GraspForm, Session
 from palpate.errors import InputError
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
@@ -344,3 +344,33 @@ def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
     rehearsal.receive(OrderEnded(order=order, found=CALIBRATED))
     assert rehearsal.session.devices.calibration_failure is None
     assert rehearsal.session.devices.calibrated is CALIBRATED
+
+
+def make_order(item_id: str = "W1") -> GraspOrder:
+    return GraspOrder(target_force_n=None, recording=Path("grasp.mcap"), item_id=item_id)
+
+
+def test_name_returns_until_the_bin_is_final() -> None:
+    form, order = GraspForm(item_id="W1"), make_order()
+    form.take_item(order)
+    assert form.item_id == ""
+    for again, name in ((True, "W1"), (True, "W1"), (False, "")):
+        form.return_item(order, again=again)
+        assert form.item_id == name
+
+
+def test_name_scanned_during_a_grasp_is_retained() -> None:
+    for again in (True, False):
+        form, order = GraspForm(item_id="W1"), make_order()
+        form.take_item(order)
+        form.return_item(order, again=True)
+        form.set_item("W2")
+        form.return_item(order, again=again)
+        assert form.item_id == "W2"
+
+
+def test_name_of_another_clients_grasp_is_not_returned() -> None:
+    form = GraspForm(item_id="W1")
+    form.take_item(make_order())
+    form.return_item(make_order("X9"), again=True)
+    assert form.item_id == ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from threading import Thread
 from types import SimpleNamespace
 from typing import cast
@@ -11,7 +12,7 @@ from nicegui import ui
 
 from palpate.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
 from palpate.dashboard.session import Session
-from palpate.dashboard.viewer import Viewer
+from palpate.dashboard.viewer import Viewer, finite_number
 
 
 def test_viewer_refresh_skips_and_releases_deleted_elements() -> None:
@@ -77,3 +78,20 @@ def test_viewer_order_and_its_check_exclude_a_concurrent_stop() -> None:
     viewer.order(OpenRig(name="sim-rigid"))
     stops[0].join()
     assert sent == [OpenRig(name="sim-rigid"), StopNow(1)]
+
+
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, 10**400, "2", "x" * 100_000, [1.0], {"a": 1}, None]
+)
+def test_value_of_a_browser_that_is_not_a_finite_number_is_dropped(value: object) -> None:
+    assert finite_number(value) is None
+
+
+@pytest.mark.parametrize("at_s", [math.nan, math.inf, 10**400, "now", None])
+def test_press_without_a_usable_time_retains_the_last_one(at_s: object) -> None:
+    now_s = [100.0]
+    session = Session(send=lambda message: None)
+    viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
+    viewer.record_press({"stops": 0, "at_s": 50.0})
+    viewer.record_press({"stops": 0, "at_s": at_s})
+    assert viewer._pressed_s == 50.0

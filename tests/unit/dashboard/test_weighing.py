@@ -117,7 +117,8 @@ def test_calibrate_force_with_weights_requests_every_load_and_recovers_the_law(
     assert pad.context.rig.calibration.force == saved.force
     errors = [error for error in made.held_out.values() if error is not None]
     assert errors
-    assert max(errors) < 5.0
+    # Without an end weight, the law extrapolates.
+    assert max(errors) < 15.0
 
 
 def test_calibrate_force_stopped_between_weights_leaves_the_file_unchanged(

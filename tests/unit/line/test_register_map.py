@@ -32,6 +32,7 @@ def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
         (modbus.STOPS, modbus.STOPS + 1),
         (modbus.RESULTS, modbus.RESULTS + 1),
         (modbus.OUTCOME, modbus.OUTCOME),
+        (modbus.STORAGE, modbus.STORAGE),
         *((at, at + 5) for at in measured),
         *((at, at + text) for at in (modbus.ITEM, modbus.BIN, modbus.REFUSAL)),
         (modbus.COMMAND, modbus.COMMAND),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,3 +142,39 @@ def test_estimate_scatter_is_independent_of_row_order(seed: int) -> None:
     other = estimate_scatter(readings.reference[order], readings.item[order])
     assert one.between == pytest.approx(other.between)
     assert one.within == pytest.approx(other.within)
+
+
+def make_unrelated(kind: str) -> PairedReadings:
+    random = np.random.default_rng(5)
+    item = np.repeat(np.arange(24), 2)
+    firmness = random.normal(10.0, BETWEEN, 24)[item]
+    grasps = {
+        "noise": random.normal(50.0, 8.0, item.size),
+        "other quantity": random.normal(50.0, 8.0, 24)[item] + random.normal(0.0, 0.1, item.size),
+        "nearly none": firmness + random.normal(0.0, 30.0, 24)[item],
+        "nearly constant": 50.0 + np.where(item == 3, 1e-9, 0.0),
+    }
+    reference = firmness + random.normal(0.0, REFERENCE_SD, item.size)
+    return PairedReadings(item=item, reference=reference, grasp=grasps[kind])
+
+
+@pytest.mark.parametrize("kind", ["noise", "other quantity", "nearly none", "nearly constant"])
+def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None:
+    demand = Demand(tolerance=1.0, limits=(9.0, 11.0))
+    found = measure_agreement(make_unrelated(kind), demand)
+    effort = estimate_effort(found, demand, grasp_s=15.0, handling_s=5.0)
+    assert not found.is_related
+    for name in ("limit_of_agreement", "share_within", "same_grade", "cost"):
+        assert math.isnan(found.figures[name].value)
+    assert (effort.grasps, effort.items_to_test) == (None, None)
+    # The reference alone is still described.
+    assert found.figures["r_squared_ceiling"].value > 0.5
+    assert effort.reference_readings is not None
+
+
+def test_inverse_relation_is_a_relation() -> None:
+    readings = make_readings(24, seed=2)
+    found = measure_agreement(replace(readings, grasp=-readings.grasp), Demand(tolerance=1.0))
+    assert found.is_related
+    assert found.correlation.high < 0
+    assert math.isfinite(found.figures["limit_of_agreement"].value)

@@ -28,6 +28,7 @@ from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
 from palpate.settling.result import Status
+from palpate.terminal_table import make_console
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -67,7 +68,7 @@ def calibration() -> Calibration:
         ),
         force=WEIGHTS,
         block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
-        origin="sensor",
+        origin="hardware",
     )
 
 
@@ -185,7 +186,7 @@ def test_live_view_shows_a_bound_with_its_reason() -> None:
     view = LiveView(live)
     for frame in as_frames([REST, PRESSED, SATURATED]):
         view.add(frame)
-    assert view.render() is not None
+    assert view.render(make_console(width=80)) is not None
     assert live.force_n is not None
     assert live.force_n.text(digits=1).startswith("at least")
 

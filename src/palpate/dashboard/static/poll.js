@@ -53,6 +53,7 @@ export const reasons = (doc) => listReasons(doc).map(joined);
 function listReasons(doc) {
   const verdict = doc.verdict, parts = [];
   if ("target_force_n" in verdict && doc.item) parts.push(doc.item);
+  if ("target_force_n" in verdict && doc.not_stored) parts.push(t("not stored: {why}", { why: doc.not_stored }));
   if (verdict.why) parts.push(verdict.why);
   if (verdict.on_target === true) parts.push(t("within the target of {force} N", { force: number(verdict.target_force_n) }));
   if (verdict.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < verdict.target_force_n ? "below" : "above", force: number(verdict.target_force_n) }));
@@ -191,14 +192,21 @@ function recordPress(press) {
   window.emitEvent?.("press", { stops: received.stops, at_s: atS });
 }
 
-// A barcode scanner types into the focused element. Text typed outside of a field replaces the next
+// The item's text that the user is editing; null after the end of a scan or a grasp, when the next
+// key replaces the text.
+let edited = null;
+
+// A barcode scanner types into the focused element. A scan replaces a name that the server has returned. Text typed outside of a field replaces the next
 // item's name. F8 grasps, F9 releases.
 function handleKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const button = { F8: "grasp", F9: "release" }[event.key], field = document.querySelector("input.scanned");
+  if (button || (event.key === "Enter" && field === event.target)) edited = null;
   if (button) {
     event.preventDefault();
     $(button)?.click();
+  } else if (field && field === event.target && event.key.length === 1) {
+    if (field.value !== edited) field.select();
   } else if (field && !field.disabled && event.key.length === 1 && !(event.key === " " && event.target.closest("button, a, [tabindex]")) && !event.target.closest("input, textarea, select, [role=slider]:not(.plot), [role=dialog], [contenteditable]")) {
     field.focus();
     field.select();
@@ -211,5 +219,6 @@ export function follow(draw, onLost = () => {}) {
   setInterval(drawLoss, CHECK_MS, onLost);
   window.addEventListener("click", recordPress, true);
   window.addEventListener("keydown", handleKey, true);
+  for (const name of ["input", "pointerdown"]) window.addEventListener(name, ({ target }) => { if (target.matches?.("input.scanned")) edited = target.value; }, true);
   poll(draw, onLost);
 }

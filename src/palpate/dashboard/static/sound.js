@@ -4,7 +4,9 @@ const STORAGE_KEY = "palpate-sound";
 // The tones differ in pitch, duration and waveform, so each is recognizable by itself.
 const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 0.9, shape: "square" } };
 const LOUDNESS = 0.3, EDGE_S = 0.02;
-let context = null, before = null;
+// Maximum time from the end of a scan until the server has checked the label.
+const CHECKED_MS = 3000;
+let context = null, before = null, scannedAt = -Infinity;
 
 const wanted = () => localStorage.getItem(STORAGE_KEY) === "on";
 
@@ -37,6 +39,10 @@ function show() {
 }
 
 export function begin() {
+  // Enter ends a scan; the server then marks the field of a damaged label.
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && event.target.matches?.("input.scanned")) scannedAt = performance.now();
+  }, true);
   document.addEventListener("pointerdown", wake, true);
   document.addEventListener("keydown", wake, true);
   document.addEventListener("click", (event) => {
@@ -51,6 +57,10 @@ export function begin() {
 // Plays a tone on changes only, not for the state at loading.
 export function sound(kind) {
   show();
+  if (performance.now() - scannedAt < CHECKED_MS && document.querySelector(".refused")) {
+    scannedAt = -Infinity;
+    play("fault");
+  }
   if (before !== null && kind !== before) {
     if (kind === "lost" || (kind === "bad" && before !== "lost")) play("fault");
     else if (before === "busy" && (kind === "good" || kind === "warn")) play("done");

@@ -59,7 +59,12 @@ class Agreement:
     Attributes
     ----------
     figures : mapping of str to Estimate
-        Figures by the names in `FIGURES`.
+        Figures by the names in `FIGURES`; those of the conversion are unknown without a relation.
+    correlation : Estimate
+        Correlation of the two instruments' means over the items.
+    is_related : bool
+        Whether the grasps are related to the reference: the interval of the correlation excludes 0,
+        and converted grasps differ less from the reference than readings of two random items.
     reference, grasp : Scatter
         Scatter of the reference and of the grasps, both in the reference's unit.
     slope, offset : float
@@ -70,6 +75,8 @@ class Agreement:
     """
 
     figures: Mapping[str, Estimate]
+    correlation: Estimate
+    is_related: bool
     reference: Scatter
     grasp: Scatter
     slope: float
@@ -96,6 +103,8 @@ FIGURES = {
     "cost": "cost of wrong grades per item, by grasps",
     "cost_reference": "cost of wrong grades per item, by a second reference reading",
 }
+#: Figures of grasps that were converted to the reference's unit.
+_OF_CONVERSION = ("limit_of_agreement", "share_within", "same_grade", "cost")
 
 
 def measure_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
@@ -127,22 +136,32 @@ def measure_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
     (0.8, 2)
     """
     measured = calculate_agreement(readings, demand)
+    correlation = measured.correlation
     random = np.random.default_rng(_SEED)
     draws = []
     for _ in range(_DRAWS):
         drawn = readings.select(random.integers(readings.items, size=readings.items))
         if np.unique(drawn.item[drawn.has_both]).size >= FEWEST_ITEMS // 2:
-            draws.append(calculate_agreement(drawn, demand).figures)
+            draws.append(calculate_agreement(drawn, demand))
     tail = (1.0 - demand.level) / 2.0
-    figures = {}
-    for name, estimate in measured.figures.items():
-        known = np.array([draw[name].value for draw in draws])
-        known = known[np.isfinite(known)]
-        if math.isfinite(estimate.value) and known.size:
-            low, high = map(float, np.quantile(known, [tail, 1.0 - tail]))
-            estimate = replace(estimate, low=low, high=high)
-        figures[name] = estimate
-    return replace(measured, figures=figures)
+
+    def with_interval(estimate: Estimate, drawn: list[float]) -> Estimate:
+        """Return an estimate with the interval of its draws."""
+        known = np.array(drawn)[np.isfinite(drawn)]
+        if not (math.isfinite(estimate.value) and known.size):
+            return estimate
+        low, high = map(float, np.quantile(known, [tail, 1.0 - tail]))
+        return replace(estimate, low=low, high=high)
+
+    correlation = with_interval(correlation, [draw.correlation.value for draw in draws])
+    is_related = measured.is_related and correlation.low * correlation.high > 0
+    figures = {
+        name: with_interval(estimate, [draw.figures[name].value for draw in draws])
+        if is_related or name not in _OF_CONVERSION
+        else Estimate(value=math.nan)
+        for name, estimate in measured.figures.items()
+    }
+    return replace(measured, figures=figures, correlation=correlation, is_related=is_related)
 
 
 def calculate_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
@@ -176,8 +195,13 @@ def calculate_agreement(readings: PairedReadings, demand: Demand) -> Agreement:
         # The order of the two readings is arbitrary, so both orders count.
         errors = np.concatenate([grades[3] - grades[2], grades[2] - grades[3]])
         figures["cost_reference"] = _mean_cost(errors, demand)
+    spread = float(read.std(ddof=1)) if read.size > 1 else math.nan
     return Agreement(
         figures={name: Estimate(value=value) for name, value in figures.items()},
+        correlation=Estimate(value=_correlation(*means)),
+        # The difference of two random items has sqrt(2) times their standard deviation. A larger
+        # one means that the line is steeper than any relation in the readings.
+        is_related=bool(difference.std(ddof=1) < math.sqrt(2.0) * spread),
         reference=reference,
         grasp=Scatter(between=abs(slope) * raw.between, within=abs(slope) * raw.within),
         slope=slope,
@@ -206,9 +230,13 @@ def _pair_repeats(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
 
 
 def _r_squared(x: FloatArray, y: FloatArray) -> float:
-    if np.ptp(x) == 0 or np.ptp(y) == 0:
+    return _correlation(x, y) ** 2
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    if x.size < 2 or np.ptp(x) == 0 or np.ptp(y) == 0:
         return math.nan
-    return float(np.corrcoef(x, y)[0, 1] ** 2)
+    return float(np.corrcoef(x, y)[0, 1])
 
 
 def _mean_cost(grade_errors: NDArray[np.int64], demand: Demand) -> float:
@@ -233,18 +261,20 @@ class Effort:
         Number of readings per item for a mean within the tolerance of the item's true value; None
         if no number is sufficient.
     mismatch : float
-        Standard deviation from the difference of the two quantities; repeats do not reduce it.
+        Standard deviation from the difference of the two quantities; repeats do not reduce it. NaN
+        without a relation.
     items_per_hour : float or None
         Rate with this number of grasps.
-    items_to_test : int
-        Number of items for an uncertainty of each limit of agreement of half the tolerance.
+    items_to_test : int or None
+        Number of items for an uncertainty of each limit of agreement of half the tolerance; None
+        without a relation.
     """
 
     reference_readings: int | None
     grasps: int | None
     mismatch: float
     items_per_hour: float | None
-    items_to_test: int
+    items_to_test: int | None
 
 
 def estimate_effort(
@@ -283,14 +313,14 @@ def estimate_effort(
     (3, 1, 180.0)
     """
     quantile = float(ndtri(0.5 + demand.level / 2.0))
-    spread = float(found.difference.std(ddof=1))
+    spread = float(found.difference.std(ddof=1)) if found.is_related else math.nan
     # The differences contain the scatter of both instruments and their mismatch.
     known = sum(s.within**2 for s in (found.reference, found.grasp) if math.isfinite(s.within))
-    mismatch = math.sqrt(max(0.0, spread**2 - known))
+    mismatch = math.sqrt(max(0.0, spread**2 - known)) if found.is_related else math.nan
 
     def count_needed_readings(within: float, fixed: float) -> int | None:
         allowed = (demand.tolerance / quantile) ** 2 - fixed**2
-        if allowed <= 0 or not math.isfinite(within):
+        if not allowed > 0 or not math.isfinite(within):
             return None
         return max(1, math.ceil(within**2 / allowed))
 
@@ -300,5 +330,7 @@ def estimate_effort(
         grasps=grasps,
         mismatch=mismatch,
         items_per_hour=None if grasps is None else 3600.0 / (grasps * grasp_s + handling_s),
-        items_to_test=math.ceil(3.0 * (quantile * spread / (demand.tolerance / 2.0)) ** 2),
+        items_to_test=math.ceil(3.0 * (quantile * spread / (demand.tolerance / 2.0)) ** 2)
+        if found.is_related
+        else None,
     )
