@@ -15,7 +15,7 @@ from palpate.holds.table import find_runs
 SHORTEST_GAP_S = 0.3
 #: Largest change across a gap, as a fraction of the range, after which the contact continues.
 SAME_FRACTION = 0.1
-#: Part of a gap that is kept before and after a contact, seconds.
+#: Longest gap of lost readings, and part of a gap kept before and after a contact, seconds.
 REST_S = 2.0
 #: Level at rest: this many times the largest resistance, or ranges beyond the first reading.
 OPEN_TIMES = 10.0
@@ -28,8 +28,8 @@ def split_at_open(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return the stretches between gaps at rest, with rest filled in around them.
 
-    A gap is rest if the meter was above its range (infinity), or if the readings before and after
-    it differ. A single stretch without gaps is returned for other recordings.
+    A gap is rest if the meter was above its range (infinity), if it is longer than lost readings
+    usually are, or if the readings before and after it differ. A single stretch without gaps is returned for other recordings.
 
     `values`, shape (n_times,): NaN where missing.
 
@@ -80,10 +80,12 @@ def _find_gaps(
         after = scaled[gap.stop :][finite[gap.stop :]][:SIDE]
         is_over = bool(np.isposinf(values[gap]).any())
         is_inside = before.size > 0 and after.size > 0
-        differs = is_inside and abs(np.median(after) - np.median(before)) > (
+        # A new contact may soon reach the level of the last one: its first reading differs.
+        differs = is_inside and float(np.abs(after - np.median(before)).max()) > (
             SAME_FRACTION * float(np.ptp(known))
         )
-        if is_over or differs or not is_inside:
+        is_long = time_s[following] - time_s[run.start] > REST_S
+        if is_over or differs or is_long or not is_inside:
             found.append((run.start, run.stop))
     return found
 

@@ -63,3 +63,15 @@ def test_single_contact_between_blanks_begins_at_its_first_reading(step_s: float
     [(begin_s, end_s)] = cut.spans
     assert begin_s == pytest.approx(3.0, abs=0.3)
     assert end_s == pytest.approx(27.0, abs=0.2)
+
+
+@pytest.mark.parametrize("step_s", [0.05, 0.5])
+def test_equal_contacts_between_blanks_are_all_found(step_s: float) -> None:
+    """The first readings of a contact soon reach the level of the contact before."""
+    time_s = np.arange(0.0, 132.0, step_s)
+    since_s = time_s % 33.0 - 8.0
+    ohm = 4600.0 + 1e4 * np.exp(-np.maximum(since_s, 0.0) / 0.04)
+    ohm -= 60.0 * np.log1p(np.maximum(since_s, 0.0))
+    [readings] = read_recordings({"time_s": time_s, "R_ohm": np.where(since_s >= 0, ohm, np.nan)})
+    [cut] = cut_columns(readings)
+    assert [begin_s for begin_s, _ in cut.spans] == pytest.approx([8, 41, 74, 107], abs=0.75)
