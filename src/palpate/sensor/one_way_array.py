@@ -32,8 +32,8 @@ _GAP_PERIODS = 0.75
 #: Frames in a gap count as lost after several regular periods, each within this tolerance (guesses:
 #: a busy computer delays frames several times in a row).
 _IRREGULAR_PERIODS, _SETTLED_PERIODS = 0.25, 8
-#: Without a frame for this many periods, the bytes that arrive are of another format.
-_SILENT_PERIODS = 10
+#: Without another frame for this many periods, or seconds, the bytes that arrive have another form.
+_SILENT_PERIODS, _SILENT_S = 10, 1.0
 _NO_END = "no end of a frame found; check the baud rate and the layout in the rig file"
 
 
@@ -194,8 +194,9 @@ class OneWayArray(PortArray):
 
     def _explain_silence(self, timeout_s: float) -> DeviceError:
         # A caller that waits for less than a period finds the begin of the next frame.
-        expected_s = _SILENT_PERIODS * self._period_s
-        if self._bytes and self._clock.now_s() - self._last_s > expected_s:
+        silent_s = self._clock.now_s() - self._last_s
+        is_overdue = silent_s > max(_SILENT_PERIODS * self._period_s, _SILENT_S)
+        if self._bytes and (is_overdue or not self._frames):
             rows, cols = self._layout.rows, self._layout.cols
             return WireError(
                 f"{self.name}: {self._bytes} bytes but no frame of {rows} x {cols} readings in "

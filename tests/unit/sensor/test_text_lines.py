@@ -382,7 +382,7 @@ def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
     array.read(timeout_s=0.1)
     first, second = iter([b"99,99,99,99,"]), iter([b"5,6,7,8\n"])
     board.spoil = lambda _, data: next(first, b"")
-    with pytest.raises(WireError):
+    with pytest.raises(DeviceTimeoutError):
         array.read(timeout_s=0.05)
     board.unplug()
     with pytest.raises(DeviceTimeoutError):
@@ -390,6 +390,18 @@ def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
     board.spoil = lambda _, data: next(second, data) if array.counters.reconnects else b""
     board.plug()
     assert array.read(timeout_s=1.0).counts.ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
+
+
+def test_begin_of_a_line_within_a_short_timeout_is_no_wrong_format(clock: SendingClock) -> None:
+    board = SendingBoard(clock, layout=PADS, encode=lambda _: b"1,2,3,4,5,6,7,8\n")
+    array = board.array(LineDecoder(PADS))
+    for _ in range(20):
+        array.read(timeout_s=0.1)
+    board.spoil = lambda _, data: data[:7]
+    with pytest.raises(DeviceTimeoutError, match="no data in"):
+        array.read(timeout_s=0.015)
+    with pytest.raises(WireError, match="has no line end"):
+        array.read(timeout_s=2.0)
 
 
 def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
