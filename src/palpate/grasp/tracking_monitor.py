@@ -217,21 +217,26 @@ class SpeedMonitor:
         self._limits, self._latency_s = limits, safety.latency_s
         # A loaded servo catches up with its tracking error at once when the load disappears.
         self._lag = _tolerance(limits, safety)
-        self._before: tuple[float, float] | None = None
+        #: Time of the last report, time of its request, and closure.
+        self._before: tuple[float, float, float] | None = None
         self._rate = self._ahead = 0.0
 
-    def find_fault(self, state: GripperState, *, tracking: CommandTracking | None) -> str | None:
+    def find_fault(
+        self, state: GripperState, *, tracking: CommandTracking | None, asked_s: float | None = None
+    ) -> str | None:
         """Process the next report; return a message if the hand closes too fast.
 
         `tracking`: the command in effect since the last report, if any.
+        `asked_s`: time of the request of the report; its own time by default. A report delayed
+            after its measurement would otherwise make the next movement look faster.
         """
         closure, before = self._limits.closure(state), self._before
         if before is not None and not state.time_s > before[0]:
             return None
-        self._before = (state.time_s, closure)
+        self._before = (state.time_s, state.time_s if asked_s is None else asked_s, closure)
         if before is None or tracking is None:
             return None
-        closed, passed_s = closure - before[1], state.time_s - before[0]
+        closed, passed_s = closure - before[2], state.time_s - min(before[:2])
         # After a slower command, the hand continues briefly at the previous speed.
         late = max(self._rate - tracking.rate, 0.0) * self._latency_s
         self._rate = tracking.rate

@@ -30,7 +30,7 @@ if sys.platform != "win32":
 #: Attempts per request, to tolerate single lost or damaged packets.
 _TRIES = 3
 #: Default time limit for a reply. The adapter can delay bytes by up to 16 ms.
-REPLY_S = 0.05
+REPLY_S = 0.2
 #: Range of this limit: a reply takes a few milliseconds, and three tries must end before the
 #: fingers have closed.
 _MIN_REPLY_S, _MAX_REPLY_S = 0.005, 2.0

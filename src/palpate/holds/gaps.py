@@ -29,7 +29,8 @@ def split_at_open(
     """Return the stretches between gaps at rest, with rest filled in around them.
 
     A gap is rest if the meter was above its range (infinity), if it is longer than lost readings
-    usually are, or if the readings before and after it differ. A single stretch without gaps is returned for other recordings.
+    usually are, or if the readings before and after it differ. A single stretch without gaps is
+    returned for other recordings.
 
     `values`, shape (n_times,): NaN where missing.
 
