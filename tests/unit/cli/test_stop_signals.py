@@ -9,12 +9,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.conftest import skip
 
-from palpate.recording import FileState, RecordingReader
+from palpate.recording import RecordingReader
 
 pytestmark = pytest.mark.slow
 
@@ -27,11 +28,17 @@ STATUSES = {"grasp": (130, 0), "record": (130,)}
 
 
 def is_intact(path: Path) -> bool:
-    state = FileState()
-    with RecordingReader(path) as reader:
-        list(reader.messages(state=state))
     # A grasp stopped before its first frame has none.
-    return state.is_intact
+    with RecordingReader(path) as reader:
+        return reader.state.is_intact
+
+
+@pytest.fixture(autouse=True)
+def hangup_by_default() -> Iterator[None]:
+    """Start commands with the default action of a hangup, also if the tests run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 def wait_for(is_done: Callable[[], object]) -> None:
@@ -57,7 +64,9 @@ def test_repeated_signals_end_a_command_with_a_complete_file(
     command: list[str], number: int, tmp_path: Path
 ) -> None:
     process = start(command, tmp_path)
+    until_s = time.monotonic() + 60
     while process.poll() is None:
+        assert time.monotonic() < until_s
         process.send_signal(number)
         time.sleep(0.002)
     error = process.communicate()[1]
@@ -97,7 +106,7 @@ def test_first_process_of_a_container_ends_on_sigterm(verb: str, tmp_path: Path)
         shutil.which("unshare") is None
         or subprocess.run([*isolate, "true"], check=False).returncode
     ):
-        pytest.skip("needs the right to create a process namespace")
+        skip("needs the right to create a process namespace")
     options = {"grasp": GRASP, "live": [*COMMAND, "live", "--rig", "sim-rigid"]}[verb]
     process = subprocess.Popen(
         [*isolate, *options], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
