@@ -25,6 +25,9 @@ from tests.conftest import skip
 from palpate.recording import load_recording
 from palpate_studies.benchmarks.pty_board import run_board
 
+#: Label of the item's field on the page, with a hint if it is empty.
+ITEM = re.compile(r"^Item(:|$)")
+
 CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
 STRAWBERRY = ("--object", "strawberry", "--seed", "3")
@@ -395,12 +398,12 @@ def test_second_viewer_can_watch_stop_and_take_over(
     expect(driver.locator("#who")).to_contain_text("1 watches")
     # Only the driver can change the settings of the next grasp.
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("2")
-    for label in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not stored)"):
+    for label in ("Target force, N (empty: a gentle squeeze)", ITEM):
         expect(second.get_by_label(label)).to_be_disabled()
     expect(second.get_by_label("Target force, N (empty: a gentle squeeze)")).to_have_value("2")
     second.keyboard.type("B2")
     second.keyboard.press("F8")
-    expect(driver.get_by_label("Item (empty: not stored)")).to_have_value("")
+    expect(driver.get_by_label(ITEM)).to_have_value("")
     driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
     expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
@@ -511,7 +514,7 @@ def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
 
 
 def test_grasp_of_a_named_item_appears_in_its_history(driver: Page) -> None:
-    driver.get_by_label("Item (empty: not stored)").fill("berry-7")
+    driver.get_by_label(ITEM).fill("berry-7")
     for again in (False, True):
         if again:
             # A grasp clears the name.

@@ -21,6 +21,9 @@ from tests.loop.test_dashboard import (
     serve_dashboard,
 )
 
+#: Label of the item's field on the page, with a hint if it is empty.
+ITEM = re.compile(r"^Item(:|$)")
+
 __all__ = ["browser"]
 
 
@@ -38,7 +41,7 @@ def page(browser: Browser, folder: Path) -> Iterator[Page]:
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)
         expect_fresh_link(page)
-        page.get_by_label("Item (empty: not stored)").fill("berry-7")
+        page.get_by_label(ITEM).fill("berry-7")
         grasp(page)
         # The hold is long enough to be selected on the timeline.
         page.wait_for_function("+document.querySelector('#curve')?.dataset.bands > 15")

@@ -25,6 +25,9 @@ from tests.unit.test_json_schemas import faults
 
 from palpate.cli import build_app, run
 
+#: Label of the item's field on the page, with a hint if it is empty.
+ITEM = re.compile(r"^Item(:|$)")
+
 __all__ = ["browser"]
 
 RULES = """default = "by hand"
@@ -63,7 +66,7 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
                 page.get_by_role("option", name=thing, exact=True).click()
                 page.locator("#use-rig").click()
                 expect(page.locator("#fingers")).to_contain_text(thing.replace("-", " "))
-            page.get_by_label("Item (empty: not stored)").fill(name)
+            page.get_by_label(ITEM).fill(name)
             expect_enabled(page, "#grasp")
             page.locator("#grasp").click()
             # The bin is shown during the hold.

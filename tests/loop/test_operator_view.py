@@ -30,6 +30,9 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
 
+#: Label of the item's field on the page, with a hint if it is empty.
+ITEM = re.compile(r"^Item(:|$)")
+
 __all__ = ["browser", "hand_left_open"]
 
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wide": (1920, 1080)}
@@ -356,18 +359,18 @@ def test_grasp_form_survives_a_reload_and_is_shared_by_all_viewers(
 ) -> None:
     with at(browser, address, SIZES["wide"]) as page:
         page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("3")
-        page.get_by_label("Item (empty: not stored)").fill("berry-9")
+        page.get_by_label(ITEM).fill("berry-9")
         with at(browser, f"{address}operate", SIZES["tablet"]) as other:
             expect(other.get_by_label("Next item")).to_have_value("berry-9")
             expect(other.locator("#force-target")).to_have_text("target: 3 N")
             other.get_by_label("Next item").fill("berry-10")
         page.reload()
-        expect(page.get_by_label("Item (empty: not stored)")).to_have_value("berry-10")
+        expect(page.get_by_label(ITEM)).to_have_value("berry-10")
         # Only the driver can change the settings, and the other viewer took over.
         drive(page)
         field = page.get_by_label("Target force, N (empty: a gentle squeeze)")
         expect(field).to_have_value("3")
-        for name in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not stored)"):
+        for name in ("Target force, N (empty: a gentle squeeze)", ITEM):
             page.get_by_label(name).fill("")
         page.wait_for_function(
             "fetch('/live').then((r) => r.json()).then("

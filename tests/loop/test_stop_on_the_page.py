@@ -24,6 +24,9 @@ from tests.loop.test_dashboard import (
     serve_dashboard,
 )
 
+#: Label of the item's field on the page, with a hint if it is empty.
+ITEM = re.compile(r"^Item(:|$)")
+
 __all__ = ["browser"]
 
 SIZES = {"phone": (390, 844), "tablet": (834, 1194), "laptop": (1440, 900), "wide": (1920, 1080)}
@@ -211,7 +214,7 @@ def test_stop_button_stops_for_a_second_finger(viewer: Viewer) -> None:
 def test_stop_button_stops_with_keyboard_keys(viewer: Viewer, key: str) -> None:
     stops = len(viewer.stops)
     if key == "Escape":
-        viewer.page.get_by_label("Item (empty: not stored)").focus()
+        viewer.page.get_by_label(ITEM).focus()
     else:
         viewer.page.locator("#stop").focus()
     viewer.page.keyboard.press(key)

@@ -184,7 +184,7 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     item_store = ItemStore(where, rules=RULES)
     before = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE)
     placement = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE, recording=recording)
-    assert placement == before
+    assert placement == {**before, "stored": True}
     assert placement["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
     assert (placement["bin"]["name"], placement["bin"]["rule"]) == ("ripe", 1)
     page = item_store.page("A1")
