@@ -285,7 +285,7 @@ def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, addres
         # The hand still grips, and the headline is not repeated below.
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
         # The answer may precede the press, because the page runs in real time.
-        why = re.compile(r"^not stored: no item( · answer .* after contact)?\s*$")
+        why = re.compile(r"^not stored: no item(\s·\sanswer .* after contact)?\s*$")
         expect(page.locator("#verdict-why")).to_have_text(why)
         expect_fit(page)
         release(page)
