@@ -72,8 +72,8 @@ def explain_noisy_rest(rest_force_n: float, *, plan: Plan) -> str | None:
         return None
     return (
         f"the noise of the sheet at rest reads as {rest_force_n:.2f} N (at most "
-        f"{0.5 * plan.no_push_n:g} N, because {plan.no_push_n:g} N count as a contact); average more conversions, use a converter of "
-        "more bits or a larger share of its range, or fewer pixels"
+        f"{0.5 * plan.no_push_n:g} N, because {plan.no_push_n:g} N count as a contact); average "
+        "more conversions, or use a converter of more bits or fewer pixels"
     )
 
 
