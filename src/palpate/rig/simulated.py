@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain
 from typing import Protocol
 
@@ -113,6 +113,20 @@ def calibrate_twin(
     calibration uses no true values of the twin. The object to be grasped (`apart_from`) is not
     among the faces. `replace_sheet`: as in `World`.
     """
+    # The name of an object that is not among the faces has no effect.
+    apart_from = apart_from if apart_from in FACES[:_FACE_COUNT] else ""
+    return _calibrate_seed(seed, level, apart_from, kind, replace_sheet)
+
+
+# A calibration takes as long as a grasp, and a process often opens the same rig again.
+@lru_cache(maxsize=64)
+def _calibrate_seed(
+    seed: int,
+    level: str,
+    apart_from: str,
+    kind: GripperKind,
+    replace_sheet: Callable[[Sheet], Sheet] | None,
+) -> Calibration:
     world = World(
         None,
         seed=seed + CALIBRATION_SEED_OFFSET,
