@@ -48,6 +48,10 @@ _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 class Workplace(Stage, Protocol):
     """A simulated world for calibration, in which the object can be replaced."""
 
+    def stop_sheet(self) -> None:
+        """Stop computing the sheet, to save time; all counts are 0 from now on."""
+        ...
+
     def place(self, obj: TwinObject | None) -> None:
         """Replace the object between the open fingers with another object, or remove it."""
         ...
@@ -152,8 +156,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
-    array = TwinArray(world)
-    bench = twin_bench(world, start=_START_POSITION[world.gripper], array=array)
+    bench = twin_bench(world, start=_START_POSITION[world.gripper])
     rest = measure_rest(bench)
     force = measure_force(
         bench,
@@ -163,7 +166,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         horizon_s=HORIZON_S,
     )
     # The remaining steps read only the load cell, the width and the current.
-    array.blank_frames()
+    world.stop_sheet()
     world.place(draw_object(rng, "rigid-block"))
     closing = partial(
         measure_block, bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
@@ -252,16 +255,15 @@ def open_twin_bench(rig: str, seed: int) -> GuidedBench:
     )
 
 
-def twin_bench(world: Stage, *, start: float, array: TwinArray | None = None) -> Bench:
+def twin_bench(world: Stage, *, start: float) -> Bench:
     """Return a bench with the devices of a world.
 
     `start`: as in `Bench`.
-    `array`: array of the world; opened by default.
 
     >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
     True
     """
-    array = array or TwinArray(world)
+    array = TwinArray(world)
     return Bench(
         array=array,
         gripper=TwinGripper(world),
