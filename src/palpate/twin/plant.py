@@ -209,13 +209,20 @@ class Plant:
             sheet=self.sheet,
             creep=placement.creep,
         )
-        return replace(
-            state,
+        return PlantState(
             time_s=time_s,
-            sheet=cache(sheet_at),
+            motion=state.motion,
+            obj=state.obj,
+            placed=state.placed,
+            contacts=state.contacts,
             closure_mm=closure_mm,
             squeeze=squeeze,
+            sheet=cache(sheet_at),
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
+            ruptured=state.ruptured,
+            finger_mm=state.finger_mm,
+            pull_n=state.pull_n,
+            slide=state.slide,
         )
 
     def run(self, state: PlantState, until_s: float) -> PlantState:
