@@ -197,9 +197,7 @@ def run_case(
     def hit() -> None:
         nonlocal is_sound
         is_sound = True
-        strike(
-            FAULTS[case.fault](), world=world, array=array, gripper=gripper, requests=requests
-        )
+        strike(FAULTS[case.fault](), world=world, array=array, gripper=gripper, requests=requests)
 
     def watch(state: GraspState) -> None:
         for moment in state.result.moments:

@@ -42,6 +42,8 @@ class Row:
         Whether the grasp completed, and whether the object was pressed beyond its yield.
     target_n, peak_n : float
         Target force, or that of a gentle squeeze of this object; largest true force.
+    load : float
+        Largest true force relative to that at yield.
     touch_s, touch_peak_n, answer_s : float
         As in `Run`.
     off_target : float
@@ -62,6 +64,7 @@ class Row:
     damaged: float
     target_n: float
     peak_n: float
+    load: float
     touch_s: float
     touch_peak_n: float
     answer_s: float
@@ -105,6 +108,7 @@ def describe(run: Run) -> Row:
     ('held', 0.0, True)
     """
     case, result, truth = run.case, run.result, run.truth
+    assert case.obj is not None
     target_n = target_of(case)
     # After a fault, and without a grip at the end, nothing is compared.
     is_gripped = truth.force_n > 0 and case.fault == "none"
@@ -120,10 +124,13 @@ def describe(run: Run) -> Row:
         damaged=float(truth.damaged),
         target_n=target_n,
         peak_n=truth.peak_force_n,
+        load=truth.peak_force_n / case.obj.yield_n,
         touch_s=run.touch_s,
         touch_peak_n=run.touch_peak_n,
         answer_s=run.answer_s,
-        off_target=float(np.log(force_n / target_n)) if case.task in (TO_FORCE, FAST_TO_FORCE) else np.nan,
+        off_target=float(np.log(force_n / target_n))
+        if case.task in (TO_FORCE, FAST_TO_FORCE)
+        else np.nan,
         **_log_errors("force", result.force_n, force_n),
         **_errors("size", result.size_mm, size_mm),
         **_log_errors("stiffness", result.stiffness_n_per_mm, stiffness or np.nan),
@@ -143,7 +150,9 @@ def target_of(case: Case) -> float:
 
 def _errors(name: str, measured: Measurement | None, truth: float) -> dict[str, float]:
     """Return the errors of a value and of the limits of its interval."""
-    value, ends = (None, (None, None)) if measured is None else (measured.value, measured.known_ends)
+    value, ends = (
+        (None, (None, None)) if measured is None else (measured.value, measured.known_ends)
+    )
     low, high = ends
     if measured is not None and ends != (None, None):
         low, high = -np.inf if low is None else low, np.inf if high is None else high

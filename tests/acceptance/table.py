@@ -11,7 +11,7 @@ import numpy as np
 from tests.acceptance.rows import Row
 
 from palpate.arrays import FloatArray
-from palpate_studies.protocol.paired import Difference, difference_of_pairs, rms
+from palpate_studies.protocol.paired import Difference, difference_of_pairs
 
 #: Parts of the table, and their rows.
 PARTS: dict[str, Callable[[Row], bool]] = {
@@ -37,7 +37,7 @@ def median_size(errors: FloatArray) -> np.floating[Any]:
     return np.float64(np.median(np.abs(errors)))
 
 
-def late_tenth(values: FloatArray) -> np.floating[Any]:
+def highest_tenth(values: FloatArray) -> np.floating[Any]:
     """Return the 90 % quantile."""
     return np.float64(np.quantile(values, 0.9))
 
@@ -121,6 +121,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         of_faults=True,
     ),
     Quantity(
+        name="peak / yield, 90 % of grasps",
+        of=lambda row: row.load,
+        statistic=highest_tenth,
+        tolerance=0.03,
+    ),
+    Quantity(
         name="touch: force, N", of=lambda row: row.touch_peak_n, statistic=np.mean, tolerance=0.05
     ),
     Quantity(name="touch, s", of=lambda row: row.touch_s, statistic=np.mean, tolerance=0.1),
@@ -128,7 +134,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         name="answer, 90 % of grasps, s",
         of=lambda row: row.answer_s,
-        statistic=late_tenth,
+        statistic=highest_tenth,
         tolerance=0.5,
     ),
     Quantity(
@@ -206,9 +212,7 @@ def compare_rows(before: Sequence[Row], after: Sequence[Row]) -> list[Comparison
     return found
 
 
-def _compare(
-    part: str, quantity: Quantity, pairs: Sequence[tuple[Row, Row]]
-) -> list[Comparison]:
+def _compare(part: str, quantity: Quantity, pairs: Sequence[tuple[Row, Row]]) -> list[Comparison]:
     """Return the comparison; none if the part has no such quantity."""
     old = quantity.values([before for before, _ in pairs])
     new = quantity.values([after for _, after in pairs])
