@@ -12,7 +12,15 @@ from itertools import groupby
 from pathlib import Path
 
 from tests.acceptance.grasps import GRASPS_PER_SHEET, SHEETS, list_cases
-from tests.acceptance.rows import BASELINE, Row, measure_grasps, read_rows, round_row, write_rows
+from tests.acceptance.rows import (
+    BASELINE,
+    Row,
+    measure_grasps,
+    read_rows,
+    round_row,
+    target_of,
+    write_rows,
+)
 from tests.acceptance.table import HEADER, compare_rows
 
 from palpate.terminal_table import make_console, make_table
@@ -45,18 +53,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     cases = list_cases(given.grasps)
-    after = [round_row(row) for row in measure_grasps(cases, jobs=given.jobs)]
     if given.write_baseline:
-        write_rows(after, given.baseline)
+        write_rows(measure_grasps(cases, jobs=given.jobs), given.baseline)
         return 0
-    known = {(row.seed, row.task): row for row in read_rows(given.baseline)}
-    missing = [case for case in cases if (case.seed, case.task) not in known]
-    if missing:
+    stored = {_key(row.seed, row.task, row.target_n): row for row in read_rows(given.baseline)}
+    keys = [_key(case.seed, case.task, target_of(case)) for case in cases]
+    if missing := [key for key in keys if key not in stored]:
         parser.error(
-            f"{given.baseline} has not grasp {missing[0].seed} ({missing[0].task}); store the old "
-            "code's grasps with --write-baseline"
+            f"{given.baseline} has no grasp {', '.join(missing[0])}; store the grasps of the old "
+            "code with --write-baseline"
         )
-    return int(report([known[case.seed, case.task] for case in cases], after) > 0)
+    after = [round_row(row) for row in measure_grasps(cases, jobs=given.jobs)]
+    return int(report([stored[key] for key in keys], after) > 0)
+
+
+def _key(seed: int, task: str, target_n: float) -> tuple[str, str, str]:
+    """Return what identifies a grasp in a changed list of cases."""
+    return str(seed), task, f"{target_n:.3g} N"
 
 
 if __name__ == "__main__":

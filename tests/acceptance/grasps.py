@@ -100,11 +100,7 @@ class Run:
 
 
 def list_cases(grasps: int = GRASPS_PER_SHEET * SHEETS) -> list[Case]:
-    """Return the first cases, those of one sensor next to each other.
-
-    >>> [case.task for case in list_cases(2)]
-    ['gentle', 'to a force']
-    """
+    """Return the first cases, those of one sensor next to each other."""
     faults = _faults()
     return [
         case

@@ -17,7 +17,6 @@ from tests.acceptance.grasps import (
     TO_FORCE,
     Case,
     Run,
-    list_cases,
     run_case,
 )
 
@@ -101,12 +100,7 @@ class Row:
 
 
 def describe(run: Run) -> Row:
-    """Return the row of a grasp.
-
-    >>> row = describe(run_case(list_cases(1)[0]))
-    >>> row.outcome, row.damaged, abs(row.force) < 0.5
-    ('held', 0.0, True)
-    """
+    """Return the row of a grasp."""
     case, result, truth = run.case, run.result, run.truth
     assert case.obj is not None
     target_n = target_of(case)
@@ -114,6 +108,7 @@ def describe(run: Run) -> Row:
     is_gripped = truth.force_n > 0 and case.fault == "none"
     force_n = truth.force_n if is_gripped else np.nan
     size_mm = truth.size_mm if is_gripped and truth.size_mm else np.nan
+    has_target = case.task in (TO_FORCE, FAST_TO_FORCE)
     stiffness = truth.stiffness_n_per_mm if is_gripped else None
     return Row(
         seed=case.seed,
@@ -128,9 +123,7 @@ def describe(run: Run) -> Row:
         touch_s=run.touch_s,
         touch_peak_n=run.touch_peak_n,
         answer_s=run.answer_s,
-        off_target=float(np.log(force_n / target_n))
-        if case.task in (TO_FORCE, FAST_TO_FORCE)
-        else np.nan,
+        off_target=float(np.log(force_n / target_n)) if has_target else np.nan,
         **_log_errors("force", result.force_n, force_n),
         **_errors("size", result.size_mm, size_mm),
         **_log_errors("stiffness", result.stiffness_n_per_mm, stiffness or np.nan),
@@ -150,11 +143,10 @@ def target_of(case: Case) -> float:
 
 def _errors(name: str, measured: Measurement | None, truth: float) -> dict[str, float]:
     """Return the errors of a value and of the limits of its interval."""
-    value, ends = (
-        (None, (None, None)) if measured is None else (measured.value, measured.known_ends)
-    )
-    low, high = ends
-    if measured is not None and ends != (None, None):
+    value, low, high = None, None, None
+    if measured is not None:
+        value, (low, high) = measured.value, measured.known_ends
+    if (low, high) != (None, None):
         low, high = -np.inf if low is None else low, np.inf if high is None else high
     return {
         name + suffix: np.nan if end is None else float(end - truth)

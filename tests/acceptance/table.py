@@ -219,15 +219,20 @@ def _compare(part: str, quantity: Quantity, pairs: Sequence[tuple[Row, Row]]) ->
     both = np.isfinite(old) & np.isfinite(new)
     if not both.any():
         return []
+    old, new = old[both], new[both]
     sheets = [before.sheet for (before, _), is_known in zip(pairs, both, strict=True) if is_known]
+    if np.array_equal(old, new):
+        difference = Difference(
+            value=0.0, low=0.0, high=0.0, cases=len(old), specimens=len(set(sheets))
+        )
+    else:
+        difference = difference_of_pairs(new, old, sheets, statistic=quantity.statistic)
     return [
         Comparison(
             part=part,
             quantity=quantity,
-            before=float(quantity.statistic(old[both])),
-            after=float(quantity.statistic(new[both])),
-            difference=difference_of_pairs(
-                new[both], old[both], sheets, statistic=quantity.statistic
-            ),
+            before=float(quantity.statistic(old)),
+            after=float(quantity.statistic(new)),
+            difference=difference,
         )
     ]
