@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 from tests.acceptance.__main__ import main, report
 from tests.acceptance.rows import BASELINE, Row, read_rows, write_rows
