@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import count, cycle
+from itertools import count, cycle, pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from palpate.estimate.damage import DamageModel
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.sensor.calibration import Calibration
@@ -88,6 +88,7 @@ class Run:
     """What came of a case.
 
     `touch_s`: from the start to the contact. `touch_peak_n`: largest true force until then.
+    `rise_n`: largest rise of the true force from one closing step to the next.
     `answer_s`: from the contact to the answer. Each is NaN without one.
     """
 
@@ -96,6 +97,7 @@ class Run:
     truth: Truth
     touch_s: float
     touch_peak_n: float
+    rise_n: float
     answer_s: float
 
 
@@ -188,6 +190,7 @@ def run_case(
     array, gripper, requests = FaultyArray(world), FaultyGripper(world), Requests()
     plan = revise(plan_grasp(calibration or case.calibration, gripper=gripper, **case.options))
     seen, is_sound = dict[str, tuple[float, float]](), case.fault == "none"
+    forces_n = dict[int, float]()
     started_s = world.clock.now_s()
 
     def hit() -> None:
@@ -200,6 +203,8 @@ def run_case(
             if moment.finger is None and moment.name not in seen:
                 peak_n = world.truth().peak_force_n if moment.name == "contact" else np.nan
                 seen[moment.name] = state.estimate.now_s - started_s, peak_n
+        if len(state.estimate.steps) not in forces_n:
+            forces_n[len(state.estimate.steps)] = world.force_n(world.clock.now_s())
         if not is_sound and state.activity in PHASE_ACTIVITIES[case.phase]:
             hit()
 
@@ -213,6 +218,11 @@ def run_case(
         watchers=[watch],
         requests=requests,
     )
+    if result.outcome is Outcome.STOPPED and not FAULTS[case.fault]().user_stops:
+        # Ctrl-C ends a grasp safely, and should end the whole report.
+        raise KeyboardInterrupt
+    # Nothing is compared with the force without a step, 0.
+    steps_n = [force_n for number, force_n in sorted(forces_n.items()) if number]
     touch_s, touch_peak_n = seen.get("contact", (np.nan, np.nan))
     return Run(
         case=case,
@@ -220,5 +230,6 @@ def run_case(
         truth=world.truth(),
         touch_s=touch_s,
         touch_peak_n=touch_peak_n,
+        rise_n=max((after - before for before, after in pairwise(steps_n)), default=np.nan),
         answer_s=seen.get("answer", (np.nan,))[0] - touch_s,
     )

@@ -43,7 +43,7 @@ class Row:
         Target force, or that of a gentle squeeze of this object; largest true force.
     load : float
         Largest true force relative to that at yield.
-    touch_s, touch_peak_n, answer_s : float
+    touch_s, touch_peak_n, rise_n, answer_s : float
         As in `Run`.
     off_target : float
         ln of the true settled force over the target; only without a damage limit or lift.
@@ -66,6 +66,7 @@ class Row:
     load: float
     touch_s: float
     touch_peak_n: float
+    rise_n: float
     answer_s: float
     off_target: float
     force: float
@@ -122,6 +123,7 @@ def describe(run: Run) -> Row:
         load=truth.peak_force_n / case.obj.yield_n,
         touch_s=run.touch_s,
         touch_peak_n=run.touch_peak_n,
+        rise_n=run.rise_n,
         answer_s=run.answer_s,
         off_target=float(np.log(force_n / target_n)) if has_target else np.nan,
         **_log_errors("force", result.force_n, force_n),

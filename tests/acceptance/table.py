@@ -129,6 +129,12 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         name="touch: force, N", of=lambda row: row.touch_peak_n, statistic=np.mean, tolerance=0.05
     ),
+    Quantity(
+        name="largest rise in a step, N",
+        of=lambda row: row.rise_n,
+        statistic=np.mean,
+        tolerance=0.05,
+    ),
     Quantity(name="touch, s", of=lambda row: row.touch_s, statistic=np.mean, tolerance=0.1),
     Quantity(name="answer, s", of=lambda row: row.answer_s, statistic=np.mean, tolerance=0.2),
     Quantity(
