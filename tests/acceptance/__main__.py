@@ -21,7 +21,7 @@ from tests.acceptance.rows import (
     target_of,
     write_rows,
 )
-from tests.acceptance.table import HEADER, compare_rows
+from tests.acceptance.table import FEWEST_SHEETS, HEADER, compare_rows
 
 from palpate.terminal_table import make_console, make_table
 
@@ -45,7 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the report; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.acceptance", description=__doc__)
     most = GRASPS_PER_SHEET * SHEETS
-    parser.add_argument("--grasps", type=int, default=most, metavar="N", help="the first N only")
+    parser.add_argument(
+        "--grasps",
+        type=int,
+        default=most,
+        metavar="N",
+        help=f"the first N only, {GRASPS_PER_SHEET} for each sensor; fewer than {FEWEST_SHEETS} "
+        "sensors decide nothing",
+    )
     parser.add_argument("--jobs", type=int, metavar="N", help="processes; default: processors")
     parser.add_argument("--baseline", type=Path, default=BASELINE, metavar="FILE")
     parser.add_argument(

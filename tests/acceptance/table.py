@@ -21,6 +21,8 @@ PARTS: dict[str, Callable[[Row], bool]] = {
     "with a fault": lambda row: row.is_faulty,
 }
 BETTER, WORSE, UNDECIDED, SAME = "better", "worse", "undecided", "same"
+#: With fewer sensors a bootstrap over them shows nothing.
+FEWEST_SHEETS = 6
 HEADER = (
     *("quantity", ">grasps", ">before", ">after", ">difference", ">90 % interval"),
     *(">tolerance", "verdict"),
@@ -169,7 +171,7 @@ class Comparison:
     @property
     def is_clearly_worse(self) -> bool:
         """Whether it is certainly worse by more than the tolerance."""
-        return self._least_worsening > self.quantity.tolerance
+        return self._is_decidable and self._least_worsening > self.quantity.tolerance
 
     @property
     def verdict(self) -> str:
@@ -177,10 +179,16 @@ class Comparison:
         found = self.difference
         if found.low == found.high == found.value == 0:
             return SAME
+        if not self._is_decidable:
+            return UNDECIDED
         if self._least_worsening > 0:
             return WORSE + " (fails)" * self.is_clearly_worse
         is_better = found.low > 0 if self.quantity.is_more_better else found.high < 0
         return BETTER if is_better else UNDECIDED
+
+    @property
+    def _is_decidable(self) -> bool:
+        return self.difference.specimens >= FEWEST_SHEETS
 
     @property
     def _least_worsening(self) -> float:
