@@ -184,9 +184,9 @@ def write_rows(rows: Iterable[Row], file: Path) -> None:
 
 
 def read_rows(file: Path) -> list[Row]:
-    """Return the stored rows."""
+    """Return the stored rows; a column that is not in the file was not measured."""
     with file.open(encoding="utf-8", newline="") as lines:
-        return [_parse(row) for row in csv.DictReader(lines)]
+        return [_parse({**_EMPTY, **row}) for row in csv.DictReader(lines)]
 
 
 def round_row(row: Row) -> Row:
@@ -195,6 +195,7 @@ def round_row(row: Row) -> Row:
 
 
 _NAMES = tuple(one.name for one in fields(Row))
+_EMPTY = dict.fromkeys(_NAMES, "")
 _WORDS = ("task", "kind", "level", "outcome")
 
 
