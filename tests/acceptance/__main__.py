@@ -6,6 +6,7 @@ The exit status is 1 if a quantity is certainly worse by more than its tolerance
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from itertools import groupby
@@ -53,7 +54,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"the first N only, {GRASPS_PER_SHEET} for each sensor; fewer than {FEWEST_SHEETS} "
         "sensors decide nothing",
     )
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes; default: processors")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count(),
+        metavar="N",
+        help="processes; default: processors",
+    )
     parser.add_argument("--baseline", type=Path, default=BASELINE, metavar="FILE")
     parser.add_argument(
         "--write-baseline", action="store_true", help="store the present code's grasps"

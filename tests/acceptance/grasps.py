@@ -22,7 +22,7 @@ from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.ranges import draw_log_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
-from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper, strike
+from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
 from palpate_studies.fault_grasps import PHASE_ACTIVITIES
 from palpate_studies.force_control_world import (
     SIZES_MM,
@@ -193,10 +193,16 @@ def run_case(
     forces_n = dict[int, float]()
     started_s = world.clock.now_s()
 
-    def hit() -> None:
+    def strike() -> None:
         nonlocal is_sound
-        is_sound = True
-        strike(FAULTS[case.fault](), world=world, array=array, gripper=gripper, requests=requests)
+        is_sound, fault = True, FAULTS[case.fault]()
+        array.fault = gripper.fault = fault
+        world.clock.sleep_s(fault.hang_s)
+        if fault.pushed_mm and case.kind == "rigid":
+            gripper.state()
+            world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
+        if fault.user_stops:
+            requests.stop.set()
 
     def watch(state: GraspState) -> None:
         for moment in state.result.moments:
@@ -206,10 +212,10 @@ def run_case(
         if len(state.estimate.steps) not in forces_n:
             forces_n[len(state.estimate.steps)] = world.force_n(world.clock.now_s())
         if not is_sound and state.activity in PHASE_ACTIVITIES[case.phase]:
-            hit()
+            strike()
 
     if not is_sound and case.phase == "start":
-        hit()
+        strike()
     result = run_grasp(
         plan,
         array=array,

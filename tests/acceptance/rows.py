@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, astuple, dataclass, fields
 from itertools import groupby
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,6 @@ from tests.acceptance.grasps import (
 )
 
 from palpate.estimate.measurement import Measurement
-from palpate_studies.processes import map_batches
 
 BASELINE = Path(__file__).with_name("baseline.csv")
 #: A gentle squeeze ends at the first force, with soft fingers at the second; rigid fingers squeeze
@@ -165,10 +166,13 @@ def _log_errors(name: str, measured: Measurement | None, truth: float) -> dict[s
         }
 
 
-def measure_grasps(cases: Sequence[Case], *, jobs: int | None = None) -> list[Row]:
-    """Make the grasps, the sensors in parallel, and return their rows."""
+def measure_grasps(cases: Sequence[Case], *, jobs: int) -> list[Row]:
+    """Make the grasps, the sensors in `jobs` processes, and return their rows."""
     batches = [list(found) for _, found in groupby(cases, key=lambda case: case.sheet)]
-    return map_batches(_measure_batch, batches, processes=jobs)
+    if jobs == 1:
+        return [row for batch in batches for row in _measure_batch(batch)]
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        return [row for rows in pool.map(_measure_batch, batches) for row in rows]
 
 
 def _measure_batch(cases: Sequence[Case]) -> list[Row]:

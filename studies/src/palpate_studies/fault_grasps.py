@@ -19,7 +19,7 @@ from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
-from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper, strike
+from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
 
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
@@ -131,19 +131,25 @@ def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
     array, gripper, requests = FaultyArray(world), FaultyGripper(world), Requests()
     fault, struck_s = FAULTS[cell.fault](), list[float]()
 
-    def strike_now() -> None:
+    def strike() -> None:
         struck_s.append(world.clock.now_s())
-        strike(fault, world=world, array=array, gripper=gripper, requests=requests)
+        array.fault = gripper.fault = fault
+        world.clock.sleep_s(fault.hang_s)
+        if fault.pushed_mm and cell.kind == "rigid":
+            gripper.state()
+            world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
+        if fault.user_stops:
+            requests.stop.set()
 
     def watch(grasp_state: GraspState) -> None:
         estimate = grasp_state.estimate
         underway = estimate.sweep and estimate.now_s - estimate.sweep.since_s > _AT_SPEED_S
         late = cell.phase != "approach" or underway
         if grasp_state.activity in PHASE_ACTIVITIES[cell.phase] and late and not struck_s:
-            strike_now()
+            strike()
 
     if cell.phase == "start":
-        strike_now()
+        strike()
     result = run_grasp(
         plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch], requests=requests
     )

@@ -16,19 +16,14 @@ _FEWEST_BATCHES = 12
 
 
 def map_batches(
-    work: Callable[[Batch], Iterable[Result]],
-    batches: Sequence[Batch],
-    *,
-    processes: int | None = None,
+    work: Callable[[Batch], Iterable[Result]], batches: Sequence[Batch]
 ) -> list[Result]:
     """Return the results of all batches in order; `work` must be a module-level function.
-
-    `processes`: largest number of processes; by default that of the processors.
 
     >>> map_batches(range, [2, 3])
     [0, 1, 0, 1, 2]
     """
-    processes = processes or os.cpu_count() or 1
+    processes = os.cpu_count() or 1
     if processes == 1 or len(batches) < _FEWEST_BATCHES:
         return [result for batch in batches for result in work(batch)]
     context = multiprocessing.get_context("spawn")
