@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.plan import Plan
 from palpate.sensor.calibration import Calibration
 from palpate.twin.objects import draw_object
+from palpate.twin.world import GripperKind
 
 KEPT = Path(__file__).with_name("grasps.json")
 #: The one sensor of each gripper, which is calibrated once.
@@ -39,13 +41,7 @@ class Golden:
 
 def goldens() -> dict[str, Golden]:
     """Return the grasps by name."""
-
-    def rigid(thing: str | None, **case: Any) -> Golden:
-        return _golden("rigid", thing, **case)
-
-    def soft(thing: str | None, **case: Any) -> Golden:
-        return _golden("soft", thing, **case)
-
+    rigid, soft = partial(_golden, "rigid"), partial(_golden, "soft")
     found = {
         "gentle": rigid("ball-44lbs"),
         "gentle, soft": soft("tomato"),
@@ -94,7 +90,7 @@ def goldens() -> dict[str, Golden]:
     return found
 
 
-def _golden(kind: Any, thing: str | None, **case: Any) -> Golden:
+def _golden(kind: GripperKind, thing: str | None, **case: Any) -> Golden:
     seed = _SHEET + len(thing or "")
     obj = None if thing is None else draw_object(np.random.default_rng([seed, 1]), thing)
     return Golden(
