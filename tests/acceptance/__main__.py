@@ -83,7 +83,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _key(seed: int, task: str, target_n: float) -> tuple[str, str, str]:
     """Return what identifies a grasp in a changed list of cases."""
-    return str(seed), task, f"{target_n:.3g} N"
+    # Stored targets have four digits; rounding those again may differ in the third.
+    return str(seed), task, f"{float(f'{target_n:.4g}'):.3g} N"
 
 
 if __name__ == "__main__":
