@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,8 +55,14 @@ def packhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder that `palpate demo packhouse` writes; copy what a test changes."""
     from palpate.demo.packhouse import write_packhouse
 
-    folder = tmp_path_factory.mktemp("packhouse") / "demo-packhouse"
-    write_packhouse(folder)
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent  # one for all processes
+    folder = shared / "demo-packhouse"
+    with (shared / "demo-packhouse.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "by-size.toml").exists():
+            write_packhouse(folder)
     return folder
 
 

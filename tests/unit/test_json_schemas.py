@@ -25,15 +25,15 @@ REGISTRY: Registry[Any] = Registry().with_resources(
 #: What the commands below read.
 FILES = (
     "demo recordings",
-    "grasp --seed 3 --object strawberry --record g.mcap",
-    "grasp --seed 2 --item A1",
+    "grasp --seed 3 --object strawberry --rate-hz 15 --record g.mcap",
+    "grasp --seed 2 --rate-hz 15 --item A1",
     "calibrate force --rig sim-rigid --out pad-force.json",
 )
 #: Schema and a command whose output it describes.
 COMMANDS = (
-    ("grasp", "grasp --object strawberry --seed 3"),
-    ("grasp", "grasp --object kiwi --damage damage.json --kind kiwi"),
-    ("grasp", "grasp --rig sim-soft --seed 2 --item A1"),
+    ("grasp", "grasp --object strawberry --seed 3 --rate-hz 15"),
+    ("grasp", "grasp --object kiwi --rate-hz 15 --damage damage.json --kind kiwi"),
+    ("grasp", "grasp --rig sim-soft --rate-hz 15 --seed 2 --item A1"),
     ("replay", "replay g.mcap"),
     ("frames", "replay g.mcap --frames"),
     ("inspect", "inspect g.mcap"),

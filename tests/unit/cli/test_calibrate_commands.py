@@ -5,20 +5,27 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.commands import Command
 
-from palpate.cli import build_app, calibrate_settling, run
-from palpate.cli.calibrate_bench import resolve_calibration_file
+from palpate.cli import build_app, run
+from palpate.gripper.interface import GripperCommand
+from palpate.holds import read_holds
+from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 from palpate.sensor.rest_calibration import replace_rest
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrated") / "pad.json"
     arguments = ["calibrate", "force", "--seed", "3", "--out", str(path)]
+    arguments += ["--plot", str(path.with_name("pad.png"))]
     assert run(build_app(), arguments, name="palpate") == 0
     return path
 
@@ -32,23 +39,7 @@ def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> No
     for kind in ("error_percent", "early_error_percent"):
         assert 0 < found.held_out[kind]["5_n"] < 40
     assert found.force_law["residual_sd"] > 0
-
-
-@pytest.mark.slow
-def test_calibrate_force_prints_the_plot_file(tmp_path: Path, palpate: Command) -> None:
-    plot = tmp_path / "pad.png"
-    shown = palpate("calibrate", "force", "--out", tmp_path / "pad.json", "--plot", plot).out
-    assert shown.splitlines()[-1] == f"Written: {plot}"
-    assert plot.stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("loads", [[], ["--loads", "loads.csv"]])
-def test_calibrate_force_advises_omitting_loads_only_if_given(
-    loads: list[str], palpate: Command
-) -> None:
-    error = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
-    assert "can't be loaded with weights" in error
-    assert ("omit --loads" in error) == bool(loads)
+    assert made.with_name("pad.png").stat().st_size > 10_000
 
 
 def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
@@ -103,10 +94,8 @@ def test_calibrate_other_sensors_file_is_left_unchanged(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("load_n\n1\n5\n", "at least 3 different weights are needed, not 2"),
-        ("load_n\n5\n5\n5\n5\n", "not 1 (5 N)"),
+        ("load_n\n5\n5\n5\n5\n", "at least 3 different weights are needed, not 1 (5 N)"),
         ("load_n\n100\n250\n500\n1000\n", "in grams"),
-        ("weight\n1\n2\n3\n4\n", "no column load_n"),
     ],
 )
 def test_calibrate_force_bad_loads_preserve_the_old_file(
@@ -133,42 +122,16 @@ def test_calibrate_force_bad_loads_preserve_the_old_file(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", ["rest", "force", "compliance"])
-def test_calibrate_unwritable_output_is_refused_before_measuring(
-    step: str, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
+def test_calibrate_unwritable_output_is_refused(
+    step: str, tmp_path: Path, palpate: Command
 ) -> None:
-    def measure(*_: object, **__: object) -> None:
-        raise AssertionError("measured before the output was checked")
-
-    monkeypatch.setattr("palpate.cli.sensor_source.SensorSource.frames", measure)
-    monkeypatch.setattr("palpate.cli.calibrate_bench.open_bench", measure)
     path = tmp_path / "none" / "pad.json"
     error = palpate("calibrate", step, "--rig", "sim-rigid", "--out", path, status=2).err
     assert f"the folder {path.parent} does not exist" in error
 
 
-def test_resolve_calibration_file_prefers_option_then_rig_file(tmp_path: Path) -> None:
-    rig = tmp_path / "rig.toml"
-    rig.write_text('calibration = "mine.json"\n')
-    assert resolve_calibration_file(str(rig), None) == tmp_path / "mine.json"
-    assert resolve_calibration_file(str(rig), tmp_path / "pad.json") == tmp_path / "pad.json"
-    rig.write_text('use = "sim-rigid"\n')
-    assert resolve_calibration_file(str(rig), None) == Path("calibration.json")
-    assert resolve_calibration_file("sim-rigid", None) == Path("calibration.json")
-
-
-def test_calibrate_force_refuses_weights_on_a_simulated_rig(
-    tmp_path: Path, palpate: Command
-) -> None:
-    error = palpate("calibrate", "force", "--loads", tmp_path / "loads.csv", status=2).err
-    assert "simulated" in error
-
-
 @pytest.mark.slow
-def test_calibrate_settling_stores_only_long_holds(
-    tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from palpate.holds import read_holds
-
+def test_calibrate_settling_stores_only_long_holds(tmp_path: Path, palpate: Command) -> None:
     path, out = record_holds(tmp_path), tmp_path / "fit.csv"
     assert "1 long enough" in palpate("calibrate", "settling", path, "--out", out).err
     holds = list(read_holds(out))
@@ -176,15 +139,9 @@ def test_calibrate_settling_stores_only_long_holds(
     assert all(hold.time_s[-1] >= 19.5 for hold in holds)
     error = palpate("calibrate", "settling", path, "--out", tmp_path / "fit.txt", status=2).err
     assert ".csv or .parquet" in error
-    monkeypatch.setattr(calibrate_settling, "_MIN_HOLD_S", 60.0)
-    assert (
-        "record longer holds" in palpate("calibrate", "settling", path, "--out", out, status=2).err
-    )
 
 
 def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Command) -> None:
-    from palpate.holds import read_holds
-
     rig = tmp_path / "rig.toml"
     rig.write_text('calibration = "cal.json"\n[array]\nopen = "a:b"\n[gripper]\nopen = "a:b"\n')
     time_s = [step / 10 for step in range(206)]
@@ -207,14 +164,6 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
 
 def record_holds(folder: Path) -> Path:
     """Record a short and a long hold on the twin."""
-    import numpy as np
-
-    from palpate.gripper.interface import GripperCommand
-    from palpate.recording import RecordingInfo, RecordingWriter
-    from palpate.twin.devices import TwinArray, TwinGripper
-    from palpate.twin.objects import draw_object
-    from palpate.twin.world import World
-
     obj = draw_object(np.random.default_rng(1), "dragonskin-20")
     world = World(obj, seed=1)
     gripper, array, path = TwinGripper(world), TwinArray(world), folder / "day1.mcap"

@@ -17,7 +17,7 @@ PAIRS = ForcePairs(
 )
 
 
-def test_calibrate_rest_writes_the_rigs_calibration_file(
+def test_calibrate_rest_writes_the_calibration_file_unless_the_sensor_is_loaded(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file(seed=3)
@@ -28,7 +28,10 @@ def test_calibrate_rest_writes_the_rigs_calibration_file(
     assert made.made_at is not None
     assert 0 < min(map(min, made.rest.spread_percent)) < 1
     assert "R3 C1" in shown
-    assert "Written: " in shown
+    before = (rig.parent / "sensor.json").read_text()
+    err = palpate("calibrate", "rest", "--rig", rig_file(pressed=True), status=2).err
+    assert "%" in err.splitlines()[-1]
+    assert (rig.parent / "sensor.json").read_text() == before
 
 
 def test_calibrate_rest_update_preserves_force_and_block(
@@ -45,19 +48,6 @@ def test_calibrate_rest_update_preserves_force_and_block(
     assert renewed.made_at == dated.made_at
     palpate("calibrate", "rest", "--rig", rig, "--new")
     assert Calibration.load(path).force.force_n == ()
-
-
-def test_calibrate_rest_loaded_sensor_is_refused_and_file_unchanged(
-    rig_file: Callable[..., Path], palpate: Command
-) -> None:
-    path = rig_file().parent / "sensor.json"
-    palpate("calibrate", "rest", "--rig", rig_file())
-    before = path.read_text()
-    err = palpate("calibrate", "rest", "--rig", rig_file(pressed=True), status=2).err
-    err = err.strip().splitlines()[-1]
-    assert "%" in err
-    assert "palpate: " in err
-    assert path.read_text() == before
 
 
 def test_calibrate_rest_empty_option_updates_rest_and_preserves_force(

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.cli import build_app, run
+from palpate.produce.records import Item
+from palpate.produce.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +21,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = path / "palpate"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m palpate "$@"\n')
     command.chmod(0o755)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(path)
-        assert run(build_app(), ["demo", "packhouse", "--out", "."], name="palpate") == 0
+    with Store.open(path / "palpate-items.sqlite") as store:
+        for name in ("fruit-3", "apple-1"):
+            store.add_item(Item(item_id=name))
     return path
 
 
@@ -51,16 +52,10 @@ def complete(line: str, folder: Path) -> list[str]:
     ("line", "offered"),
     [
         ("palpate gra", ["grasp"]),
-        ("palpate grasp --target", ["--target-force-n"]),
         ("palpate grasp --object straw", ["strawberry"]),
-        ("palpate serve --object springs-", ["springs-2", "springs-4", "springs-6", "springs-8"]),
         ("palpate grasp --rig sim-f", ["sim-firmware"]),
-        ("palpate settle --method log_law_", ["log_law_early"]),
         ("palpate calibrate se", ["settling"]),
         ("palpate study table1", ["table1"]),
-        ("palpate bench set", ["settling"]),
-        ("palpate demo pack", ["packhouse"]),
-        ("palpate items fruit-3", ["fruit-3"]),
         ("palpate grasp --item fruit-3", ["fruit-3"]),
         ("palpate items --store nowhere.sqlite fruit", []),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +18,7 @@ def test_doctor_of_a_healthy_rig_exits_with_0(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     captured = palpate("doctor", "--rig", rig_file(), "--json")
-    document = json.loads(captured.out)
+    document = captured.document
     assert document["healthy"] is True
     assert document["findings"] == []
     assert len(document["pixels"]) == 8
@@ -73,9 +72,7 @@ def test_doctor_recorded_presses_of_crossed_rows_are_found(
     ("arguments", "status", "message"),
     [
         (["--rig", "a.toml", "--port", "b"], 2, "--port can't be combined with --rig"),
-        (["--recording", "a.mcap", "--port", "b"], 2, "--recording can't be combined"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
-        (["--rig", "no.toml"], 2, "no.toml"),
         (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),
     ],
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -11,60 +10,56 @@ from tests.commands import Command
 
 from palpate.recording import load_recording
 
-pytestmark = pytest.mark.slow
+#: The rate of the paper's board: a simulated grasp then costs a third.
+SLOW = ("--rate-hz", "15")
 
 
-def test_grasp_json_is_one_document_and_reproducible(palpate: Command) -> None:
-    first = palpate("grasp", "--seed", "1", "--json").out
-    assert palpate("grasp", "--seed", "1", "--json").out == first
-    document = json.loads(first)
+@pytest.mark.slow
+def test_grasp_is_recorded_reproducible_and_labelled_simulated(
+    palpate: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "grasp.mcap"
+    options = ("--seed", "2", "--object", "springs-4", *SLOW)
+    document = palpate("grasp", *options, "--record", path, "--json").document
     assert document["outcome"] == "held"
     assert document["simulated"] is True
     for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm"):
-        assert set(document[name]) == {"value", "low", "high", "status", "unit", "level", "reason"}
         ends = [document[name]["low"], document[name]["value"], document[name]["high"]]
         known = [end for end in ends if end is not None]
         assert known == sorted(known)
         assert (document[name]["value"] is None) == (document[name]["reason"] is not None)
         assert isinstance(document["truth"][name], float)
-    assert document["truth"]["damaged"] is False
-    assert {"peak_force_n", "frames", "frames_lost", "verdict", "decision_time_s"} <= set(document)
-
-
-def test_grasp_card_is_labelled_simulated_and_every_frame_recorded(
-    palpate: Command, tmp_path: Path
-) -> None:
-    path = tmp_path / "grasp.mcap"
-    card = palpate("grasp", "--seed", "2", "--object", "springs-4", "--record", path).out
-    assert "SIMULATED" in card
-    assert "springs-4" in card
     recording = load_recording(path)
     assert recording.info.origin == "twin"
-    assert f"{len(recording.time_s)} frames" in card
     assert '"palpate-calibration"' in (recording.info.calibration or "")
+    card = palpate("grasp", *options).out
+    assert "SIMULATED" in card
+    assert "springs-4" in card
+    assert f"{len(recording.time_s)} frames" in card
+    assert f"{document['force_n']['value']:.2f}"[:3] in card
 
 
 def test_grasp_card_reports_damaged_object_in_red(
     palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
-    options = ["--object", "strawberry", "--seed", "3", "--target-force-n"]
+    options = ["--object", "strawberry", "--seed", "3", *SLOW, "--target-force-n"]
     card = palpate("grasp", *options, "14").out
-    lines = [line for line in card.splitlines() if "Held" in line or "damaged" in line]
-    assert "damaged" in lines[1]
-    assert "\x1b[1;31mHeld" in lines[0]
-    assert "\x1b[1;31mThe object was damaged" in lines[1]
+    assert "\x1b[1;31mThe object was damaged" in card
     assert card.startswith("\x1b[31m╭")
     assert palpate("grasp", *options, "2").out.startswith("\x1b[32m╭")
 
 
-@pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
-@pytest.mark.parametrize("options", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rig", "options"),
+    [("sim-rigid", ["--target-force-n", "2.5"]), ("sim-soft", ["--expect-size", "40"])],
+)
 def test_replay_reproduces_the_grasp_result(
     palpate: Command, tmp_path: Path, rig: str, options: list[str]
 ) -> None:
     path = tmp_path / "grasp.mcap"
-    arguments = ["--rig", rig, "--seed", "1", *options]
+    arguments = ["--rig", rig, "--seed", "1", "--rate-hz", "50", *options]
     live = palpate("grasp", *arguments, "--record", path, "--json").document
     again = palpate("replay", path, "--json").document
     assert {name: again[name] for name in again.keys() & live.keys()} == {
@@ -73,18 +68,20 @@ def test_replay_reproduces_the_grasp_result(
     assert again["force_n"] is not None
 
 
+@pytest.mark.slow
 def test_grasp_expected_size_shortens_the_approach(palpate: Command) -> None:
     contact_s = list[float]()
     for options in ([], ["--expect-size", "36"]):
         moments = palpate(
-            "grasp", "--object", "strawberry", "--seed", "3", *options, "--json"
+            "grasp", "--object", "strawberry", "--seed", "3", *SLOW, *options, "--json"
         ).document["moments"]
         contact_s.append(next(m["time_s"] for m in moments if m["name"] == "contact"))
-    assert contact_s[1] < contact_s[0] - 0.3
+    assert contact_s[1] < contact_s[0] - 0.2
 
 
+@pytest.mark.slow
 def test_grasp_with_soft_fingers_reports_no_size_and_a_stiffness_bound(palpate: Command) -> None:
-    document = palpate("grasp", "--rig", "sim-soft", "--seed", "1", "--json").document
+    document = palpate("grasp", "--rig", "sim-soft", "--seed", "1", *SLOW, "--json").document
     assert document["outcome"] == "held"
     assert document["size_mm"] is document["previous_width_mm"] is None
     stiffness = document["stiffness_n_per_mm"]
@@ -101,17 +98,30 @@ def test_grasp_with_soft_fingers_reports_no_size_and_a_stiffness_bound(palpate: 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "message"),
+    ("arguments", "message"),
     [
-        (["--object", "brick"], 2, "no simulated object 'brick'; available: ecoflex-10"),
-        (["--rig", "nowhere"], 2, "no rig 'nowhere'; available: sim-rigid, sim-soft"),
-        (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: no such file"),
-        (["--rig", "sim-soft", "--object", "brick"], 2, "no simulated object 'brick'"),
-        (["--target-force-n", "900"], 2, "force ceiling"),
-        (["--target-force-n", "nan"], 2, "must be above 0"),
+        (["--object", "brick"], "no simulated object 'brick'; available: ecoflex-10"),
+        (["--rig", "nowhere"], "no rig 'nowhere'; available: sim-rigid, sim-soft"),
+        (["--rig", "nowhere.toml"], "rig file nowhere.toml: no such file"),
     ],
 )
 def test_grasp_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: list[str], status: int, message: str
+    palpate: Command, arguments: list[str], message: str
 ) -> None:
-    assert message in palpate.refused("grasp", *arguments, status=status)
+    assert message in palpate.refused("grasp", *arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("force_n", ["900", "nan"])
+def test_grasp_impossible_force_is_refused_in_one_line(palpate: Command, force_n: str) -> None:
+    assert "target" in palpate.refused("grasp", "--target-force-n", force_n)
+
+
+def test_default_rig_is_that_of_the_folder_before_that_of_the_environment(
+    tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PALPATE_RIG", "nowhere")
+    assert "no rig 'nowhere'" in palpate.refused("grasp")
+    (tmp_path / "rig.toml").write_text('use = "sim-elsewhere"\n')
+    assert "no rig 'sim-elsewhere'" in palpate.refused("grasp")

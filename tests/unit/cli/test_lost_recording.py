@@ -1,4 +1,4 @@
-"""Grasps whose recording can't be written: the result is shown, status 3."""
+"""Recordings that can't be written: the grasp's result is shown, the status is 3."""
 
 from __future__ import annotations
 
@@ -10,25 +10,31 @@ import pytest
 from tests.commands import Command
 from tests.full_disk import file_size_limit
 
+from palpate.cli import build_app, run
 from palpate.errors import RecordingLostError
-from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.rig import open_rig
+from palpate.sensor.array import RIGID_LAYOUT
 
-pytestmark = pytest.mark.slow
-
-GRASP = ("grasp", "--rig", "sim-rigid", "--seed", "1")
+GRASP = ("grasp", "--rig", "sim-rigid", "--seed", "1", "--rate-hz", "50")
 
 
-#: Bytes before the disk is full: within the grasp, and in the index at its end.
-@pytest.mark.parametrize("room", [130_000, -100])
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> int:
+    """Return the size of the recording of the grasp, bytes."""
+    path = tmp_path_factory.mktemp("whole") / "run.mcap"
+    assert run(build_app(), [*GRASP, "--record", str(path), "--json"], name="palpate") == 0
+    return path.stat().st_size
+
+
+#: Bytes that do not fit: some seconds of the grasp, or the end of the index after it.
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", [10_000, 100])
 def test_full_disk_during_a_grasp_keeps_the_result(
-    room: int, tmp_path: Path, palpate: Command
+    missing: int, whole: int, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "run.mcap"
-    if room < 0:  # the last bytes do not fit
-        palpate(*GRASP, "--record", tmp_path / "whole.mcap")
-        room += (tmp_path / "whole.mcap").stat().st_size
-    with file_size_limit(room):
+    with file_size_limit(whole - missing):
         printed = palpate(*GRASP, "--record", path, "--json", status=3)
     assert printed.document["outcome"] == "held"
     assert printed.document["force_n"] is not None
@@ -37,6 +43,7 @@ def test_full_disk_during_a_grasp_keeps_the_result(
     palpate("inspect", path)
 
 
+@pytest.mark.slow
 def test_deleted_file_is_noticed_at_the_end(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "run.mcap"
 
@@ -54,9 +61,9 @@ def test_deleted_file_is_noticed_at_the_end(tmp_path: Path, palpate: Command) ->
     assert "deleted" in printed.err
 
 
-def test_replaced_file_is_not_taken_for_the_recording(tmp_path: Path, info: RecordingInfo) -> None:
+def test_replaced_file_is_not_taken_for_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    writer = RecordingWriter(path, info=info)
+    writer = RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin"))
     path.rename(tmp_path / "other.mcap")
     path.write_text("mine")
     with pytest.raises(RecordingLostError):
@@ -64,10 +71,13 @@ def test_replaced_file_is_not_taken_for_the_recording(tmp_path: Path, info: Reco
     assert path.read_text() == "mine"
 
 
-def test_release_raises_a_lost_recording_once_and_keeps_the_result(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_release_raises_a_lost_recording_once_and_keeps_the_result(
+    whole: int, tmp_path: Path
+) -> None:
     path = tmp_path / "run.mcap"
-    with open_rig("sim-rigid", seed=1) as rig:
-        with file_size_limit(130_000):
+    with open_rig("sim-rigid", seed=1, rate_hz=50.0) as rig:
+        with file_size_limit(whole - 10_000):
             grip = rig.grasp(record=path)
             assert grip.is_holding
             with pytest.raises(RecordingLostError):
@@ -78,7 +88,31 @@ def test_release_raises_a_lost_recording_once_and_keeps_the_result(tmp_path: Pat
     assert any(str(path) in fault for fault in grip.result.faults)
 
 
-@pytest.fixture
-def info() -> RecordingInfo:
-    with open_rig("sim-rigid", seed=1) as rig:
-        return RecordingInfo(layout=rig.array.layout, origin="twin", rig="sim-rigid")
+@pytest.mark.slow
+def test_record_on_a_full_disk_exits_with_3(tmp_path: Path, palpate: Command) -> None:
+    path = tmp_path / "run.mcap"
+    with file_size_limit(130_000):
+        printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
+    started, failed = printed.err.splitlines()
+    assert started.startswith("recording sim-rigid")
+    assert failed.startswith(f"palpate: {path}: File too large. At most the last second")
+    with RecordingReader(path) as reader:
+        assert any(True for _ in reader.readable_messages())
+    path.unlink()
+    path.symlink_to("/dev/full")
+    palpate.refused("record", path, "--rig", "sim-rigid", "--duration", "1", status=3)
+
+
+@pytest.mark.slow
+def test_record_and_export_do_not_overwrite_existing_files(
+    tmp_path: Path, palpate: Command
+) -> None:
+    recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
+    record = ("record", recorded, "--rig", "sim-rigid", "--duration", "0.5")
+    palpate(*record)
+    before = recorded.read_bytes()
+    table.write_text("mine")
+    assert "already exists" in palpate.refused("export", recorded)
+    assert "already exists" in palpate.refused(*record)
+    assert recorded.read_bytes() == before
+    assert table.read_text() == "mine"

@@ -118,7 +118,6 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     ("options", "is_connected", "status", "message"),
     [
         ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different positive integers"),
-        ('layout = "4x2"\nunit = "percent"', True, 2, "it must be one of 'counts', 'ohm', 'volt'"),
         ('layout = "4x2"', False, 3, "no port"),
         ('layout = "4x2"', True, 0, ""),
     ],

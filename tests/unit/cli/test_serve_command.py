@@ -51,15 +51,6 @@ def test_serve_taken_port_is_reported(tmp_path: Path) -> None:
     assert "Traceback" not in ended.stderr
 
 
-def test_build_app_does_not_import_the_web_server() -> None:
-    code = (
-        "import sys; from palpate.cli import build_app; build_app(); "
-        "print([name for name in ('nicegui', 'fastapi', 'uvicorn') if name in sys.modules])"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ended.stdout.strip() == "[]"
-
-
 def test_serve_missing_extra_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:

@@ -84,9 +84,7 @@ def test_teach_table_reports_accuracy_and_labels_unlabelled_rows(
         ("A0", "soft"),
         ("A1", "firm"),
     ]
-    shown = palpate("teach", "grade", "--table", file).out
-    assert "22 labelled items" in shown
-    assert "named correctly when held out" in " ".join(shown.split())
+    assert "22 labelled items" in palpate("teach", "grade", "--table", file).out
 
 
 def test_teach_grade_stores_given_labels_before_learning(store: Path, palpate: Command) -> None:
@@ -103,7 +101,7 @@ def test_teach_grade_stores_given_labels_before_learning(store: Path, palpate: C
         assert len(opened.verdicts(About.BIN, source=Source.PERSON)) == 12
 
 
-@pytest.mark.parametrize(("question", "features"), [("ripeness", 1), ("bruise", 17), ("kind", 4)])
+@pytest.mark.parametrize(("question", "features"), [("ripeness", 1), ("bruise", 17)])
 def test_teach_learns_each_question_from_the_store(
     store: Path, palpate: Command, question: str, features: int
 ) -> None:
@@ -120,14 +118,8 @@ def test_teach_learns_each_question_from_the_store(
         (("grade", "--table", "none.csv"), "can't be read"),
         (("grade", "--table", "bare.csv"), "no numeric column"),
         (("grade", "--table", "few.csv"), "at least two labels are required"),
-        (
-            ("grade", "--table", "few.csv", "--kind", "kiwi"),
-            "--kind kiwi: can't be combined with --table few.csv",
-        ),
         (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),
-        (("grade", "--store", "store.sqlite", "--say", "A1"), "must be ITEM=LABEL"),
         (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
-        (("bruise", "--store", "store.sqlite", "--kind", "kiwi"), "no grasp to learn bruise from"),
     ],
 )
 def test_teach_invalid_input_is_refused_with_a_remedy(
@@ -141,6 +133,4 @@ def test_teach_invalid_input_is_refused_with_a_remedy(
     monkeypatch.chdir(tmp_path)
     Path("bare.csv").write_text("item_id,label\nA1,soft\n")
     Path("few.csv").write_text("item_id,label,firmness\nA1,soft,41\n")
-    lines = palpate("teach", *arguments, status=2).err.strip().splitlines()
-    assert len(lines) == 1
-    assert message in lines[0]
+    assert message in palpate.refused("teach", *arguments)

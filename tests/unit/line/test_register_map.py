@@ -56,7 +56,6 @@ def test_encode_text_roundtrip_preserves_ascii(text: str) -> None:
     [
         ({}, LineState.IDLE),
         ({"fresh": False}, LineState.STOPPED),
-        ({"hand_open": False}, LineState.STOPPED),
         ({"trouble": "the sensor is lost"}, LineState.ABORTED),
         ({"activity": "gone"}, LineState.ABORTED),
         ({"activity": "opening the rig"}, LineState.STOPPED),

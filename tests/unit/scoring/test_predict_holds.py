@@ -86,15 +86,3 @@ def test_decide_holds_equals_prediction_at_the_decision_time() -> None:
         [hold("a")], methods=methods, cutoffs_s=[row.cutoff_s], horizon_s=20.0, level=0.9
     )
     assert same.predicted == pytest.approx(row.predicted, rel=1e-12)
-
-
-def test_decide_holds_method_without_intervals_is_not_decided() -> None:
-    [row] = decide_holds(
-        [hold("a", until_s=5)],
-        methods={"recorded": Recorded()},
-        half_width_percent=50.0,
-        horizon_s=20.0,
-        level=0.9,
-    )
-    assert row.decided is False
-    assert row.cutoff_s == pytest.approx(5, abs=0.1)

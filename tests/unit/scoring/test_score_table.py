@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.commands import Command
 
-from palpate import InputError, read_holds, score
+from palpate import read_holds, score
 
 METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
 
@@ -40,8 +40,3 @@ def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:
         (method, cutoff_s) for method in METHODS for cutoff_s in CUTOFFS_S
     ]
     assert (table["holds"] == 2).all()
-
-
-def test_score_with_unknown_method_raises(path: Path) -> None:
-    with pytest.raises(InputError, match="no method 'magic'"):
-        score(read_holds(path), methods=["magic"])

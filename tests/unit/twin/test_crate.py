@@ -12,17 +12,15 @@ from palpate.twin.crate import (
     CrateTable,
     draw_crate,
     draw_mixed_crate,
-    hertz_force_at_1mm_n,
 )
 from palpate.twin.world import OPEN_MM
 
 ALL = {**TRAINED_KINDS, **UNTRAINED_KINDS}
 
 
-@pytest.mark.parametrize("kind", ALL)
-def test_crate_item_sizes_are_within_kind_range_and_gripper_opening(kind: str) -> None:
-    ranges = ALL[kind]
-    for item in draw_crate([kind] * 20, seed=1):
+def test_crate_item_sizes_are_within_kind_range_and_gripper_opening() -> None:
+    for item in draw_crate([*ALL] * 10, seed=1):
+        kind, ranges = item.kind, ALL[item.kind]
         assert ranges.size_mm[0] <= item.mean.size_mm <= ranges.size_mm[1]
         sides = [item.side(turn).size_mm / item.mean.size_mm for turn in range(5)]
         assert max(abs(np.array(sides) - 1)) <= ranges.out_of_round
@@ -39,17 +37,6 @@ def test_draw_mixed_crate_is_reproducible_and_mixed() -> None:
     assert [item.kind for item in crate] != [
         item.kind for item in draw_mixed_crate(24, seed=4, unknown_fraction=0.25)
     ]
-
-
-def test_hertz_force_grows_with_size_and_modulus() -> None:
-    one = hertz_force_at_1mm_n(1.0, size_mm=40.0)
-    assert hertz_force_at_1mm_n(2.0, size_mm=40.0) == pytest.approx(2 * one)
-    assert hertz_force_at_1mm_n(1.0, size_mm=160.0) == pytest.approx(2 * one)
-
-
-def test_draw_crate_unknown_kind_error_lists_kinds() -> None:
-    with pytest.raises(ValueError, match="no crate kind 'pear'; available: cherry-tomato"):
-        draw_crate(["pear"], seed=1)
 
 
 def test_crate_table_place_opens_gripper_and_drops_old_frames() -> None:

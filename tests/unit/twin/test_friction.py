@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.twin.friction import N_PER_G, Slide
+from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
@@ -44,13 +44,6 @@ def test_lift_with_weak_grip_drops_object() -> None:
     assert world.truth().size_mm == make_fruit().size_mm
 
 
-def test_lift_with_additional_pull_drops_object() -> None:
-    world = make_gripped_world(1.5)
-    world.lift(more_n=5.0)
-    world.force_n(4.0)
-    assert world.has_dropped
-
-
 def test_opening_after_lift_puts_object_down() -> None:
     world = make_gripped_world(1.5)
     world.lift()
@@ -68,40 +61,6 @@ def test_sliding_object_moves_load_between_pixels() -> None:
     after = world.pixel_resistance_ohm(3.0 + 0.06)
     assert world.force_n(3.061) > 0
     assert np.abs(after / before - 1).max() > 0.01
-
-
-@pytest.mark.parametrize("pull_n", [0.5, 0.99])
-def test_slide_with_pull_below_friction_limit_stays_at_rest(pull_n: float) -> None:
-    assert Slide().advance(1.0, pull_n=pull_n, grip_n=1.0, friction=0.5, mass_g=50.0) == Slide()
-
-
-def test_slide_once_moving_has_less_friction() -> None:
-    sliding = Slide(slid_mm=1.0, speed_mm_per_s=10.0)
-    later = sliding.advance(0.01, pull_n=0.9, grip_n=1.0, friction=0.5, mass_g=50.0)
-    assert later.speed_mm_per_s > 10.0
-
-
-def test_place_between_closed_fingers_is_refused() -> None:
-    world = World(None, seed=2)
-    world.drive(50.0, rate=30.0)
-    world.clock.sleep_s(3.0)
-    with pytest.raises(ValueError, match="open them first"):
-        world.place(make_fruit())
-
-
-def test_off_middle_object_loads_only_the_first_finger() -> None:
-    heavy = make_fruit(size_mm=50.0)
-    heavy = replace(heavy, mass_g=300.0)
-    world = World(heavy, seed=3, level="field")
-    rest = world.pixel_resistance_ohm(0.5)
-    placement = world._plant.placement(0, 0)
-    assert placement.lead_mm > 0.5
-    world.drive(50.0 + placement.lead_mm / 2, rate=20.0, time_s=0.5)
-    relative = (world.pixel_resistance_ohm(4.0) / rest).reshape(2, -1).min(axis=1)
-    first = placement.first_finger
-    assert world.force_n(4.0) == 0.0
-    assert relative[first] < 0.95
-    assert relative[1 - first] > 0.99
 
 
 def test_opening_within_backlash_preserves_grip_force() -> None:

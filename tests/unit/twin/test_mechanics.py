@@ -8,12 +8,11 @@ import pytest
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.mechanics import (
     HandCompliance,
-    Motion,
     object_force_n,
     pixel_fractions,
     series_force_n,
 )
-from palpate.twin.objects import OBJECTS, TwinObject, draw_object
+from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
 
 
@@ -40,12 +39,7 @@ def test_series_force_of_two_springs_matches_hand_calculation() -> None:
     assert series_force_n(make_object(), 3.0, compliance=SPRING) == pytest.approx(6.0)
 
 
-def test_series_force_of_hertz_contact_matches_hand_calculation() -> None:
-    ball = make_object(contact="hertz")
-    assert series_force_n(ball, 4.0, compliance=STIFF) == pytest.approx(4.0 * 4.0**1.5)
-
-
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("name", ["strawberry", "springs-4", "dragonskin-20"])
 def test_series_force_deformations_sum_to_closure(name: str) -> None:
     obj = draw_object(np.random.default_rng(5), name)
     for closure_mm in (0.01, 0.5, 2.0, 6.0, 20.0):
@@ -53,11 +47,6 @@ def test_series_force_deformations_sum_to_closure(name: str) -> None:
         deformation_mm = closure_mm - PADS.deflection_mm(force_n)
         expected_n, _ = object_force_n(obj, deformation_mm, ruptured=False)
         assert expected_n == pytest.approx(force_n, rel=1e-6)
-
-
-def test_series_force_without_contact_is_zero() -> None:
-    assert series_force_n(make_object(), -1.0, compliance=PADS) == 0.0
-    assert series_force_n(make_object(), 0.0, compliance=PADS) == 0.0
 
 
 def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
@@ -88,12 +77,6 @@ def test_pixel_fractions_of_off_centre_fruit_leave_pixels_unloaded() -> None:
     assert np.sum(aside == 0) >= 2
     deeper = pixel_fractions(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))
     assert np.sum(deeper == 0) < np.sum(aside == 0)
-
-
-def test_motion_width_changes_at_the_rate_and_stops_at_the_target() -> None:
-    closing = Motion(start_s=1.0, from_mm=50.0, to_mm=40.0, rate_mm_per_s=20.0)
-    assert closing.end_s == pytest.approx(1.5)
-    assert [closing.width_mm(t) for t in (0.0, 1.25, 3.0)] == [50.0, 45.0, 40.0]
 
 
 def test_draw_object_values_are_within_ranges() -> None:
