@@ -368,12 +368,6 @@ def test_line_decoder_reads_frames_with_another_end(text: str, end: str) -> None
     assert (readings, decoder.corrupt) == (sent[1:], 0)
 
 
-def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
-    with pytest.raises(WireError, match="no blank line marks the start of a frame"):
-        board.array(LineDecoder(PADS))
-
-
 def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
     clock: SendingClock,
 ) -> None:
