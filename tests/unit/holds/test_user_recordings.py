@@ -385,12 +385,6 @@ def test_settle_excel_without_extra_names_the_extra(
     assert "pip install 'palpate[data]'" in run_refused(path, palpate)
 
 
-def test_settle_fit_on_option_accepts_a_recording(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "r.csv"
-    path.write_text(FORMATS["plain.csv"])
-    assert "3 holds last 20 s" in run_settle(path, palpate, "--fit-on", path)[2]
-
-
 def test_hold_names_contain_recording_numbers_as_integers(tmp_path: Path) -> None:
     one = pd.DataFrame({"run": 1, "time_s": TIME_S, "R": OHM})
     path = tmp_path / "runs.xlsx"
