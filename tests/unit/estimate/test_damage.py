@@ -43,12 +43,8 @@ def model() -> DamageModel:
     return fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
 
 
-def test_closing_states_of_spring_have_its_stiffness() -> None:
-    states = close_on(3.0, until_n=12.0)
-    assert math.exp(states[-1].log_stiffness) == pytest.approx(3.0, rel=1e-3)
-
-
 def test_closing_states_are_independent_of_origin_and_sampling() -> None:
+    """The states of a spring have its stiffness."""
     fine, coarse, shifted = ClosingCurve(), ClosingCurve(), ClosingCurve()
     x = np.linspace(0.1, 4.0, 4001)
     a = [s for c in x for s in fine.push(c, force_n=2 * c)]
@@ -56,6 +52,7 @@ def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     c = [s for v in x for s in shifted.push(v + 7.0, force_n=2 * v)]
     assert np.allclose(np.array(a), np.array(c), atol=1e-9)
     assert np.allclose(np.array(a), np.array(b), atol=1e-9)
+    assert math.exp(a[-1].log_stiffness) == pytest.approx(2.0, rel=1e-3)
 
 
 def test_closing_curve_unloading_adds_no_state() -> None:

@@ -186,21 +186,6 @@ def test_line_decoder_at_wrong_baud_rate_raises_an_error_that_names_baud(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("layout", "words"),
-    [
-        (replace(PADS, rows=3, finger_of_row=(0,) * 3), r"has 8 numbers.* needs 6"),
-        (replace(PADS, divider=Divider(adc_bits=6)), "is outside 0 to 63, the range of 6 bits"),
-    ],
-)
-def test_line_decoder_with_wrong_layout_raises_with_the_fault(
-    clock: SendingClock, layout: ArrayLayout, words: str
-) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
-    with pytest.raises(WireError, match=words):
-        board.array(LineDecoder(layout))
-
-
 def decode(
     text: str | bytes, *, layout: ArrayLayout = PADS, seed: int = 1, **options: Any
 ) -> tuple[list[list[float]], LineDecoder]:
