@@ -50,6 +50,7 @@ def test_pairs_at_error_names_times_load_cell_or_command(
         pairs_at(pairs, since_move_s=0.7)
 
 
+@pytest.mark.slow
 def test_laws_of_sheet_needing_many_iterations_converge() -> None:
     """The default iteration limit of SciPy is too low for this sheet."""
     calibration = calibrate_twin(seed=1477554, level="field", apart_from="")

@@ -13,6 +13,7 @@ from palpate.errors import RecordingError
 from palpate.grasp.paper import Paper
 from palpate.twin.firmware import BUILD
 
+pytestmark = pytest.mark.slow
 #: The frames of the paper.
 RATE = ("--rate-hz", 15)
 
@@ -23,7 +24,6 @@ def grasped(palpate: Command, *options: object) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.slow
 def test_paper_method_on_rigid_fingers_measures_size_and_force(
     tmp_path: Path, palpate: Command
 ) -> None:
@@ -51,13 +51,11 @@ def test_paper_method_on_rigid_fingers_measures_size_and_force(
     assert read["settled_percent"]["value"] == pytest.approx(settled, rel=0.1)
 
 
-@pytest.mark.slow
 def test_paper_method_on_pressure_driven_fingers_has_no_size(palpate: Command) -> None:
     found = grasped(palpate, "--rig", "sim-soft", *RATE)
     assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
 
 
-@pytest.mark.slow
 @pytest.mark.system
 def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
     palpate: Command,
@@ -69,7 +67,6 @@ def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
     assert found["size_mm"]["value"] == pytest.approx(found["truth"]["size_mm"], abs=2.0)
 
 
-@pytest.mark.slow
 def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
     tmp_path: Path, palpate: Command
 ) -> None:

@@ -65,6 +65,7 @@ def test_find_contacts_real_presses_without_false_holds(
     assert unmatched == 0
 
 
+@pytest.mark.slow
 def test_find_contacts_real_holds_match_force_plateau(
     cut_presses: tuple[int, int, np.ndarray],
 ) -> None:
