@@ -5,11 +5,17 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from tests.commands import Command
 from tests.postgresql import PostgresqlProcess, programs
+
+if TYPE_CHECKING:
+    from palpate.sensor.calibration import Calibration
+    from palpate.twin.world import GripperKind
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
 #: Fixtures that start a program of a system's package: a browser, a compiler for boards, a broker,
@@ -32,6 +38,16 @@ def skip(reason: str) -> None:
     if REQUIRE_ALL:
         pytest.fail(f"would skip, and nothing may: {reason}")
     pytest.skip(reason)
+
+
+@cache
+def calibrate_once(
+    *, seed: int, level: str, apart_from: str, kind: GripperKind = "rigid"
+) -> Calibration:
+    """Return a calibration of the twin, the same object to each test that asks for it."""
+    from palpate.rig.simulated import calibrate_twin
+
+    return calibrate_twin(seed=seed, level=level, apart_from=apart_from, kind=kind)
 
 
 @pytest.fixture

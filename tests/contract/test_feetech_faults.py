@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import pytest
+from tests.conftest import calibrate_once
 from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, make_world, open_jaw, pass_time
 from tests.contract.sts_bus import StsBus
 
@@ -19,7 +20,6 @@ from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.packets import PROTOCOL_1, Register
 from palpate.gripper.servo_line import ServoLine
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -180,16 +180,15 @@ def test_feetech_stored_settings_that_do_no_harm_are_accepted(world: World, bus:
     gripper.close()
 
 
-@pytest.mark.parametrize("model_number", [777, 2825])
 @pytest.mark.parametrize(
-    ("ticks", "phase", "words"),
+    ("model_number", "ticks", "phase", "words"),
     [
-        (4096, 28, "Present_Position (address 56) is 5822, but goals are 0 to 4095"),
-        (-4096, 28, "clear bit 4 (16) of Phase (address 18), which is 28"),
-        (-2048, 28, "is -322, but goals are 0 to 4095"),
-        (-2048, 12, "outside the fingers' travel of 1000 to 1726"),
-        (300, 12, "is 2026, 26° outside the fingers' travel of 1000 to 1726"),
-        (-900, 12, "With opens = -1 the jaw would be within: check opens (1) first"),
+        (777, 4096, 28, "Present_Position (address 56) is 5822, but goals are 0 to 4095"),
+        (2825, -4096, 28, "clear bit 4 (16) of Phase (address 18), which is 28"),
+        (777, -2048, 28, "is -322, but goals are 0 to 4095"),
+        (777, -2048, 12, "outside the fingers' travel of 1000 to 1726"),
+        (2825, 300, 12, "is 2026, 26° outside the fingers' travel of 1000 to 1726"),
+        (777, -900, 12, "With opens = -1 the jaw would be within: check opens (1) first"),
     ],
 )
 def test_feetech_outside_its_travel_is_refused(
@@ -324,14 +323,11 @@ def test_feetech_unknown_model_is_refused(world: World) -> None:
         ),
         ({"highest_mm": 300.0}, InputError, "the jaw opens from 0 to 140 mm"),
         ({"closed_tick": 4000}, InputError, "remount its horn"),
-        ({"closed_tick": -30}, InputError, "closed_tick -30: must be 0 to 4095"),
-        ({"closed_tick": 4400}, InputError, "closed_tick 4400"),
+        ({"closed_tick": 4400}, InputError, "closed_tick 4400: must be 0 to 4095"),
         ({"closed_tick": 0.5}, InputError, "must be a whole number from 0 to 4095"),
-        ({"jaw_mm": 0.0}, InputError, "jaw_mm 0: must be 10 to 300 mm"),
-        ({"jaw_mm": -70.0}, InputError, "jaw_mm -70"),
+        ({"jaw_mm": -70.0}, InputError, "jaw_mm -70: must be 10 to 300 mm"),
         ({"servo_id": 254}, InputError, "servo_id 254: must be 0 to 253"),
         ({"baud": 250}, InputError, "baud 250: must be one of 38400"),
-        ({"reply_s": math.inf}, InputError, "reply_s inf: must be 0.005 to 2 s"),
         ({"leash_s": math.nan}, InputError, "leash_s nan: must be 0.05 to 2 s"),
         ({"homing_offset": 3000}, InputError, "homing_offset 3000: must be -2047 to 2047"),
         ({"lowest_mm": 40.0, "highest_mm": 30.0}, InputError, "lowest_mm is the smaller one"),
@@ -352,7 +348,7 @@ def test_open_feetech_gripper_with_invalid_options_raises_one_line(
 def test_grasp_with_the_feetech_jaw_holds_and_measures_the_object(
     gripper: FeetechGripper, world: World
 ) -> None:
-    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_once(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()

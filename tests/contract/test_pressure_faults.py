@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.conftest import calibrate_once
 from tests.contract.faulty import run_recorded_grasp
 from tests.contract.hands import make_world, open_board
 from tests.contract.regulator_board import RegulatorBoard
@@ -22,7 +23,6 @@ from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
 from palpate.recording import load_recording
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -31,7 +31,7 @@ from palpate.twin.objects import Truth
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    calibration = calibrate_twin(seed=5, level="lab", apart_from="tomato", kind="soft")
+    calibration = calibrate_once(seed=5, level="lab", apart_from="tomato", kind="soft")
     return plan_grasp(calibration, gripper=TwinGripper(make_world("soft")))
 
 

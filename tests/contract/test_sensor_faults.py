@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from tests.conftest import calibrate_once
 from tests.contract.faulty import (
     FailingArray,
     NoisyLine,
@@ -30,7 +31,6 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher
 from palpate.grasp.state import GraspState
 from palpate.recording import load_recording
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper
@@ -149,7 +149,7 @@ def world_for(kind: str) -> World:
 
 @cache
 def plan_for(kind: str) -> Plan:
-    calibration = calibrate_twin(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
+    calibration = calibrate_once(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
     return plan_grasp(calibration, gripper=TwinGripper(make_world(kind)))
 
 

@@ -132,7 +132,7 @@ def draw_damaged_file(chance: random.Random) -> bytes:
 @pytest.mark.slow
 def test_damaged_table_yields_holds_or_one_line_error(tmp_path: Path) -> None:
     chance, refused = random.Random(20), []
-    for number in range(2000):
+    for number in range(800):
         path = tmp_path / f"f{number % 7}{chance.choice(['.csv', '.xlsx', '.parquet', '.gz'])}"
         path.write_bytes(draw_damaged_file(chance))
         try:
@@ -140,5 +140,5 @@ def test_damaged_table_yields_holds_or_one_line_error(tmp_path: Path) -> None:
                 cut_columns(readings)
         except PalpateError as error:
             refused.append((str(path), str(error)))
-    assert 200 < len(refused) < 1900
+    assert 80 < len(refused) < 760
     assert all(path in message and "\n" not in message for path, message in refused)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from palpate.calibrate.laws import laws_of, pairs_at
@@ -24,26 +26,31 @@ def test_pairs_at_selects_pairs_of_the_given_time() -> None:
     assert force_n.tolist() == [1.0, 1.5]
 
 
-def test_pairs_at_missing_time_error_lists_available_times() -> None:
-    with pytest.raises(CalibrationError, match=r"no pairs read 0\.7 s .*0\.42, 20 s"):
-        pairs_at(PAIRS, since_move_s=0.7)
+@pytest.mark.parametrize(
+    ("since_move_s", "message"),
+    [
+        (PAIRS.since_move_s, r"no pairs read 0\.7 s .*0\.42, 20 s"),
+        ((20.0,) * 3, r"dead weights.*load cell"),
+        ((), r"rest values only.*palpate calibrate force"),
+    ],
+)
+def test_pairs_at_error_names_times_load_cell_or_command(
+    since_move_s: tuple[float, ...], message: str
+) -> None:
+    values = PAIRS.force_n[: len(since_move_s)]
+    pairs = replace(
+        PAIRS,
+        run=PAIRS.run[: len(since_move_s)],
+        since_move_s=since_move_s,
+        excess=values,
+        relative_percent=tuple(-value for value in values),
+        force_n=values,
+    )
+    with pytest.raises(CalibrationError, match=message):
+        pairs_at(pairs, since_move_s=0.7)
 
 
-def test_pairs_at_of_dead_weights_error_names_the_load_cell() -> None:
-    weights = ForcePairs(
-        run=(0, 0), since_move_s=(20.0, 20.0), excess=(1.0, 2.0), relative_percent=(-1.0, -2.0),
-        force_n=(1.5, 4.0),
-    )  # fmt: skip
-    with pytest.raises(CalibrationError, match=r"dead weights.*load cell"):
-        pairs_at(weights, since_move_s=0.42)
-
-
-def test_pairs_at_without_forces_error_names_command() -> None:
-    none = ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=())
-    with pytest.raises(CalibrationError, match=r"rest values only.*palpate calibrate force"):
-        pairs_at(none, since_move_s=0.7)
-
-
+@pytest.mark.slow
 def test_laws_of_sheet_needing_many_iterations_converge() -> None:
     """The default iteration limit of SciPy is too low for this sheet."""
     calibration = calibrate_twin(seed=1477554, level="field", apart_from="")

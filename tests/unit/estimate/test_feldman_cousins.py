@@ -20,12 +20,10 @@ TABLE_X = [
 ]
 
 
-@pytest.mark.parametrize(("measured", "low", "high"), TABLE_X)
-def test_interval_above_zero_matches_published_table(
-    measured: float, low: float, high: float
-) -> None:
-    found = interval_above_zero(measured, freedom=1e6, level=0.9)
-    assert found == pytest.approx((low, high), abs=0.04)
+def test_interval_above_zero_matches_published_table() -> None:
+    for measured, low, high in TABLE_X:
+        found = interval_above_zero(measured, freedom=1e6, level=0.9)
+        assert found == pytest.approx((low, high), abs=0.04), measured
 
 
 def test_interval_above_zero_far_from_zero_is_ordinary_interval() -> None:
@@ -41,12 +39,9 @@ def test_interval_above_zero_coverage_equals_level(true: float) -> None:
     assert np.mean([low <= true <= high for low, high in ends]) == pytest.approx(0.9, abs=0.03)
 
 
-@pytest.mark.parametrize("measured", np.linspace(-6.0, 6.0, 13))
-def test_median_above_zero_is_inside_interval(measured: float) -> None:
-    low, high = interval_above_zero(measured, freedom=6, level=0.9)
-    assert low <= median_above_zero(measured, freedom=6) < high
-
-
-def test_median_above_zero_halves_remaining_probability() -> None:
+def test_median_above_zero_is_inside_interval_and_halves_remaining_probability() -> None:
+    for measured in np.linspace(-6.0, 6.0, 7):
+        low, high = interval_above_zero(measured, freedom=6, level=0.9)
+        assert low <= median_above_zero(measured, freedom=6) < high
     middle = median_above_zero(0.5, freedom=1e6)
     assert norm.sf(middle - 0.5) == pytest.approx(0.5 * norm.cdf(0.5), rel=1e-4)

@@ -12,7 +12,6 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_law import (
     INPUTS,
     ForceLaw,
-    build_settled_inputs,
     load_population,
 )
 from palpate.estimate.force_states import ForceStates, log_reading
@@ -42,14 +41,6 @@ def test_force_law_update_moves_law_to_measured_force() -> None:
     after = law.force(30.0)
     assert abs(np.log(after.value / (2.0 * before.value))) < 0.2
     assert after.high / after.low < before.high / before.low
-
-
-def test_force_law_update_with_uncertain_force_moves_less() -> None:
-    precise, uncertain = ForceLaw(), ForceLaw()
-    base = precise.force(30.0).value
-    precise.update(30.0, force_n=2.0 * base)
-    uncertain.update(30.0, force_n=2.0 * base, sd_n=2.0 * base)
-    assert base < uncertain.force(30.0).value < precise.force(30.0).value
 
 
 def test_force_law_begin_contact_widens_interval() -> None:
@@ -189,18 +180,3 @@ def test_shipped_population_is_valid() -> None:
     # More reading is more force, over the whole range that sensors show.
     values = [ForceLaw().force(excess).value for excess in (0.5, 2.0, 8.0, 30.0, 120.0)]
     assert np.all(np.diff(values) > 0)
-
-
-def test_force_law_each_weight_narrows_interval() -> None:
-    weights_n = [1.5, 4.0, 9.0, 6.0]
-    known = [8.0 * n**1.2 for n in weights_n]
-    inputs = build_settled_inputs([10.0, 40.0, 100.0])
-    spread = np.array(
-        [
-            ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
-            for count in range(1, 5)
-        ]
-    )
-    # Near the first weights, the others add almost nothing.
-    assert np.all(np.diff(spread, axis=0) < 0.05 * spread[:-1])
-    assert np.all(spread[-1, 1:] < 0.4 * spread[0, 1:])

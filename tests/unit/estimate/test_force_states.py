@@ -19,15 +19,6 @@ def test_force_states_are_causal(readings: list[float], cut: int) -> None:
     assert np.isfinite(whole).all()
 
 
-def test_states_gain_of_the_sheet_shifts_the_first_state_only() -> None:
-    readings = np.sin(np.arange(50) / 5)
-    one, other = (
-        compute_states(np.arange(50) / 20, readings),
-        compute_states(np.arange(50) / 20, readings + 1),
-    )
-    np.testing.assert_allclose(other - one, np.eye(8)[0] * np.ones((50, 1)), atol=1e-9)
-
-
 def test_states_time_that_runs_backwards_is_refused() -> None:
     memory = ForceStates()
     memory.step(1.0, 0.0)

@@ -50,8 +50,3 @@ def test_sheet_creep_combine_is_between_with_smaller_uncertainty() -> None:
     assert 1.0 < sharp.value < vague.value < math.exp(0.2)
     assert (sharp.high - sharp.low) / 2 == pytest.approx(0.01, rel=0.01)
     assert (vague.high - vague.low) / 2 < 0.25
-
-
-def test_sheet_creep_combine_without_reading_is_unchanged() -> None:
-    nothing = said(0.0)
-    assert CREEP.combine(nothing, now=0.0, since_s=1.0) is nothing

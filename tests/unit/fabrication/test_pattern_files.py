@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import chain, combinations
 from pathlib import Path
 
 import ezdxf
 import pytest
 import svgelements
 from shapely import affinity
-from shapely.geometry import Polygon
+from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 from tests.commands import Command
 
@@ -48,10 +48,8 @@ DESIGNS = {
 }
 
 
-def polygons(text: str, tmp_path: Path) -> list[Polygon]:
+def polygons(file: Path) -> list[Polygon]:
     """Read the paths of an SVG as polygons in millimetres, with svgelements."""
-    file = tmp_path / "read.svg"
-    file.write_text(text, encoding="utf-8")
     found = []
     for path in svgelements.SVG.parse(file, ppi=96).elements():
         if not isinstance(path, svgelements.Path):
@@ -66,68 +64,66 @@ def polygons(text: str, tmp_path: Path) -> list[Polygon]:
     return found
 
 
-def cut_layers(pattern: Pattern, tmp_path: Path) -> dict[str, tuple[list[Polygon], list[Polygon]]]:
-    """Return each layer's parts and marks, mirrored back to the sensor's view."""
-    layers = {}
-    for layer in pattern.layers():
-        shapes = polygons(draw_layer_svg(pattern, layer), tmp_path)
+@dataclass(frozen=True)
+class Cut:
+    """A pattern, with parts and marks of each layer as its file draws them."""
+
+    design: SensorDesign
+    pattern: Pattern
+    drawn: dict[str, tuple[list[Polygon], list[Polygon]]]
+
+    def parts(self, name: str) -> list[Polygon]:
+        """Return the parts of a layer, mirrored back to the sensor's view."""
+        [layer] = [layer for layer in self.pattern.layers() if layer.name == name]
+        parts, middle = self.drawn[name][0], (self.pattern.width / 2, 0)
         if layer.mirrored:
-            shapes = [affinity.scale(s, xfact=-1, origin=(pattern.width / 2, 0)) for s in shapes]
-        layers[layer.name] = (shapes[: len(layer.parts)], shapes[len(layer.parts) :])
-    return layers
+            return [affinity.scale(part, xfact=-1, origin=middle) for part in parts]
+        return parts
 
 
-@pytest.fixture(params=sorted(DESIGNS))
-def design(request: pytest.FixtureRequest) -> SensorDesign:
-    return DESIGNS[request.param]
+@pytest.fixture(scope="module", params=sorted(DESIGNS))
+def cut(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Cut:
+    design = DESIGNS[request.param]
+    pattern, drawn = lay_out(design), {}
+    for layer in pattern.layers():
+        file = tmp_path_factory.getbasetemp() / "layer.svg"
+        file.write_text(draw_layer_svg(pattern, layer), encoding="utf-8")
+        shapes = polygons(file)
+        drawn[layer.name] = (shapes[: len(layer.parts)], shapes[len(layer.parts) :])
+    return Cut(design=design, pattern=pattern, drawn=drawn)
 
 
-def test_pattern_svg_has_every_pixel_at_its_size_and_position(
-    design: SensorDesign, tmp_path: Path
-) -> None:
-    pattern = lay_out(design)
-    pixels, _ = cut_layers(pattern, tmp_path)["3-velostat"]
+def test_pattern_svg_has_every_pixel_at_its_size_and_position(cut: Cut) -> None:
+    design, pixels = cut.design, cut.parts("3-velostat")
     assert len(pixels) == design.rows * design.cols
+    width_mm, height_mm = design.pixel_width_mm, design.pixel_height_mm
     for number, pixel in enumerate(pixels):
         left, top, right, bottom = pixel.bounds
-        assert right - left == pytest.approx(design.pixel_width_mm, abs=0.01)
-        assert bottom - top == pytest.approx(design.pixel_height_mm, abs=0.01)
+        assert (right - left, bottom - top) == pytest.approx((width_mm, height_mm), abs=0.01)
         row, col = divmod(number, design.cols)
         first = pixels[0].bounds
-        assert left - first[0] == pytest.approx(
-            col * (design.pixel_width_mm + design.gap_mm), abs=0.01
-        )
-        assert top - first[1] == pytest.approx(
-            row * (design.pixel_height_mm + design.gap_mm), abs=0.01
-        )
-        area = design.pixel_width_mm * design.pixel_height_mm - (4 - math.pi) * design.corner_mm**2
+        assert left - first[0] == pytest.approx(col * (width_mm + design.gap_mm), abs=0.01)
+        assert top - first[1] == pytest.approx(row * (height_mm + design.gap_mm), abs=0.01)
+        area = width_mm * height_mm - (4 - math.pi) * design.corner_mm**2
         assert pixel.area == pytest.approx(area, rel=2e-3)
 
 
-def test_pattern_marks_have_equal_positions_in_every_file(
-    design: SensorDesign, tmp_path: Path
-) -> None:
-    pattern = lay_out(design)
-    as_cut = {
-        layer.name: polygons(draw_layer_svg(pattern, layer), tmp_path)[len(layer.parts) :]
-        for layer in pattern.layers()
-    }
+def test_pattern_marks_have_equal_positions_in_every_file(cut: Cut) -> None:
+    marks = [found for _, found in cut.drawn.values()]
     places = {
-        name: sorted((round(m.centroid.x, 3), round(m.centroid.y, 3)) for m in marks)
-        for name, marks in as_cut.items()
+        tuple(sorted((round(m.centroid.x, 3), round(m.centroid.y, 3)) for m in found))
+        for found in marks
     }
-    assert len(places) == 5
-    assert all(len(found) == 3 for found in places.values())
-    assert len({tuple(found) for found in places.values()}) == 1
-    for marks in as_cut.values():
-        for mark in marks:
-            assert mark.bounds[2] - mark.bounds[0] == pytest.approx(MARK_MM, abs=0.01)
+    assert (len(marks), len(places)) == (5, 1)
+    assert all(len(found) == 3 for found in marks)
+    for mark in chain.from_iterable(marks):
+        assert mark.bounds[2] - mark.bounds[0] == pytest.approx(MARK_MM, abs=0.01)
 
 
-def test_pattern_has_no_shorts_between_nets(design: SensorDesign, tmp_path: Path) -> None:
-    layers = cut_layers(lay_out(design), tmp_path)
-    rows, cols = layers["2-copper-rows"][0], layers["4-copper-columns"][0]
-    pixels = layers["3-velostat"][0]
+def test_pattern_has_no_shorts_between_nets(cut: Cut) -> None:
+    design = cut.design
+    rows, cols = cut.parts("2-copper-rows"), cut.parts("4-copper-columns")
+    pixels = cut.parts("3-velostat")
     assert (len(rows), len(cols)) == (design.rows, design.cols)
     for same_layer in (rows, cols):
         assert all(a.is_valid for a in same_layer)
@@ -146,37 +142,27 @@ def test_pattern_has_no_shorts_between_nets(design: SensorDesign, tmp_path: Path
         assert all(pixel.distance(net) >= 0.5 - 1e-6 for net in strangers)
 
 
-def test_pattern_pads_are_bare_and_other_copper_is_covered(
-    design: SensorDesign, tmp_path: Path
-) -> None:
-    layers = cut_layers(lay_out(design), tmp_path)
-    base, cover = layers["1-base"][0][0], layers["5-cover"][0][0]
-    rows, cols = layers["2-copper-rows"][0], layers["4-copper-columns"][0]
-    pad_mm2 = design.pad_width_mm * design.pad_length_mm
+def test_pattern_pads_are_bare_and_other_copper_is_covered(cut: Cut) -> None:
+    [base], [cover] = cut.parts("1-base"), cut.parts("5-cover")
+    rows, cols = cut.parts("2-copper-rows"), cut.parts("4-copper-columns")
+    pad_mm2 = cut.design.pad_width_mm * cut.design.pad_length_mm
     for nets, under, over in ((rows, base, cover), (cols, cover, base)):
         for net in nets:
             assert under.contains(net)
             assert net.difference(over).area == pytest.approx(pad_mm2, abs=0.2)
     taped = base.intersection(cover)
-    assert all(taped.buffer(-0.45).contains(pixel) for pixel in layers["3-velostat"][0])
+    assert all(taped.buffer(-0.45).contains(pixel) for pixel in cut.parts("3-velostat"))
 
 
-def test_pattern_rectangles_match_cut_copper(design: SensorDesign, tmp_path: Path) -> None:
-    pattern = lay_out(design)
-    check_design(design, cutter=Cutter())
+def test_pattern_rectangles_match_cut_copper(cut: Cut) -> None:
+    """The checks of a design read these rectangles instead of the files."""
+    pattern = cut.pattern
+    check_design(cut.design, cutter=Cutter())
     check_pattern(pattern, cutter=Cutter())
-    layers = cut_layers(pattern, tmp_path)
     for strokes, name in ((pattern.rows, "2-copper-rows"), (pattern.cols, "4-copper-columns")):
-        for stroke, cut in zip(strokes, layers[name][0], strict=True):
-            boxes = unary_union(
-                [
-                    Polygon(
-                        [(r.left, r.top), (r.right, r.top), (r.right, r.bottom), (r.left, r.bottom)]
-                    )
-                    for r in stroke.rects()
-                ]
-            )
-            assert boxes.symmetric_difference(cut).area < 0.01
+        for stroke, net in zip(strokes, cut.parts(name), strict=True):
+            boxes = unary_union([box(r.left, r.top, r.right, r.bottom) for r in stroke.rects()])
+            assert boxes.symmetric_difference(net).area < 0.01
 
 
 def test_pattern_command_writes_and_lists_every_file(tmp_path: Path, palpate: Command) -> None:
@@ -206,9 +192,9 @@ def test_pattern_dxf_and_svg_have_equal_lines(tmp_path: Path, palpate: Command) 
         for line in document.modelspace().query("LWPOLYLINE"):
             path = ezdxf.path.make_path(line)
             drawn.append(Polygon([(p.x, height - p.y) for p in path.flattening(0.001)]))
-        cut = polygons(svg.read_text(), tmp_path)
-        assert len(cut) == len(drawn) > 3
-        for one, two in zip(cut, drawn, strict=True):
+        lines = polygons(svg)
+        assert len(lines) == len(drawn) > 3
+        for one, two in zip(lines, drawn, strict=True):
             assert one.symmetric_difference(two).area < 0.02
 
 

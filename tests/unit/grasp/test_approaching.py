@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
 
 from palpate.grasp.phases import Activity, Phase
@@ -14,7 +15,6 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 from palpate.grasp.sweep import blind_time_s
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
@@ -49,7 +49,7 @@ def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: An
 @pytest.mark.parametrize("level", ["lab", "field"])
 def test_sweep_slowing_before_expected_size_detects_no_contact(level: str) -> None:
     """Resistances rise with finger speed, and fall on deceleration or by noise."""
-    calibration = calibrate_twin(seed=5, level=level, apart_from="strawberry")
+    calibration = calibrate_once(seed=5, level=level, apart_from="strawberry")
     # So light that a finger which pushes it to the middle feels nothing.
     berry = replace(draw("strawberry", 11), mass_g=0.1)
     felt_s = dict[bool, list[float]]()
@@ -73,7 +73,7 @@ def test_sweep_slowing_before_expected_size_detects_no_contact(level: str) -> No
 def test_sweep_checks_for_contact_again_before_expected_size(
     rate_hz: float,
 ) -> None:
-    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_once(seed=5, level="lab", apart_from="strawberry")
     berry = draw("strawberry", 11)
     world = World(berry, seed=11, sheet_seed=5, level="lab", frame_rate_hz=rate_hz)
     slowed = list[tuple[float, float]]()

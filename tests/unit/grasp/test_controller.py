@@ -271,8 +271,7 @@ def test_reading_against_the_movement_opens_the_hand(
     assert peak_n[0] < 7.0
 
 
-@pytest.mark.parametrize("finger", [0, 1])
-@pytest.mark.parametrize("from_n", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize(("finger", "from_n"), [(0, 0.0), (1, 1.0), (0, 3.0)])
 def test_grip_shown_by_one_finger_only_ends_grasp(
     plan: Plan, bench: Any, finger: int, from_n: float
 ) -> None:

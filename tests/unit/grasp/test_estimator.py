@@ -52,3 +52,8 @@ def test_strongest_reading_outlives_the_thinned_readings(
         frame = replace(seen.frame, time_s=0.1 * number, sequence=number, counts=counts)
         estimate.update(replace(seen, frame=frame), plan=plan)
     assert estimate.strongest_reading > max(touch.reading for touch in estimate.touches)
+
+
+def test_confirmed_force_ignores_a_single_spike() -> None:
+    estimate = ContactEstimate(frame_forces=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
+    assert estimate.confirmed_force_n == 1.0

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.conftest import calibrate_once
 
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation
@@ -19,7 +20,6 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -133,7 +133,7 @@ def test_run_grasp_frame_time_that_does_not_increase_ends_the_grasp(
     assert bench.stops == 1
 
 
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.SQUEEZE, Phase.HOLD, Phase.RELEASE])
+@pytest.mark.parametrize("phase", [Phase.SQUEEZE, Phase.RELEASE])
 def test_run_grasp_unexpected_array_error_stops_hand_and_is_raised(
     plan: Plan, bench: Any, phase: Phase
 ) -> None:
@@ -150,13 +150,14 @@ def test_run_grasp_unexpected_array_error_stops_hand_and_is_raised(
     assert bench.stops == 1
 
 
-def test_failing_watcher_is_removed_and_reported(plan: Plan, bench: Any) -> None:
-    seen: list[float] = []
+@pytest.mark.parametrize("views", ["subscribers", "watchers"])
+def test_failing_watcher_is_removed_and_reported(plan: Plan, bench: Any, views: str) -> None:
+    seen: list[object] = []
 
-    def broken(_: Observation) -> None:
+    def broken(_: object) -> None:
         raise OSError("disk full")
 
-    result = bench.grasp(plan, subscribers=[broken, lambda o: seen.append(o.frame.time_s)])
+    result = bench.grasp(plan, **{views: [broken, seen.append]})
     assert result.outcome is Outcome.HELD
     assert result.faults == ("broken failed and was removed: disk full",)
     assert len(seen) == result.frames
@@ -230,7 +231,7 @@ def test_missing_frame_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rate_hz", "waited_s"), [(15, 3.0), (50, 0.4), (250, 0.012), (250, 0.4)])
+@pytest.mark.parametrize(("rate_hz", "waited_s"), [(15, 3.0), (250, 0.4)])
 def test_grasp_holds_although_frames_have_queued_since_the_rig_was_opened(
     rate_hz: int, waited_s: float
 ) -> None:
@@ -238,7 +239,7 @@ def test_grasp_holds_although_frames_have_queued_since_the_rig_was_opened(
     world = World(draw_object(np.random.default_rng(3), "tomato"), seed=5, frame_rate_hz=rate_hz)
     array, gripper = TwinArray(world), TwinGripper(world)
     plan = plan_grasp(
-        calibrate_twin(seed=5, level="lab", apart_from="tomato"),
+        calibrate_once(seed=5, level="lab", apart_from="tomato"),
         gripper=gripper,
         target_force_n=None,
         expect_size_mm=None,

@@ -35,20 +35,13 @@ def first_touch_s(
     return None
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_sweep_rise_of_movement_is_not_contact(seed: int) -> None:
-    assert first_touch_s({}, begins_s=0.0, seed=seed) is None
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_sweep_noise_is_not_contact(seed: int) -> None:
+@pytest.mark.parametrize(("noise", "slowed"), [(NOISE, False), (0.005, False), (NOISE, True)])
+def test_sweep_rise_noise_or_slowing_of_a_movement_is_not_contact(
+    noise: float, slowed: bool
+) -> None:
     """Single noisy frames fall further than the slow falls of a contact."""
-    assert first_touch_s({}, begins_s=0.0, seed=seed, noise=0.005) is None
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_sweep_slowing_down_is_not_contact(seed: int) -> None:
-    assert first_touch_s({}, begins_s=0.0, seed=seed, slowed=True) is None
+    for seed in range(20):
+        assert first_touch_s({}, begins_s=0.0, seed=seed, noise=noise, slowed=slowed) is None
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005])

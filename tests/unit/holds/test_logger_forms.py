@@ -61,18 +61,11 @@ def write(path: Path, head: str, line: Callable[[int], str]) -> Path:
     [
         ("time_s,R_ohm\n", lambda r: f'{TIME_S[r]},"{OHM[r]:,.0f}"', "--decimal point if ','"),
         ("ms;R_ohm\n", lambda r: f"{100 * r};{ONE[r] // 10}.018", "--decimal comma if '.'"),
-        ("ms\tR_kohm\n", lambda r: f"{100 * r}\t{ONE[r] // 10},018", "--decimal point if ','"),
-        (
-            "time_s;R\n",
-            lambda r: f"{TIME_S[r]};{OHM[r] / 1e3:.3f}".replace(".", "." if r < 200 else ","),
-            "have different decimal marks",
-        ),
         (
             "time_s,R\n",
             lambda r: f"{comma(TIME_S[r])},{comma(ONE[r])}",
             "may separate two readings",
         ),
-        ("", lambda r: stamp(r, "%H:%M:%S.%f -> ") + f"{r % 9},{r % 7:02d}", "may separate"),
         ("sample,fsr\n", lambda r: f"{r},{ONE[r]}", "--interval"),
         ("time,gap\ns,mm\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "--value-column"),
         ("Test of 3 May, pad 2\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "--time-column"),
@@ -117,7 +110,6 @@ def test_decimal_option_decides(
     [
         ("Load (lbf)", "newton", 4.4482216),
         ("weight_g", "newton", 9.80665e-3),
-        ("kg", "newton", 9.80665),
         ("Kraft [kN]", "newton", 1e3),
         ("p [mbar]", "pascal", 100.0),
     ],

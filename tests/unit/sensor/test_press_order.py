@@ -47,31 +47,33 @@ def summarize(findings: list[Finding]) -> list[tuple[str, str, str]]:
     return [(found.code, found.where, found.text) for found in findings]
 
 
-def test_press_check_with_correct_wiring_has_no_finding() -> None:
-    assert press_all(lambda pixel: pixel) == []
+ROWS = {0: 2, 2: 0, 1: 1, 3: 3}
+CROSSED = {(1, 0): (3, 1), (3, 1): (1, 0)}
 
 
-def test_press_check_reports_swapped_rows() -> None:
-    other = {0: 2, 2: 0, 1: 1, 3: 3}
-    assert summarize(press_all(lambda pixel: (other[pixel[0]], pixel[1]))) == [
-        ("swapped", "row R0", "answers as row R2"),
-        ("swapped", "row R2", "answers as row R0"),
-    ]
-
-
-def test_press_check_reports_swapped_columns() -> None:
-    assert summarize(press_all(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
-        ("swapped", "column C0", "answers as column C1"),
-        ("swapped", "column C1", "answers as column C0"),
-    ]
-
-
-def test_press_check_reports_swapped_pixels() -> None:
-    crossed = {(1, 0): (3, 1), (3, 1): (1, 0)}
-    assert summarize(press_all(lambda pixel: crossed.get(pixel, pixel))) == [
-        ("swapped", "R1 C0", "answers as R3 C1"),
-        ("swapped", "R3 C1", "answers as R1 C0"),
-    ]
+@pytest.mark.parametrize(
+    ("wiring", "found"),
+    [
+        (lambda pixel: pixel, []),
+        (
+            lambda pixel: (ROWS[pixel[0]], pixel[1]),
+            [("row R0", "answers as row R2"), ("row R2", "answers as row R0")],
+        ),
+        (
+            lambda pixel: (pixel[0], 1 - pixel[1]),
+            [("column C0", "answers as column C1"), ("column C1", "answers as column C0")],
+        ),
+        (
+            lambda pixel: CROSSED.get(pixel, pixel),
+            [("R1 C0", "answers as R3 C1"), ("R3 C1", "answers as R1 C0")],
+        ),
+    ],
+    ids=["correct", "rows", "columns", "pixels"],
+)
+def test_press_check_reports_swapped_wires(
+    wiring: Callable[[Pixel], Pixel], found: list[tuple[str, str]]
+) -> None:
+    assert summarize(press_all(wiring)) == [("swapped", *one) for one in found]
 
 
 def test_press_check_reports_an_unresponsive_pixel_as_silent() -> None:

@@ -303,7 +303,7 @@ def test_serial_array_does_not_ping_a_silent_board(bench: Bench) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
+@pytest.mark.parametrize("drift_ppm", [-4000.0, 50.0])
 def test_serial_array_frame_times_follow_the_drift_of_the_board(
     bench: Bench, drift_ppm: float
 ) -> None:

@@ -186,21 +186,6 @@ def test_line_decoder_at_wrong_baud_rate_raises_an_error_that_names_baud(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("layout", "words"),
-    [
-        (replace(PADS, rows=3, finger_of_row=(0,) * 3), r"has 8 numbers.* needs 6"),
-        (replace(PADS, divider=Divider(adc_bits=6)), "is outside 0 to 63, the range of 6 bits"),
-    ],
-)
-def test_line_decoder_with_wrong_layout_raises_with_the_fault(
-    clock: SendingClock, layout: ArrayLayout, words: str
-) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
-    with pytest.raises(WireError, match=words):
-        board.array(LineDecoder(layout))
-
-
 def decode(
     text: str | bytes, *, layout: ArrayLayout = PADS, seed: int = 1, **options: Any
 ) -> tuple[list[list[float]], LineDecoder]:
@@ -366,12 +351,6 @@ def test_line_decoder_reads_frames_with_another_end(text: str, end: str) -> None
     stream = "".join(text.format(",".join(map(str, values))) for values in sent)
     readings, decoder = decode(stream, line_end=end)
     assert (readings, decoder.corrupt) == (sent[1:], 0)
-
-
-def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
-    with pytest.raises(WireError, match="no blank line marks the start of a frame"):
-        board.array(LineDecoder(PADS))
 
 
 def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(

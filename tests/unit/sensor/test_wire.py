@@ -81,116 +81,122 @@ def test_encoded_packets_match_the_examples_on_the_protocol_page() -> None:
         assert f"`{data.hex(' ').upper()}`" in text
 
 
-# -- losses ---------------------------------------------------------------------------------------
+# -- losses, wraps, restarts and garbage ----------------------------------------------------------
+
+#: A stream, the numbers of its frames, and what is counted.
+STREAMS = {
+    "gaps": (encode_frames(0, 1, 4, 5, 9), [0, 1, 4, 5, 9], LinkCounters(frames=5, lost=5)),
+    "nothing is lost before the first frame": (
+        encode_frames(700, 701),
+        [700, 701],
+        LinkCounters(frames=2),
+    ),
+    "frames lost before an answer are counted once": (
+        encode_frames(0, 1) + encode_ack(5) + encode_frames(5, 6) + encode_ack(7),
+        [0, 1, 5, 6],
+        LinkCounters(frames=4, lost=3),
+    ),
+    "lost between an answer and the first frame": (
+        encode_ack(0) + encode_frames(2),
+        [2],
+        LinkCounters(frames=1, lost=2),
+    ),
+    "an answer older than the last frame": (
+        encode_frames(0, 1, 2) + encode_ack(1) + encode_frames(3),
+        [0, 1, 2, 3],
+        LinkCounters(frames=4),
+    ),
+    "an answer without a stream": (
+        encode_frames(3) + encode_ack(0, stream=0) + encode_frames(4),
+        [3, 4],
+        LinkCounters(frames=2),
+    ),
+    "an answer as far ahead as possible": (
+        encode_frames(0) + encode_ack(2**31),
+        [0],
+        LinkCounters(frames=1, lost=2**31 - 1),
+    ),
+    "an answer half the range ahead is older": (
+        encode_frames(0) + encode_ack(2**31 + 1),
+        [0],
+        LinkCounters(frames=1),
+    ),
+    "lost across the wrap": (
+        encode_frames(WRAP - 2, WRAP + 3) + encode_ack(WRAP + 6),
+        [WRAP - 2, WRAP + 3],
+        LinkCounters(frames=2, lost=6),
+    ),
+    "two wraps": (
+        encode_frames(*range(0, 2 * WRAP + 1, WRAP // 4)),
+        [*range(0, 2 * WRAP + 1, WRAP // 4)],
+        LinkCounters(frames=9, lost=8 * (WRAP // 4 - 1)),
+    ),
+    "a gap as long as possible": (
+        encode_frames(0, 2**31),
+        [0, 2**31],
+        LinkCounters(frames=2, lost=2**31 - 1),
+    ),
+    "a number half the range ahead is a restart": (
+        encode_frames(0, 2**31 + 1),
+        [0, 2**31 + 1],
+        LinkCounters(frames=2, lost=2**31 + 1, restarts=1),
+    ),
+    "a new stream": (
+        encode_frames(10, 11) + encode_frames(0, 1, stream=10),
+        [10, 11, 0, 1],
+        LinkCounters(frames=4, restarts=1),
+    ),
+    "lost at the start of a new stream": (
+        encode_frames(10) + encode_frames(3, stream=10),
+        [10, 3],
+        LinkCounters(frames=2, lost=3, restarts=1),
+    ),
+    "a decreasing number is a restart": (
+        encode_frames(500, 501) + encode_frames(0, 1),
+        [500, 501, 0, 1],
+        LinkCounters(frames=4, restarts=1),
+    ),
+    "garbage before the first zero": (
+        b"\x55garbage\0" + encode_frames(0, 1),
+        [0, 1],
+        LinkCounters(frames=2),
+    ),
+    "later garbage": (
+        encode_frames(0) + b"garbage\0" + encode_frames(1),
+        [0, 1],
+        LinkCounters(frames=2, corrupt=1),
+    ),
+    "zeros between packets": (
+        b"\0\0\0" + encode_frames(0) + b"\0\0" + encode_frames(1),
+        [0, 1],
+        LinkCounters(frames=2),
+    ),
+    "a packet of unknown type": (
+        encode_frames(0) + pack(0x42, b"from the future") + encode_frames(1),
+        [0, 1],
+        LinkCounters(frames=2),
+    ),
+}
 
 
-def test_decoder_counts_gaps_in_the_sequence_as_lost_frames() -> None:
+@pytest.mark.parametrize("name", STREAMS)
+def test_decoder_returns_and_counts_the_frames_of_a_stream(name: str) -> None:
+    data, sequences, counters = STREAMS[name]
     decoder = Decoder()
-    assert decode_sequences(decoder, encode_frames(0, 1, 4, 5, 9)) == [0, 1, 4, 5, 9]
-    assert decoder.counters == LinkCounters(frames=5, lost=5)
+    assert decode_sequences(decoder, data) == sequences
+    assert decoder.counters == counters
 
 
-def test_decoder_counts_no_loss_before_the_first_frame() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(700, 701))
-    assert decoder.counters == LinkCounters(frames=2)
-
-
-def test_decoder_counts_frames_lost_before_an_answer() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(0, 1) + encode_ack(5))
-    assert decoder.counters.lost == 3
-    decode_sequences(decoder, encode_frames(5, 6) + encode_ack(7))
-    assert decoder.counters == LinkCounters(frames=4, lost=3)
-
-
-def test_decoder_counts_losses_between_an_answer_and_the_first_frame() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_ack(0) + encode_frames(2))
-    assert decoder.counters == LinkCounters(frames=1, lost=2)
-
-
-def test_decoder_ignores_an_answer_older_than_the_last_frame() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(0, 1, 2) + encode_ack(1) + encode_frames(3))
-    assert decoder.counters == LinkCounters(frames=4)
-
-
-def test_decoder_ignores_the_stream_number_0_of_an_ack() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(3) + encode_ack(0, stream=0) + encode_frames(4))
-    assert decoder.counters == LinkCounters(frames=2)
-
-
-# -- wraps and restarts ---------------------------------------------------------------------------
-
-
-def test_decoder_unwraps_sequence_and_time() -> None:
-    first = WRAP - 3
+def test_decoder_unwraps_the_time_within_a_stream() -> None:
     started_us = 5 * WRAP - 9000
     data = b"".join(
-        encode_message(make_frame(first + k, time_us=started_us + 4000 * k)) for k in range(6)
+        encode_message(make_frame(WRAP - 3 + k, time_us=started_us + 4000 * k)) for k in range(6)
     )
-    got = frames_in(Decoder().feed(data))
-    assert [each.sequence for each in got] == [first + k for k in range(6)]
-    assert [each.time_us - got[0].time_us for each in got] == [4000 * k for k in range(6)]
-    assert got[0].time_us == started_us % WRAP
-
-
-def test_decoder_counts_losses_across_the_wrap() -> None:
-    decoder = Decoder()
-    assert decode_sequences(decoder, encode_frames(WRAP - 2, WRAP + 3)) == [WRAP - 2, WRAP + 3]
-    assert decoder.counters == LinkCounters(frames=2, lost=4)
-    decode_sequences(decoder, encode_ack(WRAP + 6))
-    assert decoder.counters.lost == 6
-
-
-def test_decoder_unwraps_two_wraps_of_the_sequence() -> None:
-    decoder = Decoder()
-    steps = range(0, 2 * WRAP + 1, WRAP // 4)
-    assert decode_sequences(decoder, encode_frames(*steps)) == list(steps)
-
-
-def test_decoder_counts_a_new_stream_as_a_restart() -> None:
-    decoder = Decoder()
-    data = encode_frames(10, 11) + encode_frames(0, 1, stream=10)
-    assert decode_sequences(decoder, data) == [10, 11, 0, 1]
-    assert decoder.counters == LinkCounters(frames=4, restarts=1)
-
-
-def test_decoder_counts_frames_lost_at_the_start_of_a_new_stream() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(10) + encode_frames(3, stream=10))
-    assert decoder.counters == LinkCounters(frames=2, lost=3, restarts=1)
-
-
-def test_decoder_counts_a_decreasing_sequence_as_a_restart() -> None:
-    decoder = Decoder()
-    data = encode_frames(500, 501) + encode_frames(0, 1)
-    assert decode_sequences(decoder, data) == [500, 501, 0, 1]
-    assert decoder.counters == LinkCounters(frames=4, restarts=1)
-
-
-def test_decoder_resets_the_unwrapped_time_for_a_new_stream() -> None:
-    late = make_frame(1, time_us=4_000_000_000)
     early = make_frame(0, stream=10, time_us=20)
-    got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
-    assert [each.time_us for each in got] == [4_000_000_000, 20]
-
-
-# -- garbage --------------------------------------------------------------------------------------
-
-
-def test_decoder_does_not_count_garbage_before_the_first_zero() -> None:
-    decoder = Decoder()
-    assert decode_sequences(decoder, b"\x55garbage\0" + encode_frames(0, 1)) == [0, 1]
-    assert decoder.counters == LinkCounters(frames=2)
-
-
-def test_decoder_counts_later_garbage_as_corrupt() -> None:
-    decoder = Decoder()
-    decode_sequences(decoder, encode_frames(0) + b"garbage\0" + encode_frames(1))
-    assert decoder.counters == LinkCounters(frames=2, corrupt=1)
+    *got, last = frames_in(Decoder().feed(data + encode_message(early)))
+    assert [each.sequence for each in got] == [WRAP - 3 + k for k in range(6)]
+    assert [each.time_us - got[0].time_us for each in got] == [4000 * k for k in range(6)]
+    assert (got[0].time_us, last.time_us) == (started_us % WRAP, 20)
 
 
 def test_decoder_started_inside_a_frame_loses_only_that_frame() -> None:
@@ -212,23 +218,6 @@ def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
         received = np.packbits(sampled[: len(sampled) // 10 * 10].reshape(-1, 10)[:, 1:9], axis=1)
         decoder = Decoder()
         assert decoder.feed(received.tobytes()) == []
-
-
-def test_decoder_ignores_zeros_between_packets() -> None:
-    decoder = Decoder()
-    assert decode_sequences(decoder, b"\0\0\0" + encode_frames(0) + b"\0\0" + encode_frames(1)) == [
-        0,
-        1,
-    ]
-    assert decoder.counters == LinkCounters(frames=2)
-
-
-def test_decoder_skips_a_packet_of_unknown_type() -> None:
-    decoder = Decoder()
-    assert decode_sequences(
-        decoder, encode_frames(0) + pack(0x42, b"from the future") + encode_frames(1)
-    ) == [0, 1]
-    assert decoder.counters == LinkCounters(frames=2)
 
 
 @pytest.mark.parametrize(
@@ -296,32 +285,3 @@ def test_frame_message_counts_are_read_only() -> None:
     (got,) = frames_in(Decoder().feed(encode_frames(0)))
     with pytest.raises(ValueError, match="read-only"):
         got.counts[0, 0] = 1
-
-
-@pytest.mark.parametrize(
-    ("ahead", "lost", "restarts"),
-    [(2**31 - 1, 2**31 - 1, 0), (2**31, 2**31 + 1, 1)],
-)
-def test_decoder_counts_a_gap_of_half_the_sequence_range_as_a_restart(
-    ahead: int, lost: int, restarts: int
-) -> None:
-    """A number half of the range ahead counts as older: the board has restarted."""
-    frame = FrameMessage(
-        sequence=0,
-        time_us=0,
-        stream=7,
-        oversampling=1,
-        status=0,
-        counts=np.array([[5]], dtype=np.uint16),
-    )
-    decoder = Decoder()
-    decoder.feed(encode_message(frame) + encode_message(replace(frame, sequence=1 + ahead)))
-    assert (decoder.counters.lost, decoder.counters.restarts) == (lost, restarts)
-
-
-@pytest.mark.parametrize(("ahead", "lost"), [(2**31 - 1, 2**31 - 1), (2**31, 0)])
-def test_decoder_treats_an_answer_half_the_range_ahead_as_older(ahead: int, lost: int) -> None:
-    """Such an answer is older than the received frames, so that no frame was lost."""
-    decoder = Decoder()
-    decoder.feed(encode_frames(0) + encode_ack((1 + ahead) % 2**32))
-    assert decoder.counters.lost == lost

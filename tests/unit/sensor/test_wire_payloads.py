@@ -27,7 +27,7 @@ from palpate.sensor.wire_messages import (
     SetPressure,
     SetRate,
 )
-from palpate_studies.board_bytes import pack_ack, pack_frame, pack_identity
+from palpate_studies.board_bytes import pack_ack, pack_identity
 
 ACK = Ack(
     command=SetRate.kind,
@@ -78,12 +78,6 @@ def test_unpack_identity_truncated_or_not_ascii_returns_none() -> None:
     payload = pack_identity(IDENTITY)
     assert unpack_identity(payload[: -len(IDENTITY.board) - 1]) is None
     assert unpack_identity(payload + b"\xff") is None
-
-
-@pytest.mark.parametrize("shape", [(17, 1), (1, 17), (0, 1)])
-def test_pack_frame_with_an_impossible_shape_raises(shape: tuple[int, int]) -> None:
-    with pytest.raises(ValueError, match="must be 1 to 16"):
-        pack_frame(replace(FRAME, counts=np.zeros(shape, dtype=np.uint16)))
 
 
 @pytest.mark.parametrize(

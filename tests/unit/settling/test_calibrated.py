@@ -102,16 +102,6 @@ def creeping_holds(count: int, *, seed: int = 10) -> FloatArray:
     return np.asarray(size * shape * (1 + 2e-4 * rng.standard_normal((count, LONG_S.size))))
 
 
-def test_calibrated_interval_narrows_with_more_own_holds() -> None:
-    *past, hold = make_holds(creeping_holds(25), LONG_S)
-    widths = []
-    for count in (3, 6, 12, 24):
-        found = predict_settled(hold, method=Calibrated(holds=tuple(past[:count])))
-        assert found.low < hold.values[197:201].mean() < found.high
-        widths.append(float(found.high - found.low))
-    assert widths == sorted(widths, reverse=True)
-
-
 def test_calibrated_learns_a_constant_multiple() -> None:
     rng = np.random.default_rng(11)
     # The ringing differs between holds, but the later value is always 0.9.

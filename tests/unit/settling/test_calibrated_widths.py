@@ -70,12 +70,3 @@ def test_calibrated_without_learning_narrows_the_interval_of_relaxation() -> Non
     assert found.high[0] - found.low[0] < 0.7 * (plain.high[0] - plain.low[0])
     half = sharp.predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.5)
     assert half.high[0] - half.low[0] < found.high[0] - found.low[0]
-
-
-def test_calibrated_without_holds_keeps_the_interval_of_relaxation() -> None:
-    hold = holds(1, seed=4)[0].values[None, SEEN]
-    plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
-    found = Calibrated(method=Relaxation(), holds=[], learn=False).predict(
-        TIME_S[SEEN], hold, horizon_s=20.0, level=0.9
-    )
-    np.testing.assert_allclose([found.low, found.high], [plain.low, plain.high])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from palpate.settling.exponential import Exponential, fit_exponential
+from palpate.settling.exponential import fit_exponential
 from palpate.settling.result import Status
 
 TIME_S = np.arange(0, 2.5, 1 / 15)
@@ -42,7 +42,7 @@ def fit_with_scipy(hold: np.ndarray) -> float:
 
 @pytest.mark.parametrize("noise", [0.0, 0.03, 0.3])
 def test_fit_exponential_agrees_with_curve_fit(noise: float) -> None:
-    holds = random_holds(1000, noise=noise, seed=11)
+    holds = random_holds(300, noise=noise, seed=11)
     # In a noisy hold the peak can be after the first sample, and the fit windows would differ.
     holds = holds[holds.argmax(axis=1) == 0]
     fit = fit_exponential(TIME_S, holds)
@@ -105,13 +105,3 @@ def test_fit_exponential_of_a_batch_equals_single_holds() -> None:
     batch = fit_exponential(TIME_S, holds)
     alone = np.array([fit_exponential(TIME_S, hold[None]).settled[0] for hold in holds])
     assert batch.settled == pytest.approx(alone, rel=1e-9)
-
-
-def test_exponential_prediction_has_statuses_and_no_interval() -> None:
-    estimate = Exponential().predict(
-        TIME_S, random_holds(2, noise=0, seed=1), horizon_s=20, level=0.8
-    )
-    assert all(isinstance(status, Status) for status in estimate.status)
-    assert np.isnan(estimate.low).all()
-    assert np.isnan(estimate.high).all()
-    assert (estimate.level, estimate.horizon_s, estimate.method) == (0.8, 20, "exponential")

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from palpate.holds import Hold
 from palpate.scoring.predictions import predict_holds
-from palpate.settling.calibrated import Calibrated
-from palpate.settling.percent import without_percent
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
 
@@ -43,13 +41,6 @@ def test_prediction_in_percent_is_above_minus_100() -> None:
     assert -100 < found.low < found.high
 
 
-def test_prediction_of_percent_below_minus_100_treats_values_as_signed() -> None:
-    values = -120.0 - 5.0 * np.log(TIME_S + 0.3)
-    with_unit = predict_settled(TIME_S, values, cutoff_s=2.5, unit="percent")
-    without_unit = predict_settled(TIME_S, values, cutoff_s=2.5)
-    assert with_unit.value == pytest.approx(float(without_unit.value))
-
-
 def test_predict_holds_uses_the_unit_of_the_hold() -> None:
     percent = 100 * (resistance_ratio(0.05) - 1)
     hold = Hold(hold_id="a", channel=None, time_s=TIME_S, values=percent, unit="percent")
@@ -68,24 +59,3 @@ def test_predict_holds_uses_the_unit_of_the_hold() -> None:
     expected = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")
     assert rows[0].predicted == float(expected.value)
     assert rows[1].predicted != rows[0].predicted
-
-
-def test_calibrated_with_holds_in_percent_equals_holds_as_ratios() -> None:
-    past = [
-        Hold(
-            hold_id=str(k),
-            channel=None,
-            time_s=TIME_S,
-            values=100 * (resistance_ratio(k / 50) - 1),
-            unit="percent",
-        )
-        for k in range(2, 12)
-    ]
-    values = resistance_ratio(0.07)[None, :15]
-    by_percent, by_ratio = (
-        Calibrated(holds=tuple(holds)).predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
-        for holds in (past, [without_percent(hold) for hold in past])
-    )
-    assert by_percent.value[0] == by_ratio.value[0]
-    general = Relaxation().predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
-    assert by_percent.value[0] != general.value[0]

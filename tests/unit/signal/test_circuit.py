@@ -69,10 +69,6 @@ def test_resolution_ohm_equals_the_difference_of_one_count() -> None:
     )
 
 
-def test_resistance_ohm_keeps_leading_axes() -> None:
-    assert resistance_ohm(np.full((3, 5, 4, 2), 512), divider=Divider()).shape == (3, 5, 4, 2)
-
-
 def test_volts_to_counts_rounds_and_clips() -> None:
     volts = np.array([-0.1, 2.4999, 5.2])
     assert volts_to_counts(volts, divider=Divider()).tolist() == [0, 512, 1023]

@@ -8,7 +8,6 @@ import pytest
 from palpate.errors import CalibrationError
 from palpate.signal.relative import (
     excess_conductance,
-    finger_means,
     largest_change,
     mean_change,
     relative_change_percent,
@@ -87,16 +86,6 @@ def test_excess_conductance_is_consistent_with_relative_change() -> None:
     change = relative_change_percent(ohm, rest_ohm=PIXELS)
     excess = excess_conductance(ohm, rest_ohm=PIXELS)
     np.testing.assert_allclose(1 / (1 + excess), 1 + change / 100)
-
-
-def test_sums_over_pixels_keep_leading_axes() -> None:
-    change = np.zeros((7, 3, 4, 2))
-    change[..., 2:, :] = -20.0
-    assert mean_change(change).shape == (7, 3)
-    assert finger_means(change, finger_of_row=(0, 0, 1, 1)).shape == (7, 3, 2)
-    assert finger_means(change, finger_of_row=(0, 0, 1, 1))[0, 0].tolist() == [0.0, -20.0]
-    assert largest_change(change)[0, 0] == -20.0
-    assert total_excess(change).shape == (7, 3)
 
 
 def test_sums_over_only_nan_pixels_are_nan() -> None:

@@ -19,11 +19,6 @@ def test_find_peak_ignores_noise_at_the_end_of_a_fall() -> None:
     assert find_peak([9.0, 5.0, 3.0, 2.9, 3.05]) == 0
 
 
-def test_find_peak_returns_the_earlier_of_equal_extremes() -> None:
-    assert find_peak([7.0, 7.0, 1.0]) == 0
-    assert find_peak([2.0, 2.0, 2.0]) == 0
-
-
 def test_find_hold_window_starts_the_wait_after_the_peak_of_each_hold() -> None:
     time_s = np.arange(10) / 10
     values = np.stack([-time_s, np.where(time_s < 0.2, 0, 1 - time_s)])
@@ -36,12 +31,3 @@ def test_find_hold_window_includes_a_sample_at_the_end_of_the_wait_despite_round
     assert 0.1 + 0.2 > 0.3
     window = find_hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
     assert window.first.tolist() == [3]
-
-
-def test_group_by_first_yields_each_hold_once() -> None:
-    time_s = np.arange(20) / 10
-    values = np.random.default_rng(0).normal(size=(30, 20))
-    window = find_hold_window(time_s, values)
-    yielded = np.concatenate([rows for _, rows in window.group_by_first()])
-    assert sorted(yielded.tolist()) == list(range(30))
-    assert all((window.first[rows] == first).all() for first, rows in window.group_by_first())
