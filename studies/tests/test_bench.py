@@ -8,7 +8,7 @@ import json
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies.benchmarks import frames, settling
+from palpate_studies.benchmarks import settling
 from palpate_studies.benchmarks.running import Ratio, row
 from palpate_studies.catalogue import BENCHMARKS
 
@@ -60,11 +60,6 @@ def test_bench_unknown_name_lists_available_benchmarks(capsys) -> None:
     assert "no bench 'warp'; available: all, frames" in capsys.readouterr().err
 
 
-def test_bench_help_shows_example(capsys) -> None:
-    assert bench_with(["settling", "--help"]) == 0
-    assert "palpate bench settling --json" in capsys.readouterr().out
-
-
 def test_ratio_is_missed_only_below_requirement_of_installed_peer() -> None:
     assert ratio().times == 1.5
     assert not ratio(wanted=1.5).is_missed
@@ -81,8 +76,3 @@ def test_settling_benchmark_times_and_agrees_with_curve_fit() -> None:
     assert settling._compare_on_new_grid(holds[0]).wanted == 1
     agreement = settling._describe_agreement(20)
     assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
-
-
-def test_decode_with_missing_frame_raises() -> None:
-    with pytest.raises(RuntimeError, match="instead of 1 frames"):
-        frames.decode(b"", frames=1, piece=64)

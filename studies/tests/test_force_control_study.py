@@ -18,10 +18,8 @@ from palpate_studies.baselines.feedback_loops import (
     run_paper_loop,
 )
 from palpate_studies.baselines.full_input_learners import RIDGE
-from palpate_studies.force_control import compare_methods, judge, scores
+from palpate_studies.force_control import compare_methods, scores
 from palpate_studies.force_control_world import (
-    TARGETS_N,
-    UNLIMITED,
     GripOutcome,
     draw_task,
     grip_as_shipped,
@@ -49,41 +47,18 @@ def outcome(*, force_ratio: float, damaged: bool = False, limited: bool = False)
     )
 
 
-def test_scores_exclude_limited_grasps_from_misses() -> None:
-    found = [
-        outcome(force_ratio=1.05),
-        outcome(force_ratio=1.3),
-        outcome(force_ratio=0.5, limited=True),
-    ]
-    counted = scores(found)
-    assert counted["aimed"] == 2
+def test_scores_of_known_grasps_are_exact() -> None:
+    limited = outcome(force_ratio=0.5, limited=True)
+    counted = scores([outcome(force_ratio=1.05), outcome(force_ratio=1.3), limited])
+    assert (counted["aimed"], counted["limited"]) == (2, 1)
     assert counted["within_10_percent"] == 0.5
-    assert counted["coverage"] == 1 / 3
-    assert counted["limited"] == 1
-
-
-def test_draw_task_is_deterministic_and_liftable_at_target() -> None:
-    for seed in range(20):
-        one = draw_task(seed, level="field")
-        assert one == draw_task(seed, level="field")
-        assert TARGETS_N[0] <= one.target_n <= TARGETS_N[1]
-        weight_n = N_PER_G * one.obj.mass_g
-        assert weight_n <= 2 * FRICTION[0] * one.target_n
-        assert one.obj.yield_n < one.obj.rupture_n
-
-
-def test_scores_count_limited_objects_that_withstand_target() -> None:
-    one = outcome(force_ratio=0.5, limited=True)
-    weak = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=0.5)))
-    strong = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=99.0)))
+    assert counted["within_10_percent_of_all"] == counted["coverage"] == 1 / 3
+    weak, strong = (
+        replace(limited, task=replace(limited.task, obj=replace(limited.task.obj, yield_n=n)))
+        for n in (0.5, 99.0)
+    )
     counted = scores([weak, strong, strong])
     assert (counted["limited"], counted["limited_could_bear"], counted["could_bear"]) == (3, 2, 2)
-
-
-def test_force_control_report_states_simulated() -> None:
-    document = judge([outcome(force_ratio=1.0)])
-    assert document.payload["simulated"] is True
-    assert "imulated" in document.title
 
 
 @pytest.mark.slow
@@ -104,12 +79,6 @@ def test_damage_limit_keeps_soft_object_below_yield(kind: GripperKind) -> None:
     assert not found.damaged
     assert found.outcome == "held" or not found.lifted
     assert found.force_n < 3.0
-
-
-def test_scores_give_fraction_of_all_objects() -> None:
-    counted = scores([outcome(force_ratio=1.05), outcome(force_ratio=0.5, limited=True)])
-    assert counted["within_10_percent"] == 1.0
-    assert counted["within_10_percent_of_all"] == 0.5
 
 
 @pytest.mark.slow
@@ -138,16 +107,7 @@ def test_learned_loop_rejects_training_sensors_and_grips_on_others() -> None:
 
 def test_compare_methods_uses_objects_gripped_by_both() -> None:
     near, far = outcome(force_ratio=1.0), outcome(force_ratio=1.5)
-    rival = replace(far, method="rival")
-    other = replace(near, task=draw_task(8, level="lab"), method="ours")
-    (row,) = compare_methods([near, rival, other])
+    other = replace(near, task=draw_task(8, level="lab"))
+    (row,) = compare_methods([near, replace(far, method="rival"), other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
-
-
-def test_compare_methods_without_limit_uses_baselines_only() -> None:
-    near, far = outcome(force_ratio=1.0), outcome(force_ratio=1.5)
-    found = [far, replace(near, method=UNLIMITED), replace(far, method="rival")]
-    assert [row["rival"] for row in compare_methods(found)] == ["rival"]
-    (row,) = compare_methods(found, method=UNLIMITED)
-    assert (row["method"], row["ours_near"], row["rival_near"]) == (UNLIMITED, 1.0, 0.0)

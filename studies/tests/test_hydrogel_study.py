@@ -27,18 +27,11 @@ def loop_csv(path: Path, *, recordings: int = 2, rest: int = 30) -> Path:
     return path
 
 
-def test_read_contacts_trace_starts_at_rest(tmp_path: Path) -> None:
-    contacts = read_contacts(loop_csv(tmp_path / "loop.csv"))
-    assert [one.recording for one in contacts] == ["r0", "r0", "r1", "r1"]
-    for one in contacts:
-        assert one.force_n[20] >= 0.5 > one.force_n[19]
-        assert np.abs(one.change[:15]).max() < 0.001
-        assert one.change.shape == (len(one.force_n), 16)
-
-
-def test_read_contacts_without_rest_raises(tmp_path: Path) -> None:
+def test_hydrogel_without_rest_or_a_second_recording_raises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no contact of 0\.5 N with a second of rest before it"):
         read_contacts(loop_csv(tmp_path / "loop.csv", rest=4))
+    with pytest.raises(InputError, match="one recording; each is held out in turn"):
+        report(recordings=loop_csv(tmp_path / "loop.csv", recordings=1))
 
 
 def test_hydrogel_score_on_held_out_recording_beats_mean_force(tmp_path: Path) -> None:
@@ -47,8 +40,3 @@ def test_hydrogel_score_on_held_out_recording_beats_mean_force(tmp_path: Path) -
     assert rows["ours"]["median_abs_log_error"] < 0.5 * rows["mean force"]["median_abs_log_error"]
     assert rows["ours"]["coverage"] > 0.8
     assert rows["authors' LSTM"]["rms_n"] == pytest.approx(1.0)
-
-
-def test_hydrogel_report_of_one_recording_raises(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="one recording; each is held out in turn"):
-        report(recordings=loop_csv(tmp_path / "loop.csv", recordings=1))

@@ -10,10 +10,8 @@ import pytest
 from palpate.holds import Hold
 from palpate_studies import realism
 from palpate_studies.realism import (
-    half_sheet_differences,
     hold_quantities,
     ladder_quantities,
-    scatter_of_drawn_means,
 )
 
 
@@ -34,22 +32,6 @@ def test_hold_quantities_of_known_hold_are_exact() -> None:
     found = hold_quantities([Hold(hold_id="a", channel=None, time_s=time_s, values=values)])
     assert found["still to come, %"].item() == pytest.approx(10.0, abs=1.0)
     assert found["noise, %"].item() == pytest.approx(0.2, rel=0.2)
-
-
-def test_compare_marks_smaller_scatter_as_kinder() -> None:
-    real = np.linspace(1.0, 2.0, 40)
-    row = realism.compare("creep, %", real, {"lab": real / 2, "field": real})
-    assert row["kinder"] == {"lab": True, "field": False}
-    assert row["lab"].endswith("kinder")
-
-
-def test_averaging_reduces_scatter_of_independent_places_only() -> None:
-    rng = np.random.default_rng(0)
-    mixed = {str(number): 0.6 * rng.standard_normal(16) for number in range(40)}
-    assert np.median(scatter_of_drawn_means(mixed)) == pytest.approx(0.6 / np.sqrt(8), rel=0.2)
-    sloping = {name: np.sort(gain) for name, gain in mixed.items()}
-    assert np.median(half_sheet_differences(sloping)) > 2 * np.median(half_sheet_differences(mixed))
-    assert half_sheet_differences({"few": np.zeros(12)}).size == 0
 
 
 @pytest.mark.slow

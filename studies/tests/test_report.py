@@ -86,12 +86,3 @@ def test_tables_name_methods_as_the_results_page_and_json_as_stored(
         assert "palpate less the baseline" in text
         assert "ours" not in text.replace("hours", "")
     assert '"ours"' in (tmp_path / "s.json").read_text()
-
-
-@pytest.mark.parametrize("arguments", [["study"], ["study", "--list"], ["bench", "--help"]])
-def test_list_of_studies_starts_with_their_purpose(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(build_app(), arguments, name="palpate") == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "next to the published one" in printed or "relative to other software" in printed

@@ -31,14 +31,6 @@ def soft_csv(path: Path, *, strokes: int = 24, depths: tuple[float, ...] = (0.5,
     return path
 
 
-def test_stroke_inputs_do_not_depend_on_later_samples(tmp_path: Path) -> None:
-    full = read_strokes(soft_csv(tmp_path / "whole.csv"))[0]
-    text = (tmp_path / "whole.csv").read_text().splitlines()
-    (tmp_path / "cut.csv").write_text("\n".join(text[:10]) + "\n")
-    cut = read_strokes(tmp_path / "cut.csv")[0]
-    np.testing.assert_array_equal(cut.inputs(), full.inputs()[: len(cut.force_n)])
-
-
 def test_force_law_on_held_out_strokes_beats_mean_force(tmp_path: Path) -> None:
     strokes = read_strokes(soft_csv(tmp_path / "strokes.csv"))
 

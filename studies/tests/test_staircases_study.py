@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
 from palpate_studies.protocol.parts import SeenBeforeError
 from palpate_studies.staircases import (
@@ -13,7 +12,6 @@ from palpate_studies.staircases import (
     FollowedForce,
     follow_staircases,
     learn_from_staircases,
-    list_features,
 )
 
 
@@ -44,22 +42,6 @@ def test_follow_staircases_with_trees_rejects_training_sheets() -> None:
     assert [row["rival"] for row in staircases._compare_baselines(runs)] == 2 * [
         *staircases.BASELINES
     ]
-
-
-@pytest.mark.slow
-def test_list_features_does_not_depend_on_later_frames() -> None:
-    pairs = calibrate_twin(seed=3, level="lab", apart_from="").force
-    time_s = np.arange(40) / 15
-    excess = np.full((40, 4, 2), 0.3)
-    excess[20:] *= 2.0
-    seen = list_features(time_s, excess, pairs=pairs)
-    np.testing.assert_array_equal(seen[:20], list_features(time_s[:20], excess[:20], pairs=pairs))
-    since_moved_s, since_start_s = seen[:, -2:].T
-    np.testing.assert_allclose(since_start_s, time_s)
-    assert since_moved_s[20] == 0.0
-    assert since_moved_s[35] == pytest.approx(13 / 15)
-    # Readings above the rest, as with an open hand, give finite features.
-    assert np.isfinite(list_features(time_s, excess - 0.9, pairs=pairs)).all()
 
 
 def test_staircase_scores_of_known_errors_are_exact() -> None:

@@ -66,9 +66,11 @@ def test_reset_draws_new_sheet_and_object() -> None:
     assert drawn[0] == drawn[2] != drawn[1]
 
 
-def test_unknown_object_is_refused() -> None:
+def test_unknown_object_or_hand_is_refused() -> None:
     with pytest.raises(InputError, match="no simulated object 'anvil'"):
         GraspEnv(object_name="anvil")
+    with pytest.raises(InputError, match=r"no hand 'claw' in MuJoCo; available: widowx, so101"):
+        GraspEnv(hand="claw")
 
 
 def run_with(gl: str, *lines: str) -> subprocess.CompletedProcess[str]:

@@ -66,11 +66,6 @@ def test_stepping_model_and_calling_update_reads_same_counts() -> None:
     assert own.counts().tolist() == sensor.counts().tolist()
 
 
-def test_same_seed_reads_same_counts() -> None:
-    first, second = lying(), lying()
-    assert first.counts().tolist() == second.counts().tolist()
-
-
 def test_floating_lines_leak_like_solver_model() -> None:
     matrix = replace(PALM, idle_lines="floating")
     sensor = lying(layout=matrix)

@@ -43,9 +43,8 @@ def test_object_fingers_and_pads_have_equal_forces(name: str) -> None:
     assert force_n == pytest.approx(law_n, rel=0.01)
 
 
-@pytest.mark.parametrize("name", ["strawberry", "springs-8", "rigid-block"])
-def test_contact_compliance_is_small_for_all_objects(name: str) -> None:
-    world = squeezed(name, by_mm=2.0)
+def test_contact_compliance_is_small() -> None:
+    world = squeezed("rigid-block", by_mm=2.0)
     force_n = world.force_n(world.now_s())
     both_sides_mm = 2e3 * np.mean([-contact.dist for contact in world.data.contact])
     assert 0.0 < both_sides_mm / force_n < 0.04
@@ -60,27 +59,12 @@ def test_fruit_relaxes_and_spring_does_not() -> None:
         assert least < world.force_n(world.now_s()) / before_n < most
 
 
-def test_encoder_reads_commanded_width() -> None:
-    world = squeezed("springs-8")
-    assert world.drive_value(world.now_s()) == pytest.approx(
-        draw_subject("springs-8").size_mm - 3.0, abs=0.1
-    )
-
-
 def test_first_finger_pushes_light_object_to_middle() -> None:
     world = squeezed("ball-44lbs")
     left_n, right_n = world.sensor.finger_n
     assert left_n == pytest.approx(right_n, abs=0.6)
     middle_mm = 1e3 * (world.data.geom("left_pad").xpos + world.data.geom("right_pad").xpos)[0]
     assert abs(middle_mm) < 1.0
-
-
-def test_opening_releases_object() -> None:
-    world = squeezed("strawberry")
-    world.drive(74.0, rate=40.0)
-    world.clock.sleep_s(2.0)
-    assert world.force_n(world.now_s()) == 0.0
-    assert not world.is_moving(world.now_s())
 
 
 def test_same_seed_gives_same_frames() -> None:

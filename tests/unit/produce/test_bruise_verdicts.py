@@ -15,13 +15,11 @@ from palpate.grasp.result import Outcome
 from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
-    group_visits,
     learn_bruise_model,
     usable_grasps,
 )
 from palpate.produce.bruise.model import (
     BRUISED,
-    REFERENCES,
     SOUND,
     BruiseModel,
     default_model,
@@ -94,14 +92,6 @@ def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float)
     return examine_item(store, item, model=model, given_at=TUESDAY, **options)
 
 
-def test_learn_bruise_model_trains_a_learner_for_each_available_reference(
-    model: BruiseModel,
-) -> None:
-    assert set(model.learners) == {"class", "item"}
-    assert model.learners["item"].fractions.tolist() == pytest.approx([1 / 3, 2 / 3])
-    assert model.learned_on == "24 labelled items of kind apple of the store"
-
-
 def test_examine_item_distinguishes_bruised_and_sound_side(
     store: Store, model: BruiseModel
 ) -> None:
@@ -113,6 +103,7 @@ def test_examine_item_distinguishes_bruised_and_sound_side(
     assert [side.angle_deg for side in found.sides] == [0.0, 90.0]
     assert found.sides[0].against == "class"
     assert found.probability > 0.9 > 0.5 > found.sides[1].probability
+    assert model.learned_on == "24 labelled items of kind apple of the store"
     (kept,) = store.verdicts_of("A17", about=About.BRUISE, source=Source.PALPATE)
     assert (kept.text, kept.probability) == (BRUISED, found.probability)
 
@@ -140,46 +131,34 @@ def test_examine_item_low_prior_lowers_the_odds(store: Store, model: BruiseModel
 
 def test_examine_item_compares_with_the_first_visit_of_the_side(store: Store) -> None:
     model = default_model()
+    assert "simulated" in model.learned_on
     before = pixels(spread=0.0)
     store.add_grasp(grasp("A17", before, side=3.0, size=67.0))
-    store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=TUESDAY, size=65.5))
+    store.add_grasp(grasp("A17", pixels(soft=(1, 0), spread=0.0), at=TUESDAY, size=65.5))
     found = judge(store, model)
     assert found.sides[0].against == "history"
+    assert found.sides[0].pixels == ((1, 0),)
+    assert found.sides[0].pixels_percent == pytest.approx(-15.0)
     assert found.before_percent == pytest.approx(before.mean())
     assert found.sides[0].mean_percent > found.before_percent
     assert found.is_bruised
 
 
-def test_examine_item_lists_pixels_with_reduced_load(store: Store) -> None:
-    store.add_grasp(grasp("A17", pixels(spread=0.0)))
-    store.add_grasp(grasp("A17", pixels(soft=(1, 1), spread=0.0), at=TUESDAY))
-    side = judge(store, default_model()).sides[0]
-    assert side.pixels == ((1, 1),)
-    assert side.pixels_percent == pytest.approx(-15.0)
-
-
-def test_examine_item_without_reference_raises_with_remedy(
+def test_examine_item_without_pixels_or_reference_raises_with_remedy(
     store: Store, model: BruiseModel
 ) -> None:
     store.add_item(Item(item_id="B1", kind="pear"))
+    with pytest.raises(InputError, match=r"'B1': no completed grasp .* has pixel data"):
+        judge(store, model, "B1")
     store.add_grasp(grasp("B1", pixels()))
     with pytest.raises(InputError, match=r"no reference to compare with.*--angle-deg 90"):
         judge(store, model, "B1")
-
-
-def test_examine_item_without_pixel_data_raises(store: Store, model: BruiseModel) -> None:
-    store.add_item(Item(item_id="B1", kind="apple"))
-    with pytest.raises(
-        InputError, match=r"'B1': no completed grasp with width-driven fingers has pixel data"
-    ):
-        judge(store, model, "B1")
-
-
-def test_examine_item_reference_unknown_to_model_raises(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels()))
     store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
     with pytest.raises(InputError, match="has no reference that the model was trained on"):
         judge(store, model)
+    with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
+        learn_bruise_model(store, kind="pear")
 
 
 def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -> None:
@@ -195,28 +174,11 @@ def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -
         assert judge(store, default_model(), item).sides[0].against == against
 
 
-def test_group_visits_splits_at_long_pauses() -> None:
-    times = [MONDAY + timedelta(minutes=minute) for minute in (0, 20, 45, 90)]
-    visits = group_visits([grasp("A17", pixels(), at=at) for at in times])
-    assert [len(visit) for visit in visits] == [3, 1]
-
-
 def test_usable_grasps_excludes_slips_and_missing_pixels() -> None:
     complete = grasp("A17", pixels())
     slipped = replace(complete, outcome=Outcome.SLIPPED)
     without_pixels = replace(complete, pixel_settled_percent=None)
     assert usable_grasps([slipped, complete, without_pixels]) == (complete,)
-
-
-def test_learn_bruise_model_too_few_labels_raises(store: Store) -> None:
-    with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
-        learn_bruise_model(store, kind="pear")
-
-
-def test_default_model_is_marked_simulated() -> None:
-    model = default_model()
-    assert "simulated" in model.learned_on
-    assert tuple(model.learners) == REFERENCES
 
 
 def test_fit_load_shape_too_few_pixels_raises() -> None:

@@ -10,7 +10,7 @@ import pytest
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, combine, grasp_features, label_identity
+from palpate.produce.identify.identifier import Identifier, combine, grasp_features
 from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
@@ -62,13 +62,6 @@ def test_identify_untrained_kind_is_unknown(rng: np.random.Generator) -> None:
     assert identity.confidence == pytest.approx(1 - identity.usual)
 
 
-def test_identify_between_two_kinds_raises_background_probability(rng: np.random.Generator) -> None:
-    identity = Identifier(make_labelled_items(rng)).identify([np.array((3.6, 1.0))])
-    assert sum(identity.probability.values()) == pytest.approx(1.0)
-    assert set(identity.probability) == {*KINDS, UNKNOWN}
-    assert identity.probability[UNKNOWN] > 0.2
-
-
 def test_identify_with_few_training_items_rejects_nothing(rng: np.random.Generator) -> None:
     known = Identifier(make_labelled_items(rng, items=5))
     assert known.learner.items_missing == 4
@@ -82,16 +75,6 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
         Identifier(few)
     with pytest.raises(InputError, match="found none"):
         Identifier([])
-
-
-def test_identify_item_without_grasp_raises(rng: np.random.Generator) -> None:
-    with pytest.raises(ValueError, match="never grasped"):
-        Identifier(make_labelled_items(rng)).identify([])
-
-
-def test_label_identity_is_certain() -> None:
-    assert label_identity("kiwi").probability == {"kiwi": 1.0}
-    assert label_identity(UNKNOWN).rejected
 
 
 def test_grasp_features_requires_every_feature() -> None:
@@ -128,12 +111,6 @@ def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) 
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
-
-
-def test_learner_label_with_a_single_item_is_predicted() -> None:
-    rows = [[2.0], [2.1], [1.0], [1.1], [0.0]]
-    known = LabelLearner(allow_unknown=False, methods=("discriminant",)).fit(rows, list("aabbc"))
-    assert known.predict([[2.05], [1.05], [0.0]]) == ["a", "b", "c"]
 
 
 def test_learner_score_on_random_labels_is_near_chance(rng: np.random.Generator) -> None:

@@ -70,24 +70,16 @@ def test_read_rules_accepts_the_example_file() -> None:
             'clas = "avocado"',
             "line 10: unknown key 'clas'; choose one of: bin, cl",
         ),
-        ('default = "by hand"', 'defualt = "by hand"', "line 1: unknown key 'defualt'"),
         ('default = "by hand"', "", "line 1: has no default"),
         ('bin = "ripe"', "", "line 8: this rule has no bin"),
         ("[0, 45]", "[45, 0]", r"line 6: size_mm is \[45, 0\], not \[from, to\]"),
-        ("[0, 45]", "45", "line 6: size_mm is 45"),
         ("bruised = false", 'bruised = "no"', "line 12: bruised is 'no', not true or false"),
-        (
-            "confidence = 0.9",
-            "confidence = 1",
-            "line 13: confidence is 1, not a number of at least 0.5",
-        ),
         (
             "confidence = 0.9",
             "confidence = 0.4",
             "line 13: confidence is 0.4, not a number of at least 0.5",
         ),
         ('["kiwi", "lime"]', "[1]", r"line 5: class is \[1\], not a name"),
-        ('bin = "small"', "bin = 3", "line 4: bin is 3, not a name"),
         ("[0, 45]", "[0, 45", "Unclosed array"),
         (
             "default =",
@@ -131,8 +123,6 @@ def rule(bin_name: str, conditions: str) -> str:
         ('class = ["kiwi", "lime"]', 'class = "kiwi"'),
         ("size_mm = [0, 60]", "size_mm = [10, 60]"),
         ('class = "kiwi"', 'class = "kiwi"\nbruised = true'),
-        ("bruised = true", "bruised = true"),
-        ('ripeness = ["ripe", "soft"]', 'class = "kiwi"\nripeness = "soft"'),
     ],
 )
 def test_read_rules_unreachable_rule_raises(
@@ -143,29 +133,11 @@ def test_read_rules_unreachable_rule_raises(
         read_rules(write(text))
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "common"),
-    [
-        ("size_mm = [0, 50]", "size_mm = [40, 90]", "size_mm 40 to 50"),
-        ('class = ["kiwi", "lime"]', 'class = ["lime", "egg"]', "class lime"),
-        (
-            'class = "kiwi"\nsize_mm = [0, 50]',
-            'class = "kiwi"\nsize_mm = [40, 90]',
-            "class kiwi, size_mm 40 to 50",
-        ),
-    ],
-)
-def test_read_rules_partial_overlap_raises(
-    write: Callable[[str], Path],
-    first: str,
-    second: str,
-    common: str,
-) -> None:
-    text = 'default = "x"\n' + rule("a", first) + rule("b", second)
-    with pytest.raises(
-        InputError, match=f"overlaps the rule on line 2 with a different bin .{common}"
-    ):
-        read_rules(write(text))
+def test_read_rules_partial_overlap_raises(write: Callable[[str], Path]) -> None:
+    small, large = ('class = "kiwi"\nsize_mm = ' + sizes for sizes in ("[0, 50]", "[40, 90]"))
+    common = "overlaps the rule on line 2 with a different bin .class kiwi, size_mm 40 to 50"
+    with pytest.raises(InputError, match=common):
+        read_rules(write('default = "x"\n' + rule("a", small) + rule("b", large)))
 
 
 @pytest.mark.parametrize(

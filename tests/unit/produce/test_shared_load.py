@@ -9,7 +9,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
@@ -18,7 +17,7 @@ from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent
-from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
+from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.produce.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin
@@ -28,16 +27,6 @@ from palpate_studies.twin_avocado import draw_avocado
 
 pytestmark = pytest.mark.slow
 
-BEND = SoftFingerCompliance(
-    mm_per_kpa=1.4,
-    compliance=Compliance(
-        slope_mm_per_n=3.5,
-        pad_mm=(0.0,) * 5,
-        zero_mm=-74.0,
-        residual_mm=0.1,
-        largest_force_n=12.0,
-    ),
-)
 SIZES_MM = (58.0, 68.0)
 
 
@@ -138,44 +127,6 @@ def test_shared_pixels_are_corrected_by_at_most_the_cube_root_of_the_force(
     # With 1.5 times the force, the corrected count falls with the exponent measured in the grasp.
     exponent = math.log(sensed.corrected()["shared_pixels"].value / harder.value) / math.log(1.5)
     assert 0.05 < exponent <= 1.0 / 3.0 + 1e-9
-
-
-def test_shared_pixels_without_width_or_answer_is_empty(by_size: dict[float, SensedGrasp]) -> None:
-    sensed = by_size[SIZES_MM[0]]
-    layout, force = sensed.plan.layout, {"force_n": sensed.measured["force_n"]}
-    assert (
-        measure_shared_pixels(sensed.seen, result=sensed.result, layout=layout, measured=force)
-        == {}
-    )
-    unanswered = replace(sensed.result, moments=())
-    assert (
-        measure_shared_pixels(
-            sensed.seen, result=unanswered, layout=layout, measured=sensed.measured
-        )
-        == {}
-    )
-    held = sensed.states[-1]
-    assert contact_width(held, plan=replace(sensed.plan, bend=None)) is None
-    assert (
-        contact_width(replace(held, estimate=replace(held.estimate, steps=())), plan=sensed.plan)
-        is None
-    )
-
-
-@pytest.mark.parametrize("first", [0, 1, 2])
-def test_width_at_contact_is_independent_of_the_first_step(first: int) -> None:
-    force_n = np.array([0.3, 0.8, 2.0, 4.0])
-    pressure_kpa = 10.0 + BEND.compliance.deflection_mm(force_n) / BEND.mm_per_kpa
-    width_mm = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
-    assert width_mm == pytest.approx(60.0)
-
-
-def test_width_at_contact_ignores_residual_before_contact() -> None:
-    force_n = np.array([1.4, 0.2, 0.6, 3.0])
-    pressure_kpa = np.array(
-        [4.0, *(10.0 + BEND.compliance.deflection_mm(force_n[1:]) / BEND.mm_per_kpa)]
-    )
-    assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
 
 
 def test_shared_pixels_without_half_load_are_not_corrected(
