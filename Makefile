@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
+.PHONY: demo test desk desk-short test-ros test-lerobot check-lerobot lint docs results wheel wheel-test dist-check clean
 
 # The base environment has every extra, the studies, the archive and the LeRobot export, so that the
 # README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
@@ -92,6 +92,12 @@ lint: $(VENV)/.dev
 
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# Results of studies that pages quote, if their code has changed, and the pages: docs/kept/README.md.
+JOBS := 1
+results: $(VENV)/.base
+	$(BIN)/python docs/make_results.py --jobs $(JOBS)
+	$(BIN)/python docs/generate_scoreboard.py
 
 # With the firmware's images in it where they can be built, for `palpate flash`.
 wheel: $(VENV)/.base
