@@ -96,6 +96,8 @@ def _make(recipe: Recipe) -> bool:
         _report(str(problem))
         return False
     _report(f"{recipe.name}: made in {processor_s / 60:.1f} min of one processor")
+    if recipe.earlier:
+        _report(f"{recipe.name}: remove `earlier` from docs/results.toml")
     return True
 
 

@@ -116,8 +116,7 @@ class ProductCode:
         if read is None:
             return []
         if name not in read.definitions:
-            dotted = read.imports.get(name) or f"{palpate._MODULES.get(name, '')}.{name}"
-            return self._resolve(dotted)
+            return self._resolve(read.imports[name]) if name in read.imports else []
         found = [(module, _OTHER)] if _OTHER in read.definitions else []
         for statement in read.definitions[name]:
             imports = {**read.imports, **dict(_list_imports(statement))}
@@ -144,6 +143,9 @@ class ProductCode:
         if path is None:
             return None
         definitions, imports = defaultdict[str, list[ast.stmt]](list), dict[str, str]()
+        if module == palpate.__name__:
+            # Public names, which the package imports when they are used.
+            imports |= {name: f"{home}.{name}" for name, home in palpate._MODULES.items()}
         for statement in _list_statements(ast.parse(path.read_text(encoding="utf-8")).body):
             if isinstance(statement, ast.Import | ast.ImportFrom):
                 imports |= dict(_list_imports(statement))
