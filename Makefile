@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test desk desk-short test-ros test-lerobot check-lerobot lint docs results wheel wheel-test dist-check clean
+.PHONY: demo test test-all desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the studies, the archive and the LeRobot export, so that the
 # README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
@@ -27,10 +27,17 @@ demo: $(VENV)/.base
 	$(BIN)/palpate inspect out/demo.mcap --plot out/demo.png
 
 # One thread of linear algebra for each that works: more of them only get in each other's way.
-test: export OMP_NUM_THREADS = 1
-test: export OPENBLAS_NUM_THREADS = 1
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+# Everything that needs no program of a system's package.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "" -n auto --dist loadfile
+	$(PYTEST) -m "not system"
+	@echo 'Not run: tests with a browser, the firmware on a simulated board, an MQTT broker, PostgreSQL,'
+	@echo 'Node.js and ROS 2. `make test-all` runs them; .ci/run names the Debian packages.'
+
+# Everything else; a missing program skips its tests and is named.
+test-all: $(VENV)/.dev
+	$(PYTEST) -m system
+	$(MAKE) -j2 --output-sync=target test-ros test-lerobot
 
 # Grasps by the wall clock with boards and hands on pseudo-terminals (tests/desk): the whole bench takes
 # hours and continues where it was stopped; the short one takes three minutes on two processors.
@@ -95,6 +102,7 @@ docs: $(VENV)/.dev
 
 # Results of studies that pages quote, if their code has changed, and the pages: docs/kept/README.md.
 JOBS := 1
+.PHONY: results
 results: $(VENV)/.base
 	$(BIN)/python docs/make_results.py --jobs $(JOBS)
 	$(BIN)/python docs/generate_scoreboard.py

@@ -11,6 +11,19 @@ from tests.commands import Command
 from tests.postgresql import PostgresqlProcess, programs
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
+#: Fixtures that start a program of a system's package: a browser, a compiler for boards, a broker,
+#: a database. Tests that use one are left to `make test-all`.
+_SYSTEM_FIXTURES = {
+    *("browser", "built_library", "firmware_built", "mosquitto_installed"),
+    *("postgresql_server", "postgresql_process"),
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need a program of a system's package."""
+    for item in items:
+        if _SYSTEM_FIXTURES.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.system)
 
 
 def skip(reason: str) -> None:

@@ -235,3 +235,5 @@ HANDS: dict[str, Callable[[], AbstractContextManager[Hand]]] = {
     "hobby servo on a Mega": lambda: hobby_hand("mega2560"),
     "hobby servo on an Uno": lambda: hobby_hand("uno"),
 }
+#: Hands of the real firmware, whose simulator is built with packages of the system.
+ON_FIRMWARE = {"firmware on the simulator", "hobby servo on a Mega", "hobby servo on an Uno"}

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from tests.contract.hands import HANDS, Hand
+from tests.contract.hands import HANDS, ON_FIRMWARE, Hand
 
 from palpate.gripper.interface import GripperCommand
 
@@ -16,7 +16,12 @@ TOLERANCE = {"width": 0.3, "pressure": 0.6}
 TARGETS = {"width": (60.0, 50.0, 10.0), "pressure": (10.0, 20.0, 8.0)}
 
 
-@pytest.fixture(params=HANDS)
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=pytest.mark.system if name in ON_FIRMWARE else ())
+        for name in HANDS
+    ]
+)
 def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
     with HANDS[request.param]() as found:
         yield found

@@ -19,6 +19,8 @@ from palpate.twin.devices import TwinArray
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.world import World
 
+pytestmark = pytest.mark.system
+
 
 @dataclass
 class Bench:

@@ -87,7 +87,7 @@ class Core:
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+def built_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     if shutil.which("g++") is None or shutil.which("make") is None:
         skip("g++ and make are needed to build the firmware's core for this host")
     build = tmp_path_factory.mktemp("core")
@@ -96,8 +96,8 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 
 @pytest.fixture
-def core(library: ctypes.CDLL) -> Iterator[Core]:
-    core = Core(library)
+def core(built_library: ctypes.CDLL) -> Iterator[Core]:
+    core = Core(built_library)
     yield core
     core.close()
 
@@ -149,9 +149,9 @@ def test_python_frame_vectors_roundtrip(vector: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS["frames"] if not v["fields"]["status"]])
-def test_firmware_encodes_frame_vectors(vector: dict[str, Any], library: ctypes.CDLL) -> None:
+def test_firmware_encodes_frame_vectors(vector: dict[str, Any], built_library: ctypes.CDLL) -> None:
     wanted = _frame(vector["fields"])
-    core = Core(library, seed=(wanted.stream - 1) % 256)
+    core = Core(built_library, seed=(wanted.stream - 1) % 256)
     rows, cols = wanted.counts.shape
     contents = wm.Contents.PIXELS
     if wanted.load_cells:

@@ -111,6 +111,7 @@ async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
     await wait_until(lambda: read_registers(client, modbus.STATE, 1), lambda now: now[0] == state)
 
 
+@pytest.mark.system
 def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
         async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:

@@ -28,7 +28,7 @@ TOPIC = "palpate/line-1"
 
 
 @pytest.fixture(autouse=True)
-def installed() -> None:
+def mosquitto_installed() -> None:
     if PROGRAM is None:
         skip("no MQTT broker; install it (Debian: mosquitto)")
 

@@ -21,8 +21,6 @@ from palpate.errors import InputError
 
 COOKIE = "palpate-token"
 MIN_TOKEN_LENGTH = 8
-#: Paths of the stop requests, for the page and for the API.
-STOP_PATHS = frozenset({"/stop", "/api/stop"})
 #: After this many wrong tokens from a client address within the window (seconds), the answer to
 #: further wrong ones is 429.
 MAX_WRONG_TOKENS, _WRONG_TOKEN_WINDOW_S = 10, 60.0

@@ -67,9 +67,14 @@ def serve(
         import uvicorn
         from fastapi import FastAPI
 
-        from palpate.dashboard.access import STOP_PATHS, AccessControl, check_token, is_loopback
+        from palpate.dashboard.access import AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.transport import AppThread, BoundedConnection, external_url
+        from palpate.dashboard.transport import (
+            STOP_PATHS,
+            AppThread,
+            BoundedConnection,
+            external_url,
+        )
     check_token(host, token)
     listening = _bind_port(host, port)
     app_state = AppState(settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
+from collections import deque
 from collections.abc import Awaitable
 from contextlib import suppress
 from ipaddress import ip_address
@@ -17,12 +18,21 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 _T = TypeVar("_T")
+#: Paths of the stop requests, for the page and for the API.
+STOP_PATHS = frozenset({"/stop", "/api/stop"})
+_STOP_STARTS = tuple(f"POST {path} ".encode() for path in STOP_PATHS)
 #: Time limit for a complete request after its first byte or the start of its connection, seconds
 #: (guess). A page on a slow network requires far less.
 REQUEST_TIMEOUT_S = 5.0
 #: Maximum number of connections, if the process may open twice as many files.
 MAX_CONNECTIONS = 1000
-
+#: Time after which a client that does not read its response is disconnected, seconds (guess).
+RESPONSE_TIMEOUT_S = 10.0
+#: New connections served per second; of further ones, only stops are. A browser opens six.
+MAX_NEW_CONNECTIONS = 100
+#: Requests other than stops that are worked on at a time. With a thousand pages in memory, a
+#: garbage collection blocks every thread for half a second.
+MAX_REQUESTS = 64
 
 #: Maximum size of a request's body, bytes. The page and the API send far less; the page's framework
 #: accepts as much.
@@ -30,27 +40,40 @@ _MAX_BODY_BYTES = 1_000_000
 
 
 class BoundedConnection(HttpToolsProtocol):
-    """An HTTP connection with a time limit for each request.
+    """An HTTP connection with a time limit for each request and for reading each response.
 
     Otherwise, connections that send nothing or very little could exhaust the file descriptors and
     block all viewers. Above the connection limit, the connection with the longest silence is
-    closed, so a STOP always gets a connection. WebSockets are not counted, because their clients
-    are already authorized.
+    closed, so a STOP always gets a connection. Connections above the limit of new ones are closed
+    unless they begin with a STOP, so a STOP never waits behind a queue of reconnections. WebSockets
+    are not counted, because their clients are already authorized.
     """
 
     #: All connections, ordered by their last activity, oldest first.
     _open: ClassVar[dict[BoundedConnection, None]] = {}
+    #: When the last connections were made that are served.
+    _made_s: ClassVar[deque[float]] = deque(maxlen=MAX_NEW_CONNECTIONS)
     _timeout: asyncio.TimerHandle | None = None
+    _read_timeout: asyncio.TimerHandle | None = None
+    _is_excess = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Add the connection; close the oldest ones above the limit."""
         super().connection_made(transport)
+        now_s = self.loop.time()
+        self._is_excess = len(self._made_s) == self._made_s.maxlen and now_s - self._made_s[0] < 1.0
+        if not self._is_excess:
+            self._made_s.append(now_s)
         self._start_timeout()
         while len(self._open) > connection_limit():
             next(iter(self._open)).drop()
 
     def data_received(self, data: bytes) -> None:
         """Process received bytes of a request."""
+        if self._is_excess and not data.startswith(_STOP_STARTS):
+            self.drop()
+            return
+        self._is_excess = False
         self._start_timeout()
         super().data_received(data)
 
@@ -58,6 +81,16 @@ class BoundedConnection(HttpToolsProtocol):
         """Cancel the time limit of the complete request."""
         self._cancel_timeout()
         super().on_message_complete()
+
+    def pause_writing(self) -> None:
+        """Wait for a client that does not read, for a limited time."""
+        super().pause_writing()
+        self._read_timeout = self.loop.call_later(RESPONSE_TIMEOUT_S, self.drop)
+
+    def resume_writing(self) -> None:
+        """Continue with a client that reads."""
+        super().resume_writing()
+        self._cancel_read_timeout()
 
     def handle_websocket_upgrade(self) -> None:
         """Stop counting the connection, which is now a WebSocket."""
@@ -83,12 +116,18 @@ class BoundedConnection(HttpToolsProtocol):
 
     def _remove(self) -> None:
         self._cancel_timeout()
+        self._cancel_read_timeout()
         self._open.pop(self, None)
 
     def _cancel_timeout(self) -> None:
         if self._timeout is not None:
             self._timeout.cancel()
             self._timeout = None
+
+    def _cancel_read_timeout(self) -> None:
+        if self._read_timeout is not None:
+            self._read_timeout.cancel()
+            self._read_timeout = None
 
 
 def connection_limit() -> int:
@@ -156,7 +195,8 @@ class AppThread:
     """Runs an ASGI application, except for direct paths, on a separate thread.
 
     The server's loop then only reads requests, checks access and answers the direct paths. A slow
-    page or disk blocks only the loop of the thread.
+    page or disk blocks only the loop of the thread. Requests above `MAX_REQUESTS` at a time are
+    refused.
 
     Parameters
     ----------
@@ -167,7 +207,7 @@ class AppThread:
     """
 
     def __init__(self, app: ASGIApp, *, direct: frozenset[str]) -> None:
-        self._app, self._direct = app, direct
+        self._app, self._direct, self._requests = app, direct, 0
         self._thread = LoopThread("pages")
 
     def __enter__(self) -> AppThread:
@@ -196,6 +236,10 @@ class AppThread:
                 return
             if first["type"] == "http.disconnect":
                 return
+            if self._requests >= MAX_REQUESTS:
+                refusal = PlainTextResponse("too many requests at once: try again", 503)
+                await refusal(scope, receive, send)
+                return
 
         async def receive_on_server() -> Message:
             nonlocal first
@@ -207,7 +251,11 @@ class AppThread:
         async def send_on_server(message: Message) -> None:
             await run_on(server, send(message))
 
-        await self._thread.run(self._app(scope, receive_on_server, send_on_server))
+        self._requests += scope["type"] == "http"
+        try:
+            await self._thread.run(self._app(scope, receive_on_server, send_on_server))
+        finally:
+            self._requests -= scope["type"] == "http"
 
 
 async def _read_request(receive: Receive) -> Message | None:

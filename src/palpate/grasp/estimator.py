@@ -142,6 +142,8 @@ class ContactEstimate(HandMotion):
         Rest values in use; None until they have been measured.
     rest_frames : tuple of ndarray
         Resistances of the frames before the first movement.
+    rest_force_n : float
+        Force as which the noise of these frames is read.
     touches : tuple of Touch
         Readings since the end of the last movement, the older ones thinned (`MOST_TOUCHES`).
     strongest_reading : float
@@ -170,6 +172,7 @@ class ContactEstimate(HandMotion):
 
     rest_ohm: NDArray[np.float64] | None = None
     rest_frames: tuple[NDArray[np.float64], ...] = ()
+    rest_force_n: float = 0.0
     touches: tuple[Touch, ...] = ()
     strongest_reading: float = math.nan
     frame_forces: tuple[tuple[float, float], ...] = ()
@@ -255,7 +258,8 @@ class ContactEstimate(HandMotion):
         if self.sweep is not None:
             self.sweep = self._update_sweep(self.sweep, self.rest_ohm, ohm, gripper, plan)
         touch = self._read_touch(frame.time_s, self.rest_ohm, ohm, plan)
-        frame_forces = (*self.frame_forces, (frame.time_s, self._frame_force_n(touch, plan)))
+        force_n = math.exp(self.gain.log_mean) * read_frame_force_n(touch.reading, plan=plan)
+        frame_forces = (*self.frame_forces, (frame.time_s, force_n))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
         self.frame_forces = frame_forces[-max(recent, READING.fewest_frames) :]
         if gripper.moving:
@@ -302,15 +306,6 @@ class ContactEstimate(HandMotion):
             reading=reading,
         )
 
-    def _frame_force_n(self, touch: Touch, plan: Plan) -> float:
-        """Return the grip force of one frame: the smaller result of the sheet's two laws.
-
-        A single frame does not show whether the load is new or settled. Too small a force delays a
-        stop slightly; too large a force would abort a good grasp.
-        """
-        laws_n = [law.force_n(touch.reading).value for law in (plan.early_law, plan.settled_law)]
-        return math.exp(self.gain.log_mean) * float(min(laws_n))
-
     def _update_sweep(
         self,
         sweep: Sweep,
@@ -329,6 +324,15 @@ class ContactEstimate(HandMotion):
         watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
         log_ohm = np.nan_to_num(np.log(watched))
         return sweep.with_frame(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
+
+
+def read_frame_force_n(reading: float, *, plan: Plan) -> float:
+    """Return the grip force of one frame: the smaller result of the sheet's two laws.
+
+    A single frame does not show whether the load is new or settled. Too small a force delays a stop
+    slightly; too large a force would abort a good grasp.
+    """
+    return min(float(law.force_n(reading).value) for law in (plan.early_law, plan.settled_law))
 
 
 def closure_of(target: float, plan: Plan) -> float:

@@ -17,7 +17,7 @@ from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.rest import explain_implausible_rest
+from palpate.grasp.rest import explain_implausible_rest, explain_noisy_rest
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger
 from palpate.grasp.state import GraspState
 
@@ -47,7 +47,7 @@ class BoardMonitor:
 
 
 class RestMonitor:
-    """Rejects new rest values that are implausible for this sheet."""
+    """Rejects new rest values that are implausible for this sheet, or too noisy for a contact."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._has_rest = plan, False
@@ -58,7 +58,9 @@ class RestMonitor:
         is_checked, self._has_rest = self._has_rest, rest_ohm is not None
         if rest_ohm is None or is_checked:
             return None
-        message = explain_implausible_rest(rest_ohm, plan=self._plan)
+        message = explain_implausible_rest(rest_ohm, plan=self._plan) or explain_noisy_rest(
+            state.estimate.rest_force_n, plan=self._plan
+        )
         return None if message is None else Alarm(danger=Danger.SENSOR_LOST, message=message)
 
 

@@ -12,8 +12,10 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.grasp.config import GUARDS
+from palpate.grasp.estimator import read_frame_force_n
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
+from palpate.sensor.pixel_resistance import pixel_excess
 from palpate.signal.relative import rest_baseline
 
 
@@ -40,8 +42,39 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
             state.attempt.rest_check_from = estimate.closure
         except CalibrationError:
             _use_old_values(state, str(refused), plan=plan)
+    # Read with the calibration's values, the frames may show a load.
+    if estimate.rest_ohm is not plan.rest_ohm:
+        estimate.rest_force_n = _read_rest_force(frames, estimate.rest_ohm, plan=plan)
     estimate.rest_frames = ()
     return True
+
+
+def _read_rest_force(frames: FloatArray, rest_ohm: FloatArray, *, plan: Plan) -> float:
+    """Return the force that half of the frames at rest exceed, N; it consists of their noise.
+
+    A pixel's noise reads as load in half of the frames, and as nothing in the others, so the sum
+    over many pixels does not average out.
+    """
+    excess = pixel_excess(frames, rest_ohm=rest_ohm, layout=plan.layout).excess
+    return read_frame_force_n(float(np.median(plan.reading.reading(excess))), plan=plan)
+
+
+def explain_noisy_rest(rest_force_n: float, *, plan: Plan) -> str | None:
+    """Explain why the noise of a sheet at rest hides a contact; None if it does not.
+
+    >>> from types import SimpleNamespace
+    >>> plan = SimpleNamespace(no_push_n=1.0)
+    >>> explain_noisy_rest(0.1, plan=plan)
+    >>> explain_noisy_rest(1.06, plan=plan)[:62]
+    'the noise of the sheet at rest reads as 1.06 N (at most 0.5 N,'
+    """
+    if rest_force_n <= 0.5 * plan.no_push_n:
+        return None
+    return (
+        f"the noise of the sheet at rest reads as {rest_force_n:.2f} N (at most "
+        f"{0.5 * plan.no_push_n:g} N, because {plan.no_push_n:g} N count as a contact); average "
+        "more conversions, or use a converter of more bits or fewer pixels"
+    )
 
 
 def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:

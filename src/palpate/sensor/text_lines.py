@@ -413,11 +413,20 @@ class _CountScale:
 
 
 def _quote(line: bytes) -> str:
-    """Return the beginning of a line in quotation marks."""
+    """Return the beginning of a line in quotation marks, or the length of one that is no text.
+
+    >>> _quote(b"782 64 261"), _quote(b"\\xaa\\x55\\x00\\x81\\xf2")
+    ('"782 64 261"', 'a line of 5 bytes')
+    """
     text = line.strip()
     if not text:
         return "a blank line"
     excerpt = text[:40].decode("utf-8", errors="replace")
+    if (
+        sum(c == "\N{REPLACEMENT CHARACTER}" or not c.isprintable() for c in excerpt)
+        > len(excerpt) / 4
+    ):
+        return f"a line of {len(text)} bytes"
     shown = "".join(c if c.isprintable() else " " for c in excerpt)
     return f'"{shown}{"..." if len(text) > 40 else ""}"'
 

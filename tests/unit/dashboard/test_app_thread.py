@@ -13,6 +13,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from palpate.dashboard import transport
 from palpate.dashboard.transport import AppThread
 
 
@@ -85,6 +86,32 @@ def test_app_thread_forwards_request_bodies_and_websockets_to_the_page_thread() 
     assert threads == ["pages", "pages"]
     # Responses are sent on the server's own loop.
     assert {one["thread"] for one in [*answer, *messages]} == {"MainThread"}
+
+
+def test_app_thread_refuses_requests_above_its_limit_except_direct_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(transport, "MAX_REQUESTS", 2)
+    done = threading.Event()
+
+    async def page(request: Request) -> PlainTextResponse:
+        await asyncio.to_thread(done.wait, 30.0)
+        return PlainTextResponse("page")
+
+    async def stop(request: Request) -> PlainTextResponse:
+        return PlainTextResponse("stopped")
+
+    async def visit(app: AppThread) -> list[int]:
+        waiting = [asyncio.create_task(ask(app, "/page")) for _ in range(2)]
+        await asyncio.sleep(0.1)
+        answers = [await ask(app, path) for path in ("/page", "/stop")]
+        done.set()
+        answers += [*await asyncio.gather(*waiting), await ask(app, "/page")]
+        return [answer[0]["status"] for answer in answers]
+
+    routes = [Route("/page", page, methods=["POST"]), Route("/stop", stop, methods=["POST"])]
+    with AppThread(Starlette(routes=routes), direct=frozenset({"/stop"})) as app:
+        assert asyncio.run(visit(app)) == [503, 200, 200, 200, 200]
 
 
 def test_app_thread_raises_errors_of_the_application_on_the_server_loop() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import resource
 import socket
+from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
@@ -29,6 +30,10 @@ async def stop(request: Request) -> PlainTextResponse:
     return PlainTextResponse((await request.body()).decode())
 
 
+async def large(request: Request) -> PlainTextResponse:
+    return PlainTextResponse("x" * 50_000_000)
+
+
 async def talk(web_socket: WebSocket) -> None:
     await web_socket.accept()
     async for text in web_socket.iter_text():
@@ -38,7 +43,8 @@ async def talk(web_socket: WebSocket) -> None:
 @asynccontextmanager
 async def serving() -> AsyncIterator[int]:
     """Run a server on a free port, and yield the port."""
-    app = Starlette(routes=[Route("/stop", stop, methods=["POST"]), WebSocketRoute("/ws", talk)])
+    routes = [Route("/stop", stop, methods=["POST"]), Route("/large", large)]
+    app = Starlette(routes=[*routes, WebSocketRoute("/ws", talk)])
     config = uvicorn.Config(app, http=BoundedConnection, log_level="critical", lifespan="off")
     server = uvicorn.Server(config)
     with socket.create_server(("127.0.0.1", 0)) as listening:
@@ -60,6 +66,12 @@ class Client:
         client._writer.write(sent)
         await client._writer.drain()
         return client
+
+    async def send(self, sent: bytes) -> None:
+        """Send bytes, in a packet of their own."""
+        self._writer.write(sent)
+        await self._writer.drain()
+        await asyncio.sleep(0.05)
 
     async def ask(self, sent: bytes) -> bytes:
         """Send a request; return the status line, empty if the server closed the connection."""
@@ -105,6 +117,44 @@ def test_bounded_connection_above_the_maximum_closes_the_oldest_and_accepts_stop
 
     asyncio.run(attack())
     assert not BoundedConnection._open
+
+
+def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(BoundedConnection, "_made_s", deque(maxlen=4))
+
+    async def flood() -> None:
+        async with serving() as port:
+            held = [await Client.open(port, b"GET /") for _ in range(8)]
+            fresh = await Client.open(port)
+            head, body = STOP[:-2], STOP[-2:]
+            await fresh.send(head)
+            assert await fresh.ask(body) == b"HTTP/1.1 200 OK\r\n"
+            assert [await client.is_closed() for client in held[4:]] == [True] * 4
+            assert await held[0].ask(b"x HTTP/1.1\r\n\r\n") == b"HTTP/1.1 404 Not Found\r\n"
+            for client in (fresh, *held):
+                await client.close()
+
+    asyncio.run(flood())
+
+
+def test_bounded_connection_that_does_not_read_its_response_is_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "RESPONSE_TIMEOUT_S", 0.1)
+
+    async def leave() -> None:
+        async with serving() as port:
+            client = await Client.open(port, b"GET /large HTTP/1.1\r\nHost: h\r\n\r\n")
+            async with asyncio.timeout(TIMEOUT_S):
+                while not BoundedConnection._open:
+                    await asyncio.sleep(0.01)
+                while BoundedConnection._open:
+                    await asyncio.sleep(0.01)
+            await client.close()
+
+    asyncio.run(leave())
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
@@ -164,6 +165,27 @@ def test_rest_values_beyond_plausible_drift_are_rejected(
     plan: Plan, factor: float, fine: bool
 ) -> None:
     assert (explain_implausible_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
+
+
+@pytest.mark.parametrize(("steps", "fine"), [(1, True), (40, False)])
+def test_noise_that_reads_as_a_contact_ends_the_grasp(
+    plan: Plan, bench: Any, steps: int, fine: bool
+) -> None:
+    """The noise leaves the pixels' mean unchanged, but a root reads only its positive half."""
+    plan = replace(plan, reading=PixelReading(exponents=(0.5,), weights=(1.0,), gains=(1.0,) * 8))
+    rng = np.random.default_rng(7)
+
+    def noisy(counts: np.ndarray) -> np.ndarray:
+        half = steps * rng.standard_normal(counts.size // 2)
+        noise = rng.permutation(np.r_[half, -half]).reshape(counts.shape)
+        return np.clip(counts + np.rint(noise), 1, 1022)
+
+    spoil_frames(bench, noisy, when=lambda: True)
+    result = bench.grasp(plan)
+    assert any("noise of the sheet at rest" in fault for fault in result.faults) != fine
+    if not fine:
+        assert result.outcome is Outcome.SENSOR_LOST
+        assert bench.force_n == 0.0
 
 
 # -- the clock of the frames -----------------------------------------------------------------------

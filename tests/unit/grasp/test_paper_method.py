@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from tests.commands import Command
+from tests.conftest import skip
 
 from palpate.errors import RecordingError
 from palpate.grasp.paper import Paper
@@ -37,11 +38,12 @@ def test_paper_method_on_pressure_driven_fingers_has_no_size(palpate: Command) -
     assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
 
 
+@pytest.mark.system
 def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
     palpate: Command,
 ) -> None:
     if not (BUILD / "libpalpate_board.so").exists():
-        pytest.skip("no firmware simulator")
+        skip("no firmware simulator: `make -C firmware/sim` builds it")
     found = grasped(palpate, "--rig", "sim-firmware", "--object", "strawberry")
     assert found["outcome"] == "held"
     assert found["size_mm"]["value"] == pytest.approx(found["truth"]["size_mm"], abs=2.0)

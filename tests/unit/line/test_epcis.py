@@ -15,6 +15,8 @@ from palpate.line.epcis import epcis_document
 from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
+pytestmark = pytest.mark.system
+
 AT = datetime(2026, 5, 1, 8, tzinfo=UTC)
 ITEM = "(01)04012345000016(21)A17"
 SIZE = Measurement(value=61.0, low=60.2, high=61.8, unit="mm")

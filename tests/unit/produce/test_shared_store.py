@@ -134,7 +134,7 @@ def test_open_with_invalid_state_folder_raises(
 
 
 @pytest.fixture
-def server() -> Iterator[PostgresqlProcess]:
+def postgresql_process() -> Iterator[PostgresqlProcess]:
     found = programs()
     if found is None:
         skip("no PostgreSQL server; install it (Debian: postgresql)")
@@ -145,15 +145,15 @@ def server() -> Iterator[PostgresqlProcess]:
 
 @pytest.mark.slow
 def test_server_restart_loses_no_record_and_preserves_order(
-    server: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    postgresql_process: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store_sender, "_RETRY_S", 0.05)
     errors: Queue[str] = Queue()
     grasps = [grasp_after(hours=n) for n in range(60)]
-    with station(monkeypatch, tmp_path, server.url) as store:
+    with station(monkeypatch, tmp_path, postgresql_process.url) as store:
         store.add_grasps(grasps[:20])
         assert len(store.grasps_of("A17")) == 20
-        server.stop()
+        postgresql_process.stop()
         for grasp in grasps[20:40]:
             store.add_grasp(grasp)
         with pytest.raises(StoreAwayError, match=r"no answer|connection was lost"):
@@ -163,13 +163,13 @@ def test_server_restart_loses_no_record_and_preserves_order(
         assert f"shown from {store.local_name} only" in document["away"]
         assert faults("item", document) == []
         assert "shown from" in item_html(read_item_history(store, "A17"))
-    with Sender(server.url, on_error=errors.put) as sender:
+    with Sender(postgresql_process.url, on_error=errors.put) as sender:
         assert "records wait in the local store" in errors.get(timeout=60)
-        server.start()
-        with Store.open(server.url) as store:
+        postgresql_process.start()
+        with Store.open(postgresql_process.url) as store:
             store.add_grasps(grasps[40:])
         sender.wake()
-    with Store.open(server.url) as store:
+    with Store.open(postgresql_process.url) as store:
         assert store.send() == count_waiting(store) == 0
         assert list(store.grasps()) == grasps
         assert store.away is None

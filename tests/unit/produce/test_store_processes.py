@@ -21,7 +21,7 @@ KILLS = 20
 WRITERS, GRASPS = 10, 10
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.system)])
 def url(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     if request.param == "sqlite":
@@ -55,7 +55,11 @@ def is_in_order(lines: str, found: list[str]) -> bool:
 
 @pytest.mark.parametrize(
     ("url", "work"),
-    [("sqlite", "write"), ("postgresql", "write"), ("postgresql", "send")],
+    [
+        ("sqlite", "write"),
+        pytest.param("postgresql", "write", marks=pytest.mark.system),
+        pytest.param("postgresql", "send", marks=pytest.mark.system),
+    ],
     indirect=["url"],
 )
 def test_process_killed_before_any_statement_loses_no_acknowledged_grasp(
