@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
+.PHONY: demo test test-all acceptance desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the studies, the archive and the LeRobot export, so that the
 # README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
@@ -38,6 +38,10 @@ test: $(VENV)/.dev
 test-all: $(VENV)/.dev
 	$(PYTEST) -m system
 	$(MAKE) -j2 --output-sync=target test-ros test-lerobot
+
+# 400 seeded grasps of the present code and of the stored baseline; some minutes on two processors.
+acceptance: $(VENV)/.dev
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.acceptance
 
 # Grasps by the wall clock with boards and hands on pseudo-terminals (tests/desk): the whole bench takes
 # hours and continues where it was stopped; the short one takes three minutes on two processors.

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 from scipy.special import ndtri
 
-from palpate.arrays import FloatArray
+from palpate.arrays import FloatArray, replace_non_finite
 from palpate.estimate.force import ForceEstimate, require_pairs
 
 #: Powers of the excess in the law of a pixel. With positive weights every mixture rises; the
@@ -312,5 +312,5 @@ def _quantile(errors: FloatArray, fraction: float) -> float:
 
 
 def _basis(excess: FloatArray, exponents: tuple[float, ...]) -> FloatArray:
-    above = np.maximum(np.nan_to_num(excess) - _NOISE_EXCESS, 0.0)
+    above = np.maximum(replace_non_finite(excess) - _NOISE_EXCESS, 0.0)
     return np.asarray(above[..., None] ** np.array(exponents))

@@ -14,7 +14,7 @@ between movements; its size is the scatter of many short movements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,9 +186,9 @@ class GearFriction:
     mean_sd_ma: float
     #: Scatter between movements.
     movement_ma: float
-    #: Deviation from the mean at increasing widths; empty without a long movement.
-    along_mm: tuple[float, ...] = ()
-    along_ma: tuple[float, ...] = ()
+    #: Shape (n,). Deviation from the mean at increasing widths; empty without a long movement.
+    along_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    along_ma: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def fit(cls, pairs: CurrentPairs) -> GearFriction | None:
@@ -231,13 +231,13 @@ class GearFriction:
             mean_ma=mean_ma,
             mean_sd_ma=movement_ma / float(np.sqrt(count)),
             movement_ma=movement_ma,
-            along_mm=tuple(at_mm.tolist()),
-            along_ma=tuple((mean_ma * (shape - 1.0)).tolist()),
+            along_mm=at_mm,
+            along_ma=mean_ma * (shape - 1.0),
         )
 
     def mean_current_ma(self, width_mm: FloatArray) -> FloatArray:
         """Return the mean friction current at each width, mA."""
-        if not self.along_mm:
+        if not self.along_mm.size:
             return np.full_like(width_mm, self.mean_ma)
         return self.mean_ma + np.interp(width_mm, self.along_mm, self.along_ma)
 

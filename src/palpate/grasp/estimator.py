@@ -10,7 +10,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import FloatArray
+from palpate.arrays import FloatArray, replace_non_finite
 from palpate.estimate.gain import Gain
 from palpate.grasp.config import READING
 from palpate.grasp.plan import Plan
@@ -213,11 +213,13 @@ class ContactEstimate(HandMotion):
         # Binary search, because a hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
         last = self.touches[-max(READING.fewest_frames, recent) :]
+        rows = np.array([(t.reading, t.relative_percent, *t.finger_percent) for t in last])
+        reading, relative_percent, *finger_percent = rows.mean(axis=0).tolist()
         return Touch(
             time_s=self.now_s,
-            finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
-            relative_percent=float(np.mean([t.relative_percent for t in last])),
-            reading=float(np.mean([t.reading for t in last])),
+            finger_percent=tuple(finger_percent),
+            relative_percent=relative_percent,
+            reading=reading,
         )
 
     def set_force(self, force_n: float, high_n: float) -> None:
@@ -287,8 +289,8 @@ class ContactEstimate(HandMotion):
     ) -> Touch:
         """Return the readings of a frame, minus the sheet's residual of an earlier contact."""
         change = relative_change_percent(ohm, rest_ohm=rest_ohm)
-        fingers = _finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
-        relative_percent = float(_finite(mean_change(change)))
+        fingers = replace_non_finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
+        relative_percent = float(replace_non_finite(mean_change(change)))
         pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=plan.layout)
         reading = float(plan.reading.reading(pixels.excess))
         if self.residual is not None and self.released_s is not None:
@@ -338,8 +340,3 @@ def read_frame_force_n(reading: float, *, plan: Plan) -> float:
 def closure_of(target: float, plan: Plan) -> float:
     """Return the closure of a target."""
     return abs(target - plan.gripper.target(0.0))
-
-
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `nan_to_num` of values, faster for finite ones."""
-    return values if np.isfinite(values).all() else np.nan_to_num(values)

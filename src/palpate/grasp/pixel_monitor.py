@@ -53,6 +53,7 @@ class PixelMonitor:
         self._ended = np.zeros(self._rest.shape, dtype=int)
         self._shorted = np.zeros(self._rest.shape, dtype=bool)
         self._pressed = np.zeros(self._rest.shape, dtype=bool)
+        #: Pixels under load in the last frame with a pixel at the short end of the range.
         self._loaded = np.zeros(self._rest.shape, dtype=bool)
         #: Movements without a change of each pixel, and of all pixels.
         self._moves = _IdleMoves(self._rest.size, least=plan.fine_step)
@@ -83,9 +84,10 @@ class PixelMonitor:
         counts = np.asarray(frame.counts)[self._watched] / frame.oversampling
         before = counts if self._counts is None else self._counts
         changed = counts != before
+        any_changed = changed.any()
         self._moves.changed |= changed
-        self._all_moves.changed |= changed.any()
-        self._count_alike(alike=not changed.any())
+        self._all_moves.changed |= any_changed
+        self._count_alike(alike=not any_changed)
         equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
         moving, closure = (
@@ -104,8 +106,24 @@ class PixelMonitor:
         if standing:
             self._moves.count(closure)
         opened, ended = find_end_readings(counts, layout=self._layout)
-        self._opened = np.where(opened, self._opened + 1, 0)
-        self._ended = np.where(ended, self._ended + 1, 0)
+        self._opened = (self._opened + 1) * opened
+        self._ended = (self._ended + 1) * ended
+        if ended.any():
+            self._judge_ended(ended, counts, before, standing=standing)
+        else:
+            self._shorted = self._pressed = ended
+        self._counts = counts
+        return self._describe_fault()
+
+    def _judge_ended(
+        self,
+        ended: NDArray[np.bool_],
+        counts: NDArray[np.float64],
+        before: NDArray[np.float64],
+        *,
+        standing: bool,
+    ) -> None:
+        """Tell pixels at the short end of the range that are short from those under load."""
         jumped = np.abs(counts - before) > PIXELS.jump_fraction * np.maximum(before, 1.0)
         if self._counts is None:
             jumped = ended
@@ -118,8 +136,6 @@ class PixelMonitor:
         # A saturated reading is not stuck.
         self._moves.changed |= self._pressed
         self._all_moves.changed |= self._pressed.any()
-        self._counts = counts
-        return self._describe_fault()
 
     def _describe_fault(self) -> Alarm | None:
         unchanged = self._all_moves.idle >= PIXELS.stuck_moves
@@ -142,7 +158,7 @@ class PixelMonitor:
                 message = f"{self._name_first(mask)} reads {how}; {_SEE_DOCTOR}"
                 return Alarm(danger=Danger.SENSOR_LOST, message=message)
         lost = ended & ~self._pressed
-        if 2 * int(self._pressed.sum()) > int(self._loaded.sum()):
+        if 2 * np.count_nonzero(self._pressed) > np.count_nonzero(self._loaded):
             lost = ended
         if lost.any():
             message = (
@@ -174,6 +190,8 @@ class PixelMonitor:
     def _find_stuck_pixels(self) -> NDArray[np.bool_]:
         """Return the pixels unchanged in several movements, if all others changed in the last."""
         unchanged = self._moves.idle >= PIXELS.stuck_moves
+        if not unchanged.any():
+            return unchanged
         rest = self._moves.idle[~unchanged]
         return np.asarray(unchanged & (rest.size > 0 and int(rest.max()) <= 1))
 

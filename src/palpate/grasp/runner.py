@@ -321,7 +321,8 @@ def run_grasp(
                 if alarm is not None:
                     command = _apply_alarm(alarm, controller, command)
                 send(command, frame.time_s)
-                _notify(watching, state.snapshot(), state)
+                if watching:
+                    _notify(watching, state.snapshot(), state)
     except DeviceError as error:
         controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=str(error)))
     except KeyboardInterrupt:

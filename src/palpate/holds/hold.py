@@ -32,8 +32,6 @@ class Hold:
         In any unit.
     unit : str or None
         Unit of the values, if known; ``"percent"`` is a change relative to rest.
-    loading_s : float
-        Duration of the loading before time 0, seconds; 0 if unknown or sudden.
     """
 
     hold_id: str
@@ -41,7 +39,6 @@ class Hold:
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     unit: str | None = None
-    loading_s: float = 0.0
 
     def __repr__(self) -> str:
         name = self.hold_id if self.channel is None else f"{self.hold_id}:{self.channel}"

@@ -15,7 +15,7 @@ from palpate.holds.strict import Kind, read_chunks
 from palpate.holds.table import Table, find_runs
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
-_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text", "loading_s": "number"}
+_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text"}
 
 
 def read_holds(path: str | os.PathLike[str], *, until_s: float = float("inf")) -> list[Hold]:
@@ -56,9 +56,9 @@ def iterate_holds(
 ) -> Iterator[Hold]:
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
-    Columns are `hold_id,time_s,value` and optionally `channel`, `unit` and `loading_s`. The rows of
+    Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of
     a hold must be contiguous; its channels may be interleaved. Predictors use only the unit
-    ``percent`` (change relative to rest) and the duration of a slow loading. A CSV file may use
+    ``percent`` (change relative to rest). A CSV file may use
     semicolons or tabs instead of commas, and then also decimal commas. Memory is bounded by the
     longest hold, or by `until_s`.
 
@@ -116,7 +116,6 @@ class _Channel:
     time_s: list[NDArray[np.float64]] = field(default_factory=list)
     values: list[NDArray[np.float64]] = field(default_factory=list)
     unit: str | None = None
-    loading_s: float = 0.0
 
     def add(
         self, time_s: NDArray[np.float64], values: NDArray[np.float64], *, until_s: float
@@ -174,15 +173,10 @@ def _add_rows(
     cells = {n: table.columns[n][first] for n in (*_COLUMNS, *_OPTIONAL) if n in table.columns}
     label = cells.get("channel", "")
     if label not in channels:
-        where, loading_s = f"{name} {table.place(first)}", float(cells.get("loading_s", 0.0))
+        where = f"{name} {table.place(first)}"
         for column in ("channel", "unit"):
             _check_text(column, cells.get(column, ""), where=where)
-        if loading_s < 0:
-            raise InputError(
-                f"{where}: loading_s {loading_s:g} is negative; give the loading time in seconds, "
-                "or 0 if unknown"
-            )
-        channels[label] = _Channel(unit=cells.get("unit") or None, loading_s=loading_s)
+        channels[label] = _Channel(unit=cells.get("unit") or None)
     channel = channels[label]
     time_s, values = table.columns["time_s"][rows], table.columns["value"][rows]
     previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
@@ -209,5 +203,4 @@ def _build_holds(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
             time_s=time_s,
             values=values,
             unit=channel.unit,
-            loading_s=channel.loading_s,
         )

@@ -57,11 +57,7 @@ def plot_holds(
     drawn = holds[:MOST_HOLDS]
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
-        methods={
-            method: adapt_method(
-                find_method(method), unit=drawn[0].unit, loading_s=drawn[0].loading_s
-            )
-        },
+        methods={method: adapt_method(find_method(method), unit=drawn[0].unit)},
         horizon_s=horizon_s,
         level=level,
     )

@@ -64,7 +64,6 @@ def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
             "value": hold.values.tolist(),
             "channel": [hold.channel] * count,
             "unit": [hold.unit] * count,
-            "loading_s": [hold.loading_s] * count,
         }
 
 

@@ -151,7 +151,7 @@ def decide_holds(
                 decision = find_decision(
                     hold.time_s,
                     hold.values,
-                    method=adapt_method(method, unit=hold.unit, loading_s=hold.loading_s),
+                    method=adapt_method(method, unit=hold.unit),
                     half_width_percent=half_width_percent,
                     horizon_s=horizon_s,
                     level=level,
@@ -230,13 +230,13 @@ def _batch(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
 def _predict_batch(
     batch: Sequence[Hold], method: SettlingMethod, cutoff_s: float, horizon_s: float, level: float
 ) -> list[SettledEstimate | None]:
-    """Predict each hold of a batch, with one call per unit, loading and grid."""
-    grids: dict[tuple[str | None, float, bytes], list[int]] = {}
+    """Predict each hold of a batch, with one call per unit and grid."""
+    grids: dict[tuple[str | None, bytes], list[int]] = {}
     windows: list[FloatArray] = []
     for index, hold in enumerate(batch):
         window_s = hold.time_s[: np.searchsorted(hold.time_s, cutoff_s, side="right")]
         windows.append(window_s)
-        key = (hold.unit, hold.loading_s, window_s.tobytes())
+        key = (hold.unit, window_s.tobytes())
         grids.setdefault(key, []).append(index)
     found: list[SettledEstimate | None] = [None] * len(batch)
     for indices in grids.values():
@@ -244,7 +244,7 @@ def _predict_batch(
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        adapted = adapt_method(method, unit=hold.unit, loading_s=hold.loading_s)
+        adapted = adapt_method(method, unit=hold.unit)
         estimate = adapted.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
+from palpate.signal.transient import WAIT_S
 
 #: Degrees of freedom of the prior of the scale of ln R (see `mixture.SCALE`).
 SCALE_DEGREES = 4.0
@@ -27,6 +28,8 @@ WALK_FROM_S = 0.2
 _LOOSE_S = np.geomspace(0.1, 100.0, 10)
 #: Fast decays after contact: time constant (s) and standard deviation in units of the scale.
 _FAST_S, _FAST_SD = np.array([(0.06, 3.0), (0.15, 2.0)]).T
+#: Fewest samples of the log law's line after the wait; with fewer it is drawn through all samples.
+_MIN_LINE_SAMPLES = 3
 #: Keeps covariances positive definite if bins are close together.
 _JITTER = 1e-9
 
@@ -80,26 +83,23 @@ class Conditionals:
     #: bin to bin `pace_from`.
     pace_from: int
     pace: float
+    #: Shape (n_times,). Weights of the samples in the log law's value at the horizon.
+    log_law: FloatArray
 
 
-def compute_conditionals(
-    time_s: FloatArray, *, after_s: float, loading_s: float, scaled: bool
-) -> Conditionals:
+def compute_conditionals(time_s: FloatArray, *, after_s: float, scaled: bool) -> Conditionals:
     """Compute the conditionals of a grid; results are cached.
 
     `time_s`, shape (n_times,): times of the samples after the origin, seconds; at least two.
     `after_s`: time of the value to predict, seconds after the origin.
-    `loading_s`: duration of the loading before the origin; 0 if unknown.
     `scaled`: whether the values are ln R, whose scale is known roughly. The scale of other values
         is unknown.
     """
-    return _compute_cached(time_s.tobytes(), after_s, loading_s, scaled)
+    return _compute_cached(time_s.tobytes(), after_s, scaled)
 
 
 @lru_cache(maxsize=64)
-def _compute_cached(
-    time_bytes: bytes, after_s: float, loading_s: float, scaled: bool
-) -> Conditionals:
+def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditionals:
     samples_s = np.frombuffer(time_bytes)
     averaging, count, time_s = log_bins(samples_s)
     last = time_s.size - 1
@@ -107,7 +107,7 @@ def _compute_cached(
     log_time = np.log(np.array([time_s[pace_from], time_s[-1], after_s]) + WALK_FROM_S)
     time_s = np.append(time_s, after_s)
     others = np.array([*range(last), last + 1], dtype=np.intp)
-    curve = curve_values(time_s, loading_s=loading_s)
+    curve = curve_values(time_s)
     curve = curve[others] - curve[last]
     # The factor includes the horizon: its last row is the horizon conditional on the samples.
     factor = np.linalg.cholesky(_covariances(count, time_s=time_s, others=others))
@@ -141,7 +141,20 @@ def _compute_cached(
         variance=variance / handicap / max(degrees - 2, 1),
         pace_from=pace_from,
         pace=float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0])),
+        log_law=_log_law_weights(samples_s, after_s=after_s),
     )
+
+
+def _log_law_weights(time_s: FloatArray, *, after_s: float) -> FloatArray:
+    """Return the weights of samples in the least squares line over ln(time + `WALK_FROM_S`)."""
+    used = time_s >= WAIT_S - 1e-9
+    if used.sum() < _MIN_LINE_SAMPLES:
+        used[:] = True
+    log_time = np.log(time_s + WALK_FROM_S)
+    middle = log_time[used].mean()
+    centred = np.where(used, log_time - middle, 0.0)
+    slope = centred / (centred @ centred)
+    return np.asarray(used / used.sum() + (np.log(after_s + WALK_FROM_S) - middle) * slope)
 
 
 def _covariances(

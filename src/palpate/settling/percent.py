@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold
-from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: The only unit that changes a prediction.
@@ -23,6 +22,7 @@ class InPercent:
     """A method for holds in percent, based on a method for positive values.
 
     >>> import numpy as np
+    >>> from palpate.settling.relaxation import Relaxation
     >>> time_s = np.arange(0.0, 2.5, 0.1)
     >>> ratio = 0.04 + 0.02 * np.exp(-time_s)
     >>> method = InPercent(method=Relaxation())
@@ -49,10 +49,8 @@ class InPercent:
         return ratio_to_percent(ratio)
 
 
-def adapt_method(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
-    """Return the method adapted to a hold's unit and loading time."""
-    if loading_s > 0 and isinstance(method, Relaxation):
-        method = replace(method, loading_s=loading_s)
+def adapt_method(method: SettlingMethod, *, unit: str | None) -> SettlingMethod:
+    """Return the method adapted to a hold's unit."""
     return InPercent(method=method) if unit == PERCENT else method
 
 

@@ -59,7 +59,7 @@ def predict_settled(
     Parameters
     ----------
     time_s : Hold or array_like, shape (n_times,)
-        A hold, with its unit and loading time; or strictly increasing sampling times, seconds. Time
+        A hold, with its unit; or strictly increasing sampling times, seconds. Time
         0 is the actuation or the peak. Sampling may be uneven.
     values : array_like, shape (n_times,) or (n_holds, n_times)
         One hold or a batch of holds, in any unit; omitted if `time_s` is a hold. Samples after the
@@ -102,14 +102,13 @@ def predict_settled(
     if isinstance(time_s, Hold):
         if values is not None:
             raise InputError("a hold already has its values; omit `values`")
-        unit, loading_s = unit or time_s.unit, time_s.loading_s
+        unit = unit or time_s.unit
         times, samples = time_s.time_s, time_s.values
     elif values is None:
         raise InputError("give a Hold, or both time_s and values")
     else:
         times = np.asarray(time_s, dtype=np.float64)
         samples = np.asarray(values, dtype=np.float64)
-        loading_s = 0.0
     if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
         raise InputError(
             f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "
@@ -131,7 +130,7 @@ def predict_settled(
             f"values of hold {row} at {times[sample]:g} s: {used[row, sample]} is not a finite "
             "number; remove such samples or end the hold before them"
         )
-    predictor = adapt_method(chosen, unit=unit, loading_s=loading_s)
+    predictor = adapt_method(chosen, unit=unit)
     estimate = predictor.predict(times[:stop], used, horizon_s=horizon_s, level=level)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 

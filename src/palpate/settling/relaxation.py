@@ -34,6 +34,10 @@ _MAX_HALF_WIDTH = 0.2
 _PROVEN_PACE = (0.6, 1.8)
 #: Latest horizon at which the shapes were compared with real materials, seconds.
 _PROVEN_HORIZON_S = 20.0
+#: Share a of the distance to the log law, and widening b by that distance, for all statuses but
+#: `ok`. Chosen on six real materials: with one of them left out, the best of 0, 1/4, 1/2, 3/4 and 1
+#: is 3/4 again, and 1/2 without meat. A wider b changes no coverage by more than .01.
+_LINE_SHARE, _LINE_WIDENING = 0.75, 0.7
 #: A hold that returns by more than this fraction of its change is not settling.
 _MAX_RETURN = 0.3
 #: Largest predicted change, as a multiple of the observed change.
@@ -41,6 +45,8 @@ _MAX_CHANGE = 10.0
 
 #: Positive values with a smaller ratio of minimum to maximum than this are treated as signed.
 _MIN_RATIO = 1e-12
+#: Smallest ratio to the last reading that the log law predicts.
+_TINY = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,12 +56,6 @@ class Relaxation:
     The logarithm is used for holds with only positive samples (ohm, newton, conductance). The
     result is then independent of scale and always positive. For other holds the result is
     independent of scale, sign and offset. See `docs/prediction.md`.
-
-    Attributes
-    ----------
-    loading_s : float
-        Duration of the loading before the hold, seconds; 0 if unknown or sudden. After slow loading
-        the relaxation is slow.
 
     Examples
     --------
@@ -70,7 +70,6 @@ class Relaxation:
     """
 
     name: ClassVar[str] = "relaxation"
-    loading_s: float = 0.0
 
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
@@ -116,7 +115,7 @@ class Relaxation:
                     base = last[batch, 0]
                     ends[:, hold] = base * np.exp(found) if positive else base + found
                     window_s[hold] = window.since_s[-1] - window.since_s[0]
-        low, value, high = ends
+        low, value, high = _widen_to_resolution(ends, values)
         return SettledEstimate(
             value=value,
             low=low,
@@ -142,9 +141,7 @@ class Relaxation:
         if since_s.size < 2:
             sides = np.array([-1.0, 0.0, 1.0])[:, None]
             return used[:, -1] + sides * span, _repeat_status(Status.TOO_SHORT, len(used))
-        forms = compute_conditionals(
-            since_s, after_s=after_s, loading_s=self.loading_s, scaled=positive
-        )
+        forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
         binned = used @ forms.averaging.T
         differences = binned[:, :-1] - binned[:, -1:]
         noise = estimate_noise_variance(since_s, used)
@@ -154,15 +151,20 @@ class Relaxation:
         largest = excursion.max(axis=1)
         has_returned = largest - excursion[:, -1] > _MAX_RETURN * largest
         limited = np.minimum(np.maximum(change, -_MAX_CHANGE * span), _MAX_CHANGE * span)
-        ends = binned[:, -1] + limited
-        status = _evaluate_status(window, ends, span=span, positive=positive)
+        # The line is straighter for readings than for their logarithms.
+        line = (np.exp(used) if positive else used) @ forms.log_law
+        if positive:
+            line = np.log(np.maximum(line, _TINY))
+        line = np.clip(line - binned[:, -1], -_MAX_CHANGE * span, _MAX_CHANGE * span)
+        status = _evaluate_status(window, binned[:, -1] + limited, span=span, positive=positive)
         status[(limited[1] != change[1]) & (status == Status.OK)] = Status.FELL_BACK
         recent = -forms.pace * differences[:, forms.pace_from]
         low_pace, high_pace = _PROVEN_PACE
         is_unproven = (limited[1] - low_pace * recent) * (limited[1] - high_pace * recent) > 0
         status[is_unproven & (status == Status.OK)] = Status.UNPROVEN
         status[has_returned | (span == 0)] = Status.NOT_SETTLING
-        return ends, status
+        joined = np.where(status == Status.OK, limited, _approach_log_law(limited, line))
+        return binned[:, -1] + joined, status
 
 
 def _group_holds(
@@ -184,6 +186,44 @@ def _group_holds(
         for sign in (True, False):
             if (group := rows[positive[rows] == sign]).size:
                 yield group, columns, sign
+
+
+def _widen_to_resolution(ends: FloatArray, values: FloatArray) -> FloatArray:
+    """Widen intervals that are narrower than a step of the readings.
+
+    The step is the smallest between two samples, or the last decimal of a constant reading. Holds
+    whose samples all differ have noise of more than a step.
+    """
+    repeats = (values[:, 1:] == values[:, :-1]).any(axis=1) | (values.shape[1] < 2)
+    for row in np.flatnonzero(repeats):
+        samples, (low, value, high) = values[row], ends[:, row]
+        steps = np.abs(np.diff(samples))
+        half = (float(steps[steps > 0].min()) if steps.any() else _last_decimal(samples[-1])) / 2
+        if samples.min() > 0:
+            half = min(half, value / 2)
+        ends[:, row] = min(low, value - half), value, max(high, value + half)
+    return ends
+
+
+def _last_decimal(reading: float) -> float:
+    """Return the value of the last decimal of a reading.
+
+    >>> _last_decimal(620.0), _last_decimal(3.03)
+    (1.0, 0.01)
+    """
+    decimals = np.format_float_positional(reading, trim="-").partition(".")[2]
+    return float(10.0 ** -len(decimals))
+
+
+def _approach_log_law(change: FloatArray, line: FloatArray) -> FloatArray:
+    """Return lower limit, value and upper limit, moved towards the log law's value and widened.
+
+    With d the distance from the mixture's value v to the log law's: v + a d, with each side of the
+    interval longer by b |d|. Where two rules differ, the truth lies between.
+    """
+    distance = line - change[1]
+    longer = np.array([[-1.0], [0.0], [1.0]]) * _LINE_WIDENING * np.abs(distance)
+    return np.asarray(change + _LINE_SHARE * distance + longer)
 
 
 def _repeat_status(status: Status, count: int) -> NDArray[np.object_]:

@@ -1,7 +1,7 @@
 """Shapes of a hold: typical curves, and possible deviations from them.
 
 There are two families of curves. Creep in log time and its tilted forms describe viscoelastic
-solids, carbon-black composites and slow loading. Decays are exponential (the paper's equation 2) or
+solids and carbon-black composites. Decays are exponential (the paper's equation 2) or
 stretched. All components have the same prior odds, because odds learned on four of five kinds of
 material were worse on the fifth kind than equal odds (`docs/prediction.md`).
 """
@@ -29,11 +29,6 @@ _DECAYS = [
 ]
 #: Typical amplitude of a decay relative to the settled value, which affects its shape in ln R.
 _DECAY_FRACTION = 0.25
-#: Sample points of the loading, backwards from its end (Gauss-Legendre; denser towards the end).
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_BACK = ((_NODES + 1) / 2) ** 3
-#: The load is taken to grow with the square of time, because contacts stiffen as they close.
-_LOAD_WEIGHTS = 3 * _WEIGHTS * ((_NODES + 1) / 2) ** 2 * (1 - _BACK)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,31 +64,21 @@ DEVIATIONS: tuple[Deviation, ...] = tuple(
 N_CURVES = len(_TILTS) * len(_CREEP_FROM_S) + len(_DECAYS)
 
 
-def curve_values(time_s: FloatArray, *, loading_s: float = 0.0) -> FloatArray:
+def curve_values(time_s: FloatArray) -> FloatArray:
     """Return all falling curves, normalised to their change, shape (n_times, n_curves).
 
     `time_s`, shape (n_times,): seconds after the origin.
-    `loading_s`: duration of the loading before the origin; the curves of its steps are added.
 
-    >>> start, end = curve_values(np.array(UNIT_S), loading_s=3.0)
+    >>> start, end = curve_values(np.array(UNIT_S))
     >>> bool(np.allclose(start - end, 1.0))
     True
     """
-    times = np.concatenate([np.asarray(UNIT_S), time_s])
-    if loading_s > 0:
-        parts = [_curves(times + back * loading_s) for back in _BACK]
-        curves = np.tensordot(_LOAD_WEIGHTS, np.stack(parts), axes=1)
-    else:
-        curves = _curves(times)
-    scaled: FloatArray = curves[2:] / (curves[0] - curves[1])
-    return scaled
-
-
-def _curves(time_s: FloatArray) -> FloatArray:
     tilt, from_s = np.array(list(product(_TILTS, _CREEP_FROM_S))).T
     tau_s, power = np.array(_DECAYS).T
-    times = time_s[:, None]
+    times = np.concatenate([np.asarray(UNIT_S), time_s])[:, None]
     # (t^tilt - 1) / tilt, which is a logarithm for tilt 0.
     creep = -np.expm1(tilt * np.log(times + from_s)) / tilt
     decay = np.log1p(_DECAY_FRACTION * np.exp(-((times / tau_s) ** power)))
-    return np.concatenate([creep, decay], axis=1)
+    curves = np.concatenate([creep, decay], axis=1)
+    scaled: FloatArray = curves[2:] / (curves[0] - curves[1])
+    return scaled

@@ -123,6 +123,9 @@ def mean_change(change_percent: ArrayLike) -> FloatArray:
     """
     change = np.asarray(change_percent, float)
     known = ~np.isnan(change)
+    if change.size and known.all():
+        # The common case, several times as fast.
+        return np.asarray(change.mean(axis=(-2, -1)))
     count = known.sum(axis=(-2, -1))
     total = np.where(known, change, 0.0).sum(axis=(-2, -1))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

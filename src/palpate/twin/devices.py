@@ -19,7 +19,6 @@ import math
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
@@ -55,7 +54,6 @@ class TwinArray:
         self._queue: deque[Frame] = deque()
         self._start_s = world.clock.now_s()
         self._scanned = 0
-        self._blank_counts: NDArray[np.int32] | None = None
         world.watchers.append(self._scan_until)
 
     @property
@@ -86,10 +84,6 @@ class TwinArray:
         self._scanned = max(self._scanned, passed)
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
-    def blank_frames(self) -> None:
-        """Return frames with zero counts from now on, to save time."""
-        self._blank_counts = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
-
     def close(self) -> None:
         """Stop scanning."""
         if self._scan_until in self._world.watchers:
@@ -107,11 +101,10 @@ class TwinArray:
 
     def _scan_next(self) -> None:
         time_s = self._next_s
-        counts = self._world.scan(time_s) if self._blank_counts is None else self._blank_counts
         frame = Frame(
             time_s=time_s,
             sequence=self._scanned,
-            counts=counts,
+            counts=self._world.scan(time_s),
             oversampling=self._world.oversampling,
         )
         self._scanned += 1

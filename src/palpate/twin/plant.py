@@ -89,6 +89,8 @@ class Plant:
         self.sheet, self.compliance, self.grid = sheet, compliance, grid
         self.environment = environment
         self._lock_force_n = lock_force_n
+        #: Whether the state of the sheet is computed; otherwise it remains as it is.
+        self.follows_sheet = True
         self._unloaded_n = np.zeros(sheet.rest_ohm.size)
         self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
@@ -148,14 +150,16 @@ class Plant:
                 friction=state.obj.friction,
                 mass_g=state.obj.mass_g,
             )
-        pixels = state.pixels.advance(
-            step_s,
-            self._load_n(state, closure_mm, force_n, placement),
-            travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
-            sheet=self.sheet,
-            gain=placement.gain,
-            creep=placement.creep,
-        )
+        pixels = state.pixels
+        if self.follows_sheet:
+            pixels = pixels.advance(
+                step_s,
+                self._load_n(state, closure_mm, force_n, placement),
+                travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
+                sheet=self.sheet,
+                gain=placement.gain,
+                creep=placement.creep,
+            )
         motion = state.motion
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
@@ -205,13 +209,20 @@ class Plant:
             sheet=self.sheet,
             creep=placement.creep,
         )
-        return replace(
-            state,
+        return PlantState(
             time_s=time_s,
-            sheet=cache(sheet_at),
+            motion=state.motion,
+            obj=state.obj,
+            placed=state.placed,
+            contacts=state.contacts,
             closure_mm=closure_mm,
             squeeze=squeeze,
+            sheet=cache(sheet_at),
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
+            ruptured=state.ruptured,
+            finger_mm=state.finger_mm,
+            pull_n=state.pull_n,
+            slide=state.slide,
         )
 
     def run(self, state: PlantState, until_s: float) -> PlantState:

@@ -211,6 +211,13 @@ class World:
         if now.obj is not None:
             self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
 
+    def stop_sheet(self) -> None:
+        """Stop computing the sheet, to save time; all counts are 0 from now on.
+
+        The forces are as before.
+        """
+        self._plant.follows_sheet = False
+
     @property
     def has_dropped(self) -> bool:
         """Whether the object has slid out of the fingers since its placement."""
@@ -246,6 +253,8 @@ class World:
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
+        if not self._plant.follows_sheet:
+            return np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
         return self._readout.sample_counts(self._ohm(self._advance(time_s)), time_s=time_s)
 
     def truth(self, horizon_s: float = 20.0) -> Truth:

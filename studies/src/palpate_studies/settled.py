@@ -26,7 +26,8 @@ from palpate_studies.baselines.full_input_learners import fit_weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import find_weighted_quantile, mean, median
 
-HORIZON_S = 20.0
+#: The paper's horizon, and that of a material whose holds are shorter.
+HORIZONS_S = (20.0, 10.0)
 #: Intervals of log time in the features of the ridge, and candidates of its penalty.
 STRETCHES, PENALTIES = 6, np.geomspace(1e-3, 10.0, 9)
 _TINY = 1e-9
@@ -68,6 +69,7 @@ class HoldFeatures:
 
 def extract_features(hold: Hold, cutoff_s: float) -> HoldFeatures:
     """Extract the features of a hold of positive values up to a cut-off."""
+    horizon_s = find_horizon(hold)
     seen = hold.time_s <= cutoff_s
     time_s, height = hold.time_s[seen], np.log(hold.values[seen])
     edges = np.geomspace(0.1, cutoff_s + 0.1, STRETCHES + 1) - 0.1
@@ -79,7 +81,7 @@ def extract_features(hold: Hold, cutoff_s: float) -> HoldFeatures:
     fall = parts[:-1] - parts[-1]
     drop = float(np.abs(fall).max()) + _TINY
     law = LogLaw(wait_s=0.1, from_s=0.4)
-    below = law.predict(time_s, (height - height[-1])[None], horizon_s=HORIZON_S, level=0.9)
+    below = law.predict(time_s, (height - height[-1])[None], horizon_s=horizon_s, level=0.9)
     return HoldFeatures(
         profile=np.array([*(fall / drop), np.log(drop), drop]),
         drop=drop,
@@ -174,11 +176,11 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
             raise InputError(f"{file}: there are two files of material {name}; rename one")
         found[name] = [
             hold
-            for hold in read_holds(file, until_s=HORIZON_S)
+            for hold in read_holds(file, until_s=HORIZONS_S[0])
             if np.isfinite(_measure_settled(hold))
         ]
         if not found[name]:
-            raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
+            raise InputError(f"{file}: no hold reaches {HORIZONS_S[-1]:g} s, so none can be scored")
         for hold in found[name]:
             if not (hold.values > 0).all():
                 raise InputError(
@@ -188,8 +190,18 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
     return found
 
 
+def find_horizon(hold: Hold) -> float:
+    """Return the longest horizon that a hold reaches, the shortest one if none."""
+    reached = (h for h in HORIZONS_S if np.isfinite(_measure_value_at(hold, h)))
+    return next(reached, HORIZONS_S[-1])
+
+
 def _measure_settled(hold: Hold) -> float:
-    return measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+    return _measure_value_at(hold, find_horizon(hold))
+
+
+def _measure_value_at(hold: Hold, horizon_s: float) -> float:
+    return measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
 
 
 def judge(
@@ -232,8 +244,9 @@ def judge(
             "The multiple and the ridge are trained on the other materials; files with a common "
             "hold are of the same specimens and count as one material. palpate is not trained "
             "without own holds: its shapes have equal prior probabilities. The set of shapes, the "
-            "usual size of a fall and the limits of `ok` were chosen on the developers' silicone, "
-            "Velostat, food, tape and force; held-out files test this choice.",
+            "usual size of a fall, the limits of `ok` and the approach to the log law were chosen "
+            "on the developers' silicone, Velostat, food, tape, force and meat; held-out files "
+            "test this choice. The horizon is 20 s, or 10 s where the holds are shorter (meat).",
             "Own holds are the preceding holds of the file; the first holds use the last ones.",
             f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
         ],
@@ -258,7 +271,7 @@ def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMet
     for hold in holds:
         settled, found = (
             _measure_settled(hold),
-            predict_settled(hold, cutoff_s=cutoff_s, method=method),
+            predict_settled(hold, cutoff_s=cutoff_s, horizon_s=find_horizon(hold), method=method),
         )
         rows.append(
             (
@@ -324,18 +337,21 @@ def _row(
 
 
 def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return each method's regret relative to the best method, without own holds.
+    """Return each method's error relative to the best simple rule, without own holds.
 
-    The regret is the geometric mean over materials of the ratio of its median |error| to the
-    smallest of all methods.
+    A ratio is the method's median |error| on a material divided by that of the simple rule that is
+    best there; nobody knows beforehand which one that is. The regret is the geometric mean over
+    materials.
 
     >>> two = [
     ...     {"material": m, "cutoff_s": 1.0, "method": n, "own_holds": 0,
     ...      "median_abs_error_percent": e}
-    ...     for m, n, e in (("a", "x", 1.0), ("a", "y", 2.0), ("b", "x", 8.0), ("b", "y", 2.0))
+    ...     for m, n, e in (
+    ...         ("a", "ours", 1.0), ("a", "log_law", 2.0), ("b", "ours", 8.0), ("b", "log_law", 4.0)
+    ...     )
     ... ]
-    >>> [(row["method"], round(row["regret"], 2)) for row in compute_regret(two)]
-    [('x', 2.0), ('y', 1.41)]
+    >>> [(row["method"], row["regret"].round(2), row["largest"]) for row in compute_regret(two)]
+    [('ours', 1.0, 2.0), ('log_law', 1.0, 1.0)]
     """
     errors: dict[float, dict[str, dict[str, float]]] = {}
     for row in rows:
@@ -346,11 +362,12 @@ def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for cutoff_s, by_method in errors.items():
         for method, by_material in by_method.items():
             ratios = [
-                error / min(other[material] for other in by_method.values())
+                error / min(by_method[rule][material] for rule in PLAIN if rule in by_method)
                 for material, error in by_material.items()
             ]
-            mean = float(np.exp(np.mean(np.log(ratios))))
-            found.append({"cutoff_s": cutoff_s, "method": method, "regret": mean})
+            mean = np.exp(np.mean(np.log(ratios)))
+            row = {"cutoff_s": cutoff_s, "method": method, "regret": mean, "largest": max(ratios)}
+            found.append(row)
     return found
 
 
@@ -361,7 +378,7 @@ def draw_single_exponentials() -> list[Hold]:
     def between(ends: tuple[float, float]) -> float:
         return float(np.exp(rng.uniform(*np.log(ends))))
 
-    time_s = np.arange(0.0, HORIZON_S + 0.5, 1 / _RATE_HZ)
+    time_s = np.arange(0.0, HORIZONS_S[0] + 0.5, 1 / _RATE_HZ)
     shapes = [
         (1 + between(_AMPLITUDE) * np.exp(-time_s / between(_TAU_S)))
         * (1 + between(_NOISE) * rng.normal(size=time_s.size))
@@ -391,10 +408,10 @@ def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, An
         ),
         Table.of("palpate", [row for row in rows if row["method"] == PALPATE]),
         Table.wide(
-            "Regret: geometric mean over materials of error / smallest error",
+            "Error relative to the best simple rule of each material, geometric mean (largest)",
             regrets,
             {"cut-off, s": "{cutoff_s:g}"},
             over="method",
-            form="{regret:.2f}",
+            form="{regret:.2f} ({largest:.2f})",
         ),
     ]

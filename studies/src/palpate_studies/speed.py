@@ -24,8 +24,8 @@ METHODS: dict[str, SettlingMethod] = {
     "exponential": Exponential(),
     "relaxation": Relaxation(),
 }
-#: Origins of the 2.5 s; with the last, the methods also use the loading time.
-CLOCKS = ("start of actuation", "end of actuation", "end, loading time known")
+#: Origins of the 2.5 s.
+CLOCKS = ("start of actuation", "end of actuation")
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
@@ -42,11 +42,10 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                     for sensor in range(sensors)
                 ]
             )
-            closing_s = _closing_time_s(speed)
-            known = (0.0, 0.0), (closing_s, 0.0), (closing_s, CLOSURE_MM / speed)
-            for clock, (offset_s, loading_s) in zip(CLOCKS, known, strict=True):
+            offsets_s = 0.0, _closing_time_s(speed)
+            for clock, offset_s in zip(CLOCKS, offsets_s, strict=True):
                 for name, method in METHODS.items():
-                    hold_method = adapt_method(method, unit="percent", loading_s=loading_s)
+                    hold_method = adapt_method(method, unit="percent")
                     rows.append(
                         {
                             "level": level,

@@ -189,16 +189,14 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     rig.write_text('calibration = "cal.json"\n[array]\nopen = "a:b"\n[gripper]\nopen = "a:b"\n')
     time_s = [step / 10 for step in range(206)]
     for name in ("one", "two", "new"):
-        rows = (f"{name},{t},{9 - 0.5 * math.log(t + 1)},30" for t in time_s)
-        (tmp_path / f"{name}.csv").write_text(
-            "\n".join(["hold_id,time_s,value,loading_s", *rows]) + "\n"
-        )
+        rows = (f"{name},{t},{9 - 0.5 * math.log(t + 1)}" for t in time_s)
+        (tmp_path / f"{name}.csv").write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
     new = str(tmp_path / "new.csv")
     assert "palpate calibrate settling" in palpate("settle", new, "--rig", rig, status=2).err
     for name in ("one", "two"):
         palpate("calibrate", "settling", tmp_path / f"{name}.csv", "--rig", rig)
     stored = read_holds(tmp_path / "cal-settling.csv")
-    assert [(hold.hold_id, hold.loading_s) for hold in stored] == [("one", 30.0), ("two", 30.0)]
+    assert [hold.hold_id for hold in stored] == ["one", "two"]
     error = palpate("calibrate", "settling", tmp_path / "two.csv", "--rig", rig, status=2).err
     assert "hold two is already in" in error
     [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]

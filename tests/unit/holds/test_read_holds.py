@@ -279,12 +279,3 @@ def test_read_holds_ignores_other_columns(tmp_path: Path) -> None:
         [hold] = read_holds(path)
         assert (hold.hold_id, hold.channel) == ("a", None)
         assert (hold.time_s.tolist(), hold.values.tolist()) == ([0.0, 1.0], [3.0, 2.0])
-
-
-def test_read_holds_negative_loading_time_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "slow.csv"
-    file.write_text("hold_id,time_s,value,loading_s\na,0,5,60\na,1,4,60\nb,0,5,0\nb,1,4,0\n")
-    assert [hold.loading_s for hold in read_holds(file)] == [60.0, 0.0]
-    file.write_text("hold_id,time_s,value,loading_s\na,0,5,-1\n")
-    with pytest.raises(InputError, match="line 2: loading_s -1 is negative"):
-        read_holds(file)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import palpate
 from palpate.errors import InputError
-from palpate.holds import Hold
-from palpate.scoring.predictions import predict_holds
 from palpate.settling.exponential import Exponential
 from palpate.settling.predict import METHODS, predict_settled
-from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import Status
 
 TIME_S = np.arange(0, 20, 0.1)
@@ -94,21 +89,3 @@ def test_log_law_is_exact_for_logarithmic_creep(method: str, from_s: float) -> N
     for cutoff_s in (1.0, 2.5):
         found = predict_settled(TIME_S, creep, cutoff_s=cutoff_s, method=method)
         assert found.value == pytest.approx(50.0 - 3.0 * np.log(20.0 + from_s), rel=1e-9)
-
-
-def test_predict_settled_uses_the_loading_time_of_the_hold() -> None:
-    time_s = np.arange(0.0, 20.5, 0.1)
-    values = 100.0 - 5.0 * np.log(time_s + 4.0)
-    sudden = Hold(hold_id="a", channel=None, time_s=time_s, values=values)
-    slow = replace(sudden, loading_s=30.0)
-    known = Relaxation(loading_s=30.0)
-    assert predict_settled(slow).value == predict_settled(sudden, method=known).value
-    assert predict_settled(slow).value != predict_settled(sudden).value
-    assert predict_settled(slow, method="recorded").value == values[25]
-    rows = predict_holds(
-        [sudden, slow], methods={"r": Relaxation()}, cutoffs_s=[2.5], horizon_s=20.0, level=0.9
-    )
-    assert [row.predicted for row in rows] == [
-        predict_settled(sudden).value,
-        predict_settled(slow).value,
-    ]

@@ -65,10 +65,24 @@ def test_relaxation_with_one_or_two_samples_is_finite_and_too_short(values: list
     assert len(values) > 1 or estimate.value == 7.0
 
 
-def test_relaxation_of_a_constant_hold_returns_the_constant() -> None:
-    estimate = predict(np.arange(0.0, 3.0, 0.1), np.full(30, 5.0)).hold(0)
-    assert (estimate.value, estimate.low, estimate.high) == (5.0, 5.0, 5.0)
+@pytest.mark.parametrize(
+    ("reading", "half"), [(620.0, 0.5), (3.03, 0.005), (0.25, 0.005), (0.0, 0.5)]
+)
+def test_relaxation_of_a_constant_hold_is_as_unsure_as_its_last_decimal(
+    reading: float, half: float
+) -> None:
+    estimate = predict(np.arange(0.0, 3.0, 0.1), np.full(30, reading)).hold(0)
+    found = estimate.low, estimate.value, estimate.high
+    assert found == pytest.approx((reading - half, reading, reading + half))
     assert estimate.status is Status.NOT_SETTLING
+
+
+def test_relaxation_interval_of_coarse_readings_is_at_least_a_step_wide() -> None:
+    time_s = np.arange(0.0, 2.5, 0.05)
+    for step in (1.0, 0.25):
+        coarse = np.round(log_hold(time_s) / step) * step
+        estimate = predict(time_s, coarse).hold(0)
+        assert estimate.high - estimate.low >= step
 
 
 def test_relaxation_of_a_bouncing_hold_is_not_settling_with_a_wide_interval() -> None:
@@ -116,21 +130,6 @@ def test_relaxation_interval_widens_with_the_level() -> None:
     assert high.high[0] > low.high[0]
 
 
-def test_relaxation_with_known_loading_time_predicts_a_slow_loading() -> None:
-    # Log creep after a load that increased with the square of time for 60 s (superposition).
-    time_s = np.arange(0.0, 20.5, 0.1)
-    back_s = np.linspace(0.05, 59.95, 600)
-    fraction = (60.0 - back_s) / (60.0 - back_s).sum()
-    values = 10.0 * np.exp(-0.08 * np.log(time_s[:, None] + back_s + 0.3) @ fraction)
-    seen = time_s <= 2.5
-    truth = measure_settled_value(time_s, values, horizon_s=20.0)
-    known, unknown = (
-        method.predict(time_s[seen], values[None, seen], horizon_s=20.0, level=0.9).value[0]
-        for method in (Relaxation(loading_s=60.0), Relaxation())
-    )
-    assert abs(known - truth) < 0.3 * abs(unknown - truth)
-
-
 def test_relaxation_of_a_complete_decay_is_unproven() -> None:
     time_s = np.arange(0.0, 5.0, 0.1)
     rng = np.random.default_rng(6)
@@ -169,7 +168,7 @@ def score(file: Path, *, cutoff_s: float) -> Array:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cutoff_s", "median_percent", "p90_percent", "half_width_percent"),
-    [(1.0, 2.4, 7.0, 9.0), (2.5, 1.3, 4.2, 5.0), (5.0, 0.85, 3.2, 3.2)],
+    [(1.0, 2.4, 7.0, 9.7), (2.5, 1.3, 4.2, 5.0), (5.0, 0.85, 3.2, 3.2)],
 )
 def test_relaxation_error_and_coverage_on_real_silicone_holds(
     real_data: Path,

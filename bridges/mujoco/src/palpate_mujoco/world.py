@@ -85,6 +85,7 @@ class MujocoWorld:
         self._motion = Motion(start_s=0.0, from_mm=OPEN_MM, to_mm=OPEN_MM, rate_mm_per_s=1.0)
         self._hold: MujocoWorld | None = None
         self._peak_n = 0.0
+        self._is_sheet_stopped = False
         self._build(obj, width_mm=OPEN_MM)
 
     @property
@@ -171,8 +172,14 @@ class MujocoWorld:
         self._advance_with_watchers(time_s)
         return self.sensor.voltage_v()
 
+    def stop_sheet(self) -> None:
+        """Stop reading the sheet, to save time; all counts are 0 from now on."""
+        self._is_sheet_stopped = True
+
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
+        if self._is_sheet_stopped:
+            return np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
         self._advance(time_s)
         return self.sensor.counts()
 
