@@ -43,7 +43,7 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
         except CalibrationError:
             _use_old_values(state, str(refused), plan=plan)
     # Read with the calibration's values, the frames may show a load.
-    if estimate.rest_ohm is not plan.rest_ohm:
+    if estimate.rest_ohm is not None and estimate.rest_ohm is not plan.rest_ohm:
         estimate.rest_force_n = _read_rest_force(frames, estimate.rest_ohm, plan=plan)
     estimate.rest_frames = ()
     return True

@@ -38,7 +38,7 @@ _STUDY_TEXTS = {
     "stiffness": "Stiffness in N/mm over two decades, simulated",
     "staircases": "Current force during staircases of closing and opening, simulated",
     "settled": "Settled values of real materials, without and with own holds",
-    "meat": "Spread between specimens of a steak, real double presses",
+    "meat": "The cut of meat, and spread between specimens, real holds and presses",
     "sorting": "A mixed crate with unknown kinds, identified and sorted, simulated",
 }
 _BENCHMARK_TEXTS = {

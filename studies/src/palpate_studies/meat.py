@@ -1,7 +1,8 @@
-"""Squeezes of meat: real double presses of a plant-based steak, with a sheet's error added.
+"""Squeezes of meat: the cut from real holds, and the change detectable on a plant-based steak.
 
-The steak is the only meat with published curves. Age and doneness are not recorded. The curves show
-how much specimens of one steak differ, and so how large a change a squeeze can detect.
+Holds of raw meat under an indenter show whether relaxation and stiffness tell the cut. Double
+presses of the steak, with a sheet's error added, show how much specimens of one steak differ, and
+so how large a change a squeeze can detect. Age and doneness are not recorded.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.errors import InputError
 from palpate.holds.strict import Kind, read_table
+from palpate_studies.meat_cuts import Part, judge_cuts, read_squeezes
 from palpate_studies.report import StudyReport, Table, as_command
 
 #: Scatter of ln stiffness from grasp to grasp, due to the sheet on the twin's fruit as in
@@ -36,14 +39,31 @@ _COLUMNS: dict[str, Kind] = {
 def report(
     *,
     presses: Annotated[
-        Path, typer.Option(help="food_double_presses.csv.gz.", metavar="CSV", exists=True)
-    ],
+        Path | None, typer.Option(help="food_double_presses.csv.gz.", metavar="CSV", exists=True)
+    ] = None,
+    holds: Annotated[
+        Path | None, typer.Option(help="holds_meat.csv.gz.", metavar="CSV", exists=True)
+    ] = None,
+    tests: Annotated[
+        Path | None,
+        typer.Option(help="tests_meat.csv.gz: the holds' ramps.", metavar="CSV", exists=True),
+    ] = None,
 ) -> StudyReport:
-    """Measure the spread of specimens of one plant-based steak, and the detectable change.
+    """Tell the cut of meat from a squeeze, and measure the spread of specimens.
 
-    Example: palpate study meat --presses food_double_presses.csv.gz
+    Example: palpate study meat --holds holds_meat.csv.gz --tests tests_meat.csv.gz
     """
-    return judge(read_presses(presses))
+    if holds is None and (presses is None or tests is not None):
+        raise InputError("give --holds FILE or --presses FILE; --tests FILE requires --holds FILE")
+    parts = [judge_cuts(read_squeezes(holds, tests))] if holds else []
+    parts += [judge_presses(read_presses(presses))] if presses else []
+    return StudyReport(
+        name="meat",
+        title="Meat: the cut, and the change that a squeeze can detect (real curves)",
+        provenance=[line for part in parts for line in part[0]],
+        tables=[table for part in parts for table in part[1]],
+        payload={"origin": "real"} | {key: rows for part in parts for key, rows in part[2].items()},
+    )
 
 
 command = as_command(report)
@@ -65,7 +85,7 @@ def read_presses(path: Path) -> list[dict[str, Any]]:
     ]
 
 
-def judge(rows: list[dict[str, Any]]) -> StudyReport:
+def judge_presses(rows: list[dict[str, Any]]) -> Part:
     """Report scatter and required specimens, with a row per speed."""
     summary = []
     for speed in sorted({row["speed"] for row in rows}, key=lambda text: float(text.split()[0])):
@@ -88,20 +108,15 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
                 **{f"needed_{100 * fall:.0f}": _count_needed(by_sheet, fall) for fall in FALLS},
             }
         )
-    return StudyReport(
-        name="meat",
-        title="Meat: change that a squeeze can detect (real curves, sheet error added)",
-        provenance=(
-            "Real: double presses of a plant-based steak to half its thickness, along and across "
-            "its grain, with a load cell.",
-            f"`needed`: specimens in each of two groups, {GRASPS} grasps each, to detect a fall of "
-            "the force with 5 % false alarms and 20 % misses. The sheet adds a scatter of "
-            f"{SHEET_SD:.2f} (ln) per grasp, as on the twin. Age, doneness and disease are not "
-            "known for any curve.",
-        ),
-        tables=[Table.of("By the duration of a press", summary)],
-        payload={"origin": "real", "summary": summary},
-    )
+    provenance = [
+        "Real: double presses of a plant-based steak to half its thickness, along and across its "
+        "grain, with a load cell.",
+        f"`needed`: specimens in each of two groups, {GRASPS} grasps each, to detect a fall of the "
+        "force with 5 % false alarms and 20 % misses. The sheet adds a scatter of "
+        f"{SHEET_SD:.2f} (ln) per grasp, as on the twin. Age, doneness and disease are not known "
+        "for any curve.",
+    ]
+    return provenance, [Table.of("By the duration of a press", summary)], {"summary": summary}
 
 
 def _count_needed(sd: float, fall: float) -> int:
