@@ -104,6 +104,13 @@ lint: $(VENV)/.dev
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# Results of studies that pages quote, if their code has changed, and the pages: docs/kept/README.md.
+JOBS := 1
+.PHONY: results
+results: $(VENV)/.base
+	$(BIN)/python docs/make_results.py --jobs $(JOBS)
+	$(BIN)/python docs/generate_scoreboard.py
+
 # With the firmware's images in it where they can be built, for `palpate flash`.
 wheel: $(VENV)/.base
 	if command -v avr-g++ >/dev/null; then $(MAKE) -C firmware image; fi

@@ -22,10 +22,9 @@ from palpate_studies.scoreboard import (
     generate_pages,
     insert_table,
     read_claims,
-    read_stored_results,
-    store_result,
 )
-from palpate_studies.study_code import code_hash, study_files
+from palpate_studies.stored_results import read_recipes, store_result
+from palpate_studies.study_code import ProductCode
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -43,25 +42,28 @@ def test_readme_has_only_the_generated_results_table() -> None:
     assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
 
 
-def test_stored_results_have_origin_and_are_quoted() -> None:
+def test_results_have_origin_and_are_quoted() -> None:
     quoting = (DOCS / "claims.toml").read_text() + (DOCS / "kept" / "results.md.in").read_text()
-    for name, one in read_stored_results(DOCS).items():
+    recipes = read_recipes(DOCS)
+    assert recipes.keys() == {path.stem for path in (DOCS / "kept").glob("*.json")}
+    for name, recipe in recipes.items():
         assert f'"{name}"' in quoting or f"{{{{{name}|" in quoting, name
-        assert one["origin"] in ("real", "simulated")
-        assert one["command"].startswith(f"palpate study {one['study']}")
-        assert one["study"] in STUDIES
-        assert re.fullmatch(r"[0-9a-f]{64}", one["code_sha256"])
-        assert one["note"], f"{name} does not report its seeds and evaluations"
+        assert recipe.origin in ("real", "simulated")
+        assert recipe.note, f"{name} does not report its seeds and evaluations"
 
 
 @pytest.fixture
 def docs(tmp_path: Path) -> Path:
     (tmp_path / "kept").mkdir()
+    (tmp_path / "results.toml").write_text(
+        '[one]\nstudy = "rupture"\nkeys = ["rows", "pair"]\norigin = "real"\nnote = "Once."\n'
+        '[two]\nstudy = "rupture --second"\nkeys = []\norigin = "simulated"\nnote = "Once."\n'
+    )
+    (tmp_path / "claims.toml").write_text("claim = []\n")
+    recipes = read_recipes(tmp_path)
     store_result(
-        "one",
+        recipes["one"],
         docs=tmp_path,
-        command="palpate study one",
-        origin="real",
         figures={
             "rows": [
                 {"method": "a, b", "error": 0.1234},
@@ -69,19 +71,18 @@ def docs(tmp_path: Path) -> Path:
             ],
             "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
         },
-        note="Evaluated once.",
-        code_sha256="1" * 64,
+        code={},
+        processor_s=1.0,
     )
     store_result(
-        "two",
+        recipes["two"],
         docs=tmp_path,
-        command="palpate study one --second",
-        origin="simulated",
         figures={
             "error": 0.5,
             "pair": {"difference": 0.3, "low": 0.1, "high": 0.4, "verdict": "rival"},
         },
-        code_sha256="0" * 64,
+        code={},
+        processor_s=1.0,
     )
     (tmp_path / "claims.toml").write_text(
         '[[claim]]\nname = "x"\ncode = "palpate.a:B"\nclaim = "error"\nresult = "one"\n'
@@ -94,32 +95,30 @@ def docs(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_read_stored_results_returns_origin_of_each_result(docs: Path) -> None:
-    kept = read_stored_results(docs)
-    one, two = kept["one"], kept["two"]
-    assert (one["study"], two["command"]) == ("one", "palpate study one --second")
-    assert (one["note"], two["code_sha256"]) == ("Evaluated once.", "0" * 64)
-
-
-@pytest.mark.slow
-def test_study_files_are_the_imported_modules() -> None:
-    files = {path.name for path in study_files("rupture")}
-    assert {"rupture.py", "damage_learning.py", "errors.py"} <= files
-    assert not files & {"scoreboard.py", "controller.py", "report.py", "verbs.py"}
-    assert "simulated.json" in {path.name for path in study_files("bruise")}
-    assert "controller.py" in {path.name for path in study_files("size")}
-    assert code_hash("rupture") == code_hash("rupture") != code_hash("presses")
-
-
 def test_read_claims_looks_up_and_scales_figures(docs: Path) -> None:
     (claim,) = read_claims(docs)
     assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
     assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
     assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
     table = claims_table([claim])
-    assert "| error (3) | 3; sensors; `one` | 12.3 % | 0.2 (c) | **undecided**: -0.100 " in table
+    assert (
+        "| error (3) | 3; sensors; `rupture` | 12.3 % | 0.2 (c) | **undecided**: -0.100 " in table
+    )
     page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
     assert page == "0.20 2"
+
+
+def test_figures_of_an_earlier_version_are_marked(docs: Path) -> None:
+    text = "Now{{earlier}}: {{one|rows[method=c]/error:.2f}} {{two|error}}"
+    assert fill_page(text, docs) == "Now: 0.20 0.5"
+    path = docs / "results.toml"
+    path.write_text(path.read_text().replace('origin = "real"', 'origin = "real"\nearlier = "why"'))
+    (claim,) = read_claims(docs)
+    assert "| 12.3 % (of an earlier version) |" in claims_table([claim])
+    assert claim["second"].endswith("+0.400)")
+    line, figures = fill_page(text, docs).split(": 0.20")
+    assert "`one` (why)" in line
+    assert figures == "† 0.5"
 
 
 @pytest.mark.parametrize(
@@ -143,7 +142,8 @@ def test_read_claims_unsupported_claim_raises(
 
 def test_insert_table_changes_with_stored_result(tmp_path: Path) -> None:
     shutil.copytree(DOCS / "kept", tmp_path / "kept")
-    shutil.copy(DOCS / "claims.toml", tmp_path)
+    for name in ("claims.toml", "results.toml"):
+        shutil.copy(DOCS / name, tmp_path)
     page = (ROOT / "README.md").read_text()
     path = tmp_path / "kept" / "rupture.json"
     document = json.loads(path.read_text())
@@ -169,13 +169,13 @@ def test_paper_notes_count_misses_like_stored_results() -> None:
 
 @pytest.mark.slow
 def test_claimed_symbols_are_used_by_study_and_command() -> None:
-    """Both the study and a command import the named class or function from palpate."""
+    """The study reaches the named class or function of palpate, and a command imports it."""
+    code = ProductCode()
     for row in read_claims(DOCS):
         module, symbol = row["code"].split(":")
         public = {one for one, home in palpate._MODULES.items() if home == module}
-        judged = study_files(row["study"])
-        in_study = [path for path in judged if "palpate_studies" in path.parts]
-        assert any(imports(path, module, symbol, public) for path in in_study), row["name"]
+        in_study = code.find_definitions([f"{STUDIES[row['study']][0]}:command"])
+        assert (module, symbol) in in_study, row["name"]
         assert any(imports(path, module, symbol, public) for path in list_product_files()), row[
             "name"
         ]

@@ -1,29 +1,30 @@
 """Generate the claims of README.md and docs/results.md from stored results of studies.
 
 `docs/claims.toml` contains the claims, `docs/kept/results.md.in` the template of the results page,
-and `docs/kept/NAME.json` the figures of one run with its command, seeds, date and code hash.
-Studies take minutes to hours, so the pages are generated from stored results.
+and `docs/kept/NAME.json` the figures of one run, as `docs/results.toml` states it. Studies take
+minutes to hours, so the pages are generated from stored results. A figure of a result with
+`earlier` in `docs/results.toml` is marked.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from datetime import date
-from functools import cache
 from pathlib import Path
 from statistics import median
 from typing import Any, TypeAlias
 
 from palpate.errors import InputError
-from palpate.files import atomic_path
+from palpate_studies.stored_results import Recipe, read_recipes, read_result
 
 _PART = re.compile(r"([^/\[\]]+)(?:\[([^\]]*)\])?")
 _VERDICTS = {"ours": "palpate", "rival": "baseline", "undecided": "undecided"}
 #: Keys in claims.toml whose texts contain figures.
 _FILLED = ("count", "ours", "rival", "rival_name", "note")
+#: Marks of a figure that the present code did not make, in a table of claims and in a text.
+_EARLIER, _EARLIER_MARK = " (of an earlier version)", "†"
 
 
 #: A row of the table of claims with its figures: the keys of `claims.toml`, and `study`, `origin`
@@ -49,25 +50,34 @@ def generate_pages(docs: Path) -> dict[Path, str]:
 def fill_page(text: str, docs: Path) -> str:
     """Replace `{{RESULT|path:format}}` with figures; a list is replaced with its median.
 
+    `{{earlier}}` is replaced with the results of earlier versions, whose figures are marked.
+
     Raises
     ------
     InputError
         If a result does not contain a figure.
     """
+    recipes = read_recipes(docs)
 
     def substitute(match: re.Match[str]) -> str:
-        figures = _read_result(docs, match[1])["figures"]
-        return _fill(f"{{{match[2]}}}", figures, claim="results.md.in")
+        figures = read_result(docs, match[1])["figures"]
+        mark = _EARLIER_MARK if recipes[match[1]].earlier else ""
+        return _fill(f"{{{match[2]}}}", figures, claim="results.md.in") + mark
 
+    text = text.replace("{{earlier}}", _list_earlier(recipes))
     return re.sub(r"\{\{([\w-]+)\|([^}]*)\}\}", substitute, text)
 
 
-def read_stored_results(docs: Path) -> dict[str, dict[str, Any]]:
-    """Read every stored result, by name, with the name of its study."""
-    results = {
-        path.stem: _read_result(docs, path.stem) for path in sorted((docs / "kept").glob("*.json"))
-    }
-    return {name: one | {"study": one["command"].split()[2]} for name, one in results.items()}
+def _list_earlier(recipes: Mapping[str, Recipe]) -> str:
+    """Return the line about marked figures; empty without any."""
+    names = defaultdict[str, list[str]](list)
+    for one in recipes.values():
+        if one.earlier:
+            names[one.earlier].append(f"`{one.name}`")
+    if not names:
+        return ""
+    parts = [f"{', '.join(of)} ({reason})" for reason, of in names.items()]
+    return f"\n- *{_EARLIER_MARK}*: of an earlier version of palpate: {'; '.join(parts)}."
 
 
 def read_claims(docs: Path) -> list[Claim]:
@@ -79,26 +89,30 @@ def read_claims(docs: Path) -> list[Claim]:
         If a result lacks a figure of its claim, or its interval does not support the verdict.
     """
     document = tomllib.loads((docs / "claims.toml").read_text(encoding="utf-8"))
-    return [_read_claim(row, docs) for row in document["claim"]]
+    recipes = read_recipes(docs)
+    return [_read_claim(row, docs, recipes) for row in document["claim"]]
 
 
-def _read_claim(row: Mapping[str, Any], docs: Path) -> Claim:
-    kept = _read_result(docs, row["result"])
+def _read_claim(row: Mapping[str, Any], docs: Path, recipes: Mapping[str, Recipe]) -> Claim:
+    recipe, kept = recipes[row["result"]], read_result(docs, row["result"])
     verdict, difference, second = row["verdict"], "", ""
     if "difference" in row:
         ends = _compare(row, "difference", kept["figures"], verdict=verdict)
         difference = "{} ({} to {})".format(*ends)
     if "second_result" in row:
-        figures = _read_result(docs, row["second_result"])["figures"]
+        figures = read_result(docs, row["second_result"])["figures"]
         second = _fill(row["second"], figures, claim=row["name"])
         better = row["second_verdict"]
         ends = _compare(row, "second_difference", figures, verdict=better)
         second = f"**{_VERDICTS[better]}**: {second} ({{}}, {{}} to {{}})".format(*ends)
+        second += _EARLIER if recipes[row["second_result"]].earlier else ""
+    filled = {key: _fill(row.get(key, ""), kept["figures"], claim=row["name"]) for key in _FILLED}
     return {
         **row,
-        "study": kept["command"].split()[2],
-        "origin": kept["origin"],
-        **{key: _fill(row.get(key, ""), kept["figures"], claim=row["name"]) for key in _FILLED},
+        **filled,
+        "ours": filled["ours"] + (_EARLIER if recipe.earlier else ""),
+        "study": recipe.study.split()[0],
+        "origin": recipe.origin,
         "difference": difference,
         "second": second,
     }
@@ -114,12 +128,6 @@ def _compare(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) ->
         )
     scale, form = row.get("scale", 1.0), row.get("form", "+.3f")
     return [f"{scale * found[end]:{form}}" for end in ("difference", "low", "high")]
-
-
-@cache
-def _read_result(docs: Path, name: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((docs / "kept" / f"{name}.json").read_text())
-    return found
 
 
 def _fill(text: str, figures: Any, *, claim: str) -> str:
@@ -221,46 +229,3 @@ def insert_table(page: str, table: str) -> str:
 
 #: Lines of README.md before and after the table of claims.
 MARKS = ("<!-- scoreboard: begin -->", "<!-- scoreboard: end -->")
-
-
-def store_result(
-    name: str,
-    *,
-    docs: Path,
-    command: str,
-    origin: str,
-    figures: Mapping[str, Any],
-    note: str = "",
-    code_sha256: str,
-) -> Path:
-    """Write the figures of a study to `docs/kept`, with their origin.
-
-    Parameters
-    ----------
-    name : str
-        Name of the result.
-    docs : Path
-        Folder of the pages.
-    command : str
-        Command that regenerates the result.
-    origin : {"real", "simulated"}
-        Origin of the data.
-    figures : mapping
-        Part of the study's JSON document that pages may quote.
-    note : str
-        Seeds, number of evaluations on the test set, and reductions of the run.
-    code_sha256 : str
-        `study_code.code_hash` at the start of the study.
-    """
-    document = {
-        "command": command,
-        "origin": origin,
-        "made_on": date.today().isoformat(),
-        "code_sha256": code_sha256,
-        "note": note,
-        "figures": figures,
-    }
-    path = docs / "kept" / f"{name}.json"
-    with atomic_path(path) as partial:
-        partial.write_text(json.dumps(document, allow_nan=False, indent=1) + "\n")
-    return path
