@@ -50,7 +50,7 @@ def run_stiffness() -> StudyReport:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stiffness, "LEVELS", ("lab",))
         patch.setattr(stiffness, "REPEATED_N_PER_MM", (4.0,))
-        return stiffness.report(grasps=4, repeats=3)
+        return stiffness.report(grasps=2, repeats=2)
 
 
 def run_ripeness() -> StudyReport:

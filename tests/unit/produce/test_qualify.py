@@ -75,7 +75,7 @@ def test_agreement_without_repeats_has_no_ceiling() -> None:
 @pytest.mark.slow
 def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     demand = Demand(tolerance=1.0)
-    found = measure_agreement(make_readings(4000, seed=3), demand)
+    found = measure_agreement(make_readings(1000, seed=3), demand)
     effort = estimate_effort(found, demand, grasp_s=10.0, handling_s=5.0)
     # (1.645 x 1.0 / 1.0)^2 = 2.7, and (1.645 x 0.4 / 1.0)^2 = 0.4.
     assert effort.reference_readings == 3
@@ -151,14 +151,13 @@ def make_unrelated(kind: str) -> PairedReadings:
     grasps = {
         "noise": random.normal(50.0, 8.0, item.size),
         "other quantity": random.normal(50.0, 8.0, 24)[item] + random.normal(0.0, 0.1, item.size),
-        "nearly none": firmness + random.normal(0.0, 30.0, 24)[item],
         "nearly constant": 50.0 + np.where(item == 3, 1e-9, 0.0),
     }
     reference = firmness + random.normal(0.0, REFERENCE_SD, item.size)
     return PairedReadings(item=item, reference=reference, grasp=grasps[kind])
 
 
-@pytest.mark.parametrize("kind", ["noise", "other quantity", "nearly none", "nearly constant"])
+@pytest.mark.parametrize("kind", ["noise", "other quantity", "nearly constant"])
 def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None:
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0))
     found = measure_agreement(make_unrelated(kind), demand)
