@@ -38,7 +38,7 @@ def test_core_runs_without_unix_modules(tmp_path: Path) -> None:
     (tmp_path / "press.csv").write_text("\n".join(["time_s,ohm", *rows]))
     commands = [
         "ports",
-        "grasp --rig sim-rigid --seed 1 --record grasp.mcap",
+        "grasp --rig sim-rigid --seed 1 --rate-hz 15 --record grasp.mcap",
         "record run.mcap --rig sim-rigid --duration 1",
         "inspect run.mcap",
         "settle press.csv --out answers.csv",
