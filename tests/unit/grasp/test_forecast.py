@@ -54,11 +54,9 @@ def test_forecast_with_sheet_creep_uses_it(plan: Plan) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_forecast_of_relative_change_includes_calibrated_creep(seed: int) -> None:
+def test_forecast_of_relative_change_includes_calibrated_creep() -> None:
     """Soft fingers on the twin; a general forecast is 15 to 30 % too large."""
-    calibration = calibrate_twin(seed=seed, level="lab", apart_from="tomato", kind="soft")
-    obj = draw("tomato", seed, 10)
-    world = World(obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft")
+    calibration = calibrate_twin(seed=1, level="lab", apart_from="tomato", kind="soft")
+    world = World(draw("tomato", 1, 10), seed=1, sheet_seed=1, level="lab", gripper="soft")
     result = grasp_on_twin(world, calibration)
     assert result.settled_percent.value == pytest.approx(world.truth().settled_percent, rel=0.12)
