@@ -2,8 +2,7 @@
 
 A source is the paper, a datasheet, a study of this project, development sensors of the twin, a
 requirement, or a guess. `docs/grasp-states.md` shows the numbers as a table. No other file of this
-folder holds a tuned number (`tests/unit/grasp/test_config.py`); settings of a user or a rig are in
-`Plan` and `SafetyLimits`.
+folder holds a tuned number; settings of a user or a rig are in `Plan` and `SafetyLimits`.
 
 An entry of a docstring is `name : range unit, source. Quantity.` Unit 1 means dimensionless.
 """
