@@ -26,9 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from asyncua import Client
 from pymodbus.client import AsyncModbusTcpClient
-from tests.loop.test_dashboard import SIMULATED, serve_dashboard
-from tests.loop.test_dashboard_api import Machine
 from tests.loop.test_line import OpcUa, free_port, reach, read_registers
+from tests.served_pages import SIMULATED, Machine, serve_dashboard
 
 from palpate.line import modbus
 from palpate.line.machine import LineState

@@ -1,13 +1,18 @@
-"""Fixtures for tests on the simulated board: built firmware and simulator."""
+"""Fixtures for tests in a browser and on the simulated board."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser, expect, sync_playwright
 from tests.conftest import skip
+from tests.served_pages import SIMULATED, TIMEOUT_MS, serve_dashboard
+
+CHROMIUM = Path("/usr/bin/chromium")
 
 
 @pytest.fixture(scope="session")
@@ -18,6 +23,31 @@ def firmware_built() -> None:
     root = Path(__file__).resolve().parents[2]
     for folder in ("firmware", "firmware/sim"):
         subprocess.run(["make", "-s", "-C", str(root / folder)], check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Start Chromium; of a module, because its event loop excludes others in the process."""
+    if not CHROMIUM.exists():
+        skip(f"no {CHROMIUM}: apt-get install chromium")
+    expect.set_options(timeout=TIMEOUT_MS)
+    with sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the served dashboard."""
+    return tmp_path_factory.mktemp("served")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    """Serve a dashboard of a simulated rig; a test leaves its hand open."""
+    with serve_dashboard(folder, *SIMULATED) as address:
+        yield address
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

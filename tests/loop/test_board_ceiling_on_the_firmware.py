@@ -16,11 +16,11 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import PneumaticGripper
-from palpate.rig import Rig, open_rig
+from palpate.rig import Rig
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import BoardStatus, Contents, SetCeiling
+from palpate.sensor.wire_messages import BoardStatus, Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
@@ -109,14 +109,6 @@ def test_rig_arms_the_board_ceiling_which_acts_without_the_host(rigid: Desk) -> 
     rigid.hang_host(1.0)
     assert not rigid.board.safe_line
     assert rigid.array.read(timeout_s=1.0).oversampling == rigid.world.oversampling
-
-
-def test_sim_firmware_rig_arms_the_ceiling_from_its_calibration() -> None:
-    with open_rig("sim-firmware", object_name="rigid-block", seed=4) as rig:
-        assert isinstance(rig.array, SerialArray)
-        counts = ceiling_counts(rig.calibration)
-        assert counts > 0
-        assert SetCeiling(counts=counts) in rig.array._setup
 
 
 def test_grasp_below_the_ceiling_does_not_trip_the_board(rigid: Desk) -> None:

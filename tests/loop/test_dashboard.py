@@ -5,204 +5,108 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
-import sys
 import threading
 import tty
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from time import monotonic
-from typing import Any, cast
 
 import pytest
-from benchmarks.dashboard import ROOT, children_of, write_rig
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from benchmarks.dashboard import ROOT, write_rig
+from playwright.sync_api import Browser, Page, expect
 from tests.closings import write_damage_file
-from tests.conftest import skip
+from tests.served_pages import (
+    ITEM,
+    SIMULATED,
+    SLOWER,
+    STRAWBERRY,
+    TARGET,
+    WIDE,
+    Machine,
+    drive,
+    expect_enabled,
+    expect_fresh_link,
+    expect_verdict,
+    grasp,
+    open_tab,
+    release,
+    serve_dashboard,
+    start_grasp,
+    visit,
+    visit_as_driver,
+    wait_for_draws,
+)
 
 from palpate.recording import load_recording
 from palpate_studies.benchmarks.pty_board import run_board
 
-#: Label of the item's field on the page, with a hint if it is empty.
-ITEM = re.compile(r"^Item(:|$)")
-
-CHROMIUM = Path("/usr/bin/chromium")
-WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
-STRAWBERRY = ("--object", "strawberry", "--seed", "3")
-#: Few frames a second, because simulated time runs faster than real time.
-SIMULATED = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "10", "--rate-hz", "15")
-SERVE = (sys.executable, "-W", "error", "-c", "from palpate.cli import main; main()", "serve")
-#: Timeout of the pages, milliseconds; an idle machine requires one or two seconds.
-TIMEOUT_MS = 60_000
-
-
-@contextmanager
-def serve_dashboard(folder: Path, *options: str, **environment: str) -> Iterator[str]:
-    """Serve a dashboard; yield its URL."""
-    with run_server(folder, *options, **environment) as (address, _):
-        yield address
-
-
-@contextmanager
-def run_server(
-    folder: Path, *options: str, **environment: str
-) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Serve a dashboard; yield its URL and process."""
-    command = [*SERVE, "--port", "0", "--folder", str(folder / "data"), *options]
-    command += ["--store", str(folder / "items.sqlite")]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, cwd=folder, env=os.environ | environment
-    ) as process:
-        try:
-            found = re.search(r"http://\S+", process.stdout.readline())
-            assert found is not None, "the server did not start"
-            yield found[0], process
-        finally:
-            process.terminate()
-
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if not CHROMIUM.exists():
-        skip(f"no {CHROMIUM}: apt-get install chromium")
-    expect.set_options(timeout=TIMEOUT_MS)
-    with sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    with visit_as_driver(browser, address) as page:
+        yield page
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("served")
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    """A dashboard shared by all tests that leave its hand open."""
-    with serve_dashboard(folder, *SIMULATED) as address:
-        yield address
-
-
-@pytest.fixture(autouse=True)
-def hand_left_open(address: str) -> Iterator[None]:
-    """Open the hand and give up control after each test."""
-    yield
-    reset_session(address)
-
-
-def reset_session(address: str) -> None:
-    """Stop the running job, open the hand, and give up control."""
-    ask(address, "PUT", "driver")
-    state = ask(address, "GET", "state")
-    if state["activity"] != "watching":
-        ask(address, "POST", "stop")
-        state = wait_until(address, lambda state: state["activity"] in ("watching", "no rig"))
-    if state["hand_open"] is False:
-        ask(address, "POST", "release")
-        wait_until(address, lambda state: state["activity"] == "watching" and state["hand_open"])
-    ask(address, "DELETE", "driver")
-
-
-def ask(address: str, method: str, path: str) -> Any:
-    """Return the JSON of an API response; None for an empty response."""
-    request = urllib.request.Request(f"{address}api/{path}", method=method)
-    with urllib.request.urlopen(request, timeout=TIMEOUT_MS / 1000) as reply:
-        return json.loads(reply.read() or "null")
-
-
-def wait_until(address: str, is_reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Return the first state that fulfils a condition."""
-    deadline = monotonic() + TIMEOUT_MS / 1000
-    while not is_reached(state := ask(address, "GET", "state")):
-        assert monotonic() < deadline, f"the state stayed {state}"
-    return cast("dict[str, Any]", state)
+@pytest.fixture
+def driver(page: Page, address: str) -> Iterator[Page]:
+    """The page of the driver at its first tab; a test leaves its hand open."""
+    open_tab(page, "Set up")
+    drive(page)
+    expect(page.locator("#who")).to_contain_text("you drive")
+    yield page
+    Machine(address).leave_hand_open()
 
 
 @pytest.fixture
 def open_page(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
     """Open the dashboard in a new browser context, as another viewer."""
-    contexts = []
+    with ExitStack() as stack:
 
-    def open_page(url: str = address, **options: object) -> Page:
-        contexts.append(browser.new_context(**{"viewport": WIDE, **options}))
-        page = contexts[-1].new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        page.goto(url)
-        return page
+        def open_page(url: str = address, **options: object) -> Page:
+            return stack.enter_context(visit(browser, url, **options))
 
-    yield open_page
-    for context in contexts:
-        context.close()
+        yield open_page
 
 
-@pytest.fixture
-def driver(open_page: Callable[..., Page]) -> Page:
-    """The page of a driver, with an open rig and no running job."""
-    page = open_page()
-    expect_fresh_link(page)
-    drive(page)
-    expect(page.locator("#who")).to_contain_text("you drive")
-    expect(page.locator("#verdict-text")).to_be_visible()
-    return page
-
-
-def drive(page: Page) -> None:
-    """Take control, unless the page already has it or gets it just before the click."""
-    page.evaluate(
-        "() => { const take = document.getElementById('take-over');"
-        " if (take.checkVisibility()) take.click(); }"
-    )
-    expect(page.locator("#take-over")).to_be_hidden()
-
-
-def expect_fresh_link(page: Page) -> None:
-    expect(page.locator("#link")).to_have_attribute("data-state", "fresh")
-
-
-def expect_verdict(page: Page, words: str | re.Pattern[str]) -> None:
-    expect(page.locator("#verdict-text")).to_have_text(words)
-
-
-def expect_enabled(page: Page, button: str) -> None:
-    expect(page.locator(button)).to_be_enabled()
-
-
-def open_tab(page: Page, name: str) -> None:
-    page.get_by_role("tab", name=name).click()
-
-
-def grasp(page: Page) -> None:
-    expect_enabled(page, "#grasp")
-    page.locator("#grasp").click()
-    expect_verdict(page, "holding")
-
-
-def release(page: Page) -> None:
-    page.locator("#release").click()
-    expect_enabled(page, "#grasp")
+#: Keeps the half-width of every forecast that is drawn during a grasp, percent.
+KEEP_HALF_WIDTHS = """() => {
+    const curve = document.querySelector('#curve');
+    window.halves = [];
+    new MutationObserver(() => {
+        if (document.body.dataset.activity === 'grasping' && +curve.dataset.bands)
+            window.halves.push(+curve.dataset.halfWidth);
+    }).observe(curve, { attributes: true, attributeFilter: ['data-half-width'] });
+}"""
 
 
 def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> None:
-    expect_enabled(driver, "#grasp")
-    driver.locator("#grasp").click()
-    half_widths = []
-    for count in (1, 8):
-        driver.wait_for_function(
-            "count => +document.querySelector('#curve')?.dataset.bands >= count", arg=count
-        )
-        half_widths.append(
-            float(driver.locator("#curve").get_attribute("data-half-width") or "nan")
-        )
-    assert 0 < half_widths[1] < 0.8 * half_widths[0]
+    driver.get_by_label(TARGET).fill("3")
+    driver.evaluate(KEEP_HALF_WIDTHS)
+    start_grasp(driver)
     expect_verdict(driver, "holding")
+    driver.wait_for_function("window.halves.at(-1) < 0.8 * window.halves[0]")
     expect(driver.locator("#curve-settles")).to_contain_text("settles at −")
+    expect(driver.locator("#force-settles")).to_contain_text(re.compile(r"settles at \d"))
     expect(driver.locator("#chart")).not_to_have_attribute("data-moves", "0")
     expect(driver.locator("#simulated")).to_be_visible()
+    card = driver.locator("#measure-force_n")
+    expect(card).to_contain_text("Grip force now")
+    expect(card).to_contain_text(re.compile(r"answer \d\.\d+ N"))
+    expect(driver.locator("#force .level.target")).to_have_attribute("data-value", "3")
+    expect(driver.locator("#moments [data-name=answer]")).to_be_attached()
+    expect(driver.locator("#moments [data-name=finger_contact]")).to_have_count(2)
+    expect(driver.locator("#fingers .pad.touching")).to_have_count(2)
+    for curve, unit in (("force", "N"), ("curve", "%")):
+        driver.locator(f"#{curve} .u-over").hover()
+        at = driver.locator(f"#{curve}-at")
+        expect(at).to_have_text(re.compile(rf"^\d+\.\d s: .*\d {unit}"))
+        expect(at).to_have_class(re.compile("pointed"))
+    driver.mouse.move(5, 5)
+    expect(driver.locator("#force-at")).to_have_text(re.compile(r"^\d+\.\d\d N \["))
     release(driver)
     expect_verdict(driver, "held and released")
+    expect(driver.locator("#fingers .pad.touching")).to_have_count(0)
     # The forecast band ends when the hand opens.
     driver.wait_for_function(
         "+document.querySelector('#curve').dataset.bandEnd"
@@ -223,15 +127,24 @@ def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> 
     expect(driver.locator("#firmness")).to_have_text(
         re.compile(rf"firmness {answer['firmness']['value']:.0f} of 100 \[")
     )
+    driver.get_by_label(TARGET).fill("")
 
 
 #: Limits of the chart's time range, seconds from the contact.
 TIME_RANGE = "() => ['start', 'end'].map((end) => +document.querySelector('#chart').dataset[end])"
 
 
+#: Stored force curves of finished grasps, and the newest of them if there are more than before.
+STORED = """Object.entries(localStorage).filter(([key]) => key.includes('ghosts'))
+    .flatMap(([, curves]) => JSON.parse(curves))"""
+COUNT_STORED = f"{STORED}.length"
+LAST_STORED = f"(before) => {{ const all = {STORED}; return all.length > before && all.at(-1); }}"
+
+
 def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     open_page: Callable[..., Page], driver: Page
 ) -> None:
+    stored_before = driver.evaluate(COUNT_STORED)
     grasp(driver)
     # Force over closing is drawn from the readings received by this page.
     press = driver.locator("#press")
@@ -241,16 +154,12 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     expect(chart).to_have_attribute("data-frozen", "true")
     expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
     # The force up to the release is stored for the envelope of the next grasps.
-    driver.wait_for_function("Object.keys(localStorage).some((key) => key.includes('ghosts'))")
-    (stored,) = driver.evaluate(
-        "JSON.parse(Object.entries(localStorage).find(([key]) => key.includes('ghosts'))[1])"
-    )
+    stored = driver.wait_for_function(LAST_STORED, arg=stored_before).json_value()
     assert len(stored) == pytest.approx(10 * min(released_s(driver), 30.0), abs=1.5)
     released = driver.locator("#moments [data-name=held]").get_attribute("data-at")
     frozen = [-2.0, pytest.approx(float(released or "nan") + 3.0, abs=0.02)]
     driver.wait_for_function(f"() => ({TIME_RANGE})()[1] > {released} + 2.97")
-    drawn = driver.evaluate("+document.body.dataset.drawn")
-    driver.wait_for_function("(before) => +document.body.dataset.drawn > before + 20", arg=drawn)
+    wait_for_draws(driver, 20)
     assert driver.evaluate(TIME_RANGE) == frozen
     box = force.bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -320,46 +229,18 @@ PINCH = """() => {
 }"""
 
 
-def test_force_plot_shows_the_current_force_and_the_controller_events(driver: Page) -> None:
-    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("3")
-    grasp(driver)
-    card = driver.locator("#measure-force_n")
-    expect(card).to_contain_text("Grip force now")
-    expect(card).to_contain_text(re.compile(r"answer \d\.\d+ N"))
-    expect(driver.locator("#force-settles")).to_contain_text(re.compile(r"settles at \d"))
-    expect(driver.locator("#force .level.target")).to_have_attribute("data-value", "3")
-    expect(driver.locator("#moments [data-name=answer]")).to_be_attached()
-    expect(driver.locator("#moments [data-name=finger_contact]")).to_have_count(2)
-    expect(driver.locator("#fingers .pad.touching")).to_have_count(2)
-    for curve, unit in (("force", "N"), ("curve", "%")):
-        driver.locator(f"#{curve} .u-over").hover()
-        at = driver.locator(f"#{curve}-at")
-        expect(at).to_have_text(re.compile(rf"^\d+\.\d s: .*\d {unit}"))
-        expect(at).to_have_class(re.compile("pointed"))
-    driver.mouse.move(5, 5)
-    expect(driver.locator("#force-at")).to_have_text(re.compile(r"^\d+\.\d\d N \["))
-    release(driver)
-    expect(card).to_contain_text("true")
-    expect(driver.locator("#fingers .pad.touching")).to_have_count(0)
-    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
-
-
 #: Whether the fingers of this grasp move; the marks may belong to the previous grasp.
 CLOSES = (
     "parseFloat(document.querySelector('#fingers').textContent.match(/([0-9.]+) mm apart/)[1]) < 72"
 )
 
 
-@pytest.mark.parametrize("how", ["button", "key"])
-def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path, how: str) -> None:
+def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path) -> None:
     expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
     expect(driver.locator(".pixel").first).to_be_visible()
     driver.wait_for_function(CLOSES)
-    if how == "button":
-        driver.locator("#stop").click()
-    else:
-        driver.keyboard.press("Escape")
+    driver.locator("#stop").click()
     expect_verdict(driver, "stopped on request")
     # The verdict is shown with the last state, the duration of the stop after the end of the order.
     state = driver.wait_for_function(
@@ -390,21 +271,21 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
 def test_second_viewer_can_watch_stop_and_take_over(
     driver: Page, open_page: Callable[..., Page]
 ) -> None:
-    second = open_page(viewport=TABLET)
+    second = open_page(viewport={"width": 820, "height": 1180})
     expect_fresh_link(second)
     expect(second.locator("#who")).to_have_text("you watch")
     expect(second.locator("#grasp")).to_be_disabled()
     expect(second.locator("#release")).to_be_disabled()
     expect(driver.locator("#who")).to_contain_text("1 watches")
     # Only the driver can change the settings of the next grasp.
-    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("2")
-    for label in ("Target force, N (empty: a gentle squeeze)", ITEM):
+    driver.get_by_label(TARGET).fill("2")
+    for label in (TARGET, ITEM):
         expect(second.get_by_label(label)).to_be_disabled()
-    expect(second.get_by_label("Target force, N (empty: a gentle squeeze)")).to_have_value("2")
+    expect(second.get_by_label(TARGET)).to_have_value("2")
     second.keyboard.type("B2")
     second.keyboard.press("F8")
     expect(driver.get_by_label(ITEM)).to_have_value("")
-    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
+    driver.get_by_label(TARGET).fill("")
     expect_enabled(driver, "#grasp")
     driver.locator("#grasp").click()
     second.wait_for_function(CLOSES)
@@ -419,24 +300,58 @@ def test_second_viewer_can_watch_stop_and_take_over(
     release(second)
 
 
-#: Delays every response by 0.6 s.
-_DELAY_FETCH = """() => {
-    const fetched = window.fetch;
-    window.fetch = async (...asked) => {
-        const reply = await fetched(...asked);
-        await new Promise((done) => setTimeout(done, 600));
-        return reply;
-    };
+def test_api_client_must_take_over_from_a_driver_on_the_page(driver: Page, address: str) -> None:
+    machine = Machine(address)
+    status, refused = machine.ask("POST", "/grasp", {})
+    assert (status, refused["detail"]) == (409, "another user is the driver; take over first")
+    assert machine.ask("PUT", "/driver")[0] == 204
+    expect(driver.locator("#who")).to_contain_text("you watch")
+    expect(driver.locator("#take-over")).to_be_visible()
+
+
+#: Delays every response.
+_DELAY_RESPONSES = """(late_ms) => {
+    const asked = window.fetch;
+    window.fetch = (...what) => new Promise((answer, refuse) => {
+        what[1]?.signal?.addEventListener('abort', () => refuse(what[1].signal.reason));
+        asked(...what).then((reply) => setTimeout(answer, late_ms, reply), refuse);
+    });
 }"""
+#: Suppresses the next response, as after an undetected network failure. Resolves to whether a later
+#: response updated the page in the meantime.
+_LOSE_ONE_RESPONSE = """() => new Promise((resolve) => {
+    const asked = window.fetch;
+    window.fetch = (...what) => {
+        if (!String(what[0]).startsWith('/live')) return asked(...what);
+        window.fetch = asked;
+        return new Promise((_, refuse) => {
+            const drawn = Number(document.body.dataset.drawn);
+            what[1].signal.addEventListener('abort', () => {
+                resolve(Number(document.body.dataset.drawn) > drawn);
+                refuse(what[1].signal.reason);
+            });
+        });
+    };
+})"""
 
 
-def test_age_of_the_last_frame_includes_the_network_delay(driver: Page) -> None:
+def test_slow_connection_is_reported_and_the_page_is_still_updated(
+    open_page: Callable[..., Page],
+) -> None:
+    page = open_page()
+    expect_fresh_link(page)
+    # A missing response does not delay later requests.
+    assert page.evaluate(_LOSE_ONE_RESPONSE)
+    # The age of the last frame includes the delay of the network.
+    page.evaluate(_DELAY_RESPONSES, 600)
     age = re.compile(r"last frame ([6-9]\d\d ms|\d+\.\d s) ago")
-    driver.evaluate(_DELAY_FETCH)
-    expect(driver.locator("#link-age")).to_have_text(age)
-    drawn = driver.evaluate("+document.body.dataset.drawn")
-    driver.wait_for_function("(before) => +document.body.dataset.drawn > before + 2", arg=drawn)
-    assert age.fullmatch(driver.locator("#link-age").inner_text().strip("· "))
+    expect(page.locator("#link-age")).to_have_text(age)
+    wait_for_draws(page, 2)
+    assert age.fullmatch(page.locator("#link-age").inner_text().strip("· "))
+    page.evaluate(_DELAY_RESPONSES, 1000)
+    expect(page.locator("#lost-title")).to_have_text("No connection")
+    wait_for_draws(page, 1)
+    expect(page.locator("#lost")).to_be_visible()
 
 
 def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: Path) -> None:
@@ -455,18 +370,6 @@ def test_rest_calibration_shows_the_guide_and_the_result(driver: Page, folder: P
     assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
 
 
-@pytest.mark.parametrize("preferred", ["light", "dark"])
-def test_page_switches_between_light_and_dark(
-    open_page: Callable[..., Page], preferred: str
-) -> None:
-    page = open_page(color_scheme=preferred)
-    expect_fresh_link(page)
-    opposite = {"light": "dark", "dark": "light"}[preferred]
-    for expected in (opposite, preferred):
-        page.locator("#shade").click()
-        expect(page.locator("body")).to_have_class(re.compile(f"body--{expected}"))
-
-
 def test_doctor_tab_shows_the_health_of_the_sensor(driver: Page) -> None:
     open_tab(driver, "Doctor")
     expect_enabled(driver, "#examine")
@@ -475,23 +378,6 @@ def test_doctor_tab_shows_the_health_of_the_sensor(driver: Page) -> None:
     maps = driver.locator("#health .heat")
     expect(maps).to_have_count(3)
     expect(maps.first.locator("td[title]")).to_have_count(8)
-
-
-def test_recording_can_be_replayed_and_closed(driver: Page, folder: Path) -> None:
-    grasp(driver)
-    release(driver)
-    newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
-    open_tab(driver, "Recordings")
-    driver.get_by_label("Replay speed").get_by_role("button", name="10×").click()
-    name = driver.get_by_text(newest.stem, exact=True)
-    row = driver.locator("#recordings .file").filter(has=name)
-    row.get_by_role("button", name="Replay").click()
-    expect(driver.locator("#rig-name")).to_contain_text(f"replay of {newest.name}")
-    expect(driver.locator("#link-text")).to_have_text("replay")
-    expect_verdict(driver, "held and released")
-    driver.get_by_role("button", name="Back to the rig").click()
-    expect(driver.locator("#rig-name")).to_have_text("sim-rigid")
-    expect_fresh_link(driver)
 
 
 def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
@@ -513,39 +399,42 @@ def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
     expect(rows.filter(has_text="new")).to_have_count(0)
 
 
-def test_grasp_of_a_named_item_appears_in_its_history(driver: Page) -> None:
-    driver.get_by_label(ITEM).fill("berry-7")
-    for again in (False, True):
-        if again:
-            # A grasp clears the name.
-            driver.locator("#same-item").click()
-        grasp(driver)
-        release(driver)
-    open_tab(driver, "Items")
-    # The input receives no pointer events; users press the surrounding field.
-    driver.locator("label").filter(has=driver.get_by_label("Item", exact=True)).click()
-    driver.get_by_role("option", name="berry-7").click()
-    page = driver.locator("#item-page")
-    expect(page).to_contain_text("2 grasps")
-    expect(page).to_contain_text("SIMULATED")
-    expect(page.get_by_role("img", name="Settled change over time")).to_be_visible()
+def test_page_switches_between_dark_and_light(open_page: Callable[..., Page]) -> None:
+    page = open_page(color_scheme="dark")
+    expect_fresh_link(page)
+    for shade in ("light", "dark"):
+        page.locator("#shade").click()
+        expect(page.locator("body")).to_have_class(re.compile(f"body--{shade}"))
 
 
-def test_browser_back_shows_the_previous_tab_and_reload_keeps_the_driver(driver: Page) -> None:
+def expect_tab(page: Page, name: str) -> None:
+    expect(page.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
+
+
+def test_every_tab_has_a_url_and_reload_keeps_the_driver(driver: Page, address: str) -> None:
     for name in ("Calibrate", "Doctor"):
         open_tab(driver, name)
-        expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
-    driver.wait_for_url("**/doctor")
+        expect_tab(driver, name)
+    expect(driver).to_have_url(f"{address}doctor")
     driver.evaluate("window.same = true")
-    for name, path in (("Calibrate", "/calibrate"), ("Set up", "/")):
+    for name, path in (("Calibrate", "calibrate"), ("Set up", "")):
         driver.go_back()
-        expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
-        assert driver.evaluate("location.pathname") == path
+        expect_tab(driver, name)
+        expect(driver).to_have_url(f"{address}{path}")
     assert driver.evaluate("window.same"), "the page must not be reloaded"
-    expect(driver.locator("#who")).to_have_text("you drive")
+    open_tab(driver, "Recordings")
+    expect(driver).to_have_url(f"{address}recordings")
+    # The URL is not replaced when the store is read again, every three seconds.
+    wait_for_draws(driver, 60)
+    expect(driver).to_have_url(f"{address}recordings")
+    expect(driver.locator("#who")).to_contain_text("you drive")
     driver.reload()
     expect_fresh_link(driver)
-    expect(driver.locator("#who")).to_have_text("you drive")
+    expect_tab(driver, "Recordings")
+    expect(driver.locator("#who")).to_contain_text("you drive")
+    driver.goto(f"{address}items/A%2F1")
+    expect_tab(driver, "Items")
+    expect(driver.locator(".q-tab-panel")).to_contain_text("A/1")
 
 
 #: Overlap of the object's text with the pads, pixels.
@@ -557,26 +446,30 @@ OVERLAP_WITH_PADS = """() => {
 }"""
 
 
-@pytest.mark.parametrize("width", [320, 390, 1024])
 def test_soft_gripper_page_shows_the_held_object_and_fits_the_screen(
-    open_page: Callable[..., Page], tmp_path: Path, width: int
+    browser: Browser, tmp_path: Path
 ) -> None:
-    rig = ("--rig", "sim-soft", *STRAWBERRY, "--speed", "10", "--rate-hz", "15")
-    with serve_dashboard(tmp_path, *rig) as address:
-        page = open_page(address, viewport={"width": width, "height": 768})
-        expect_fresh_link(page)
+    rig = ("--rig", "sim-soft", *STRAWBERRY, "--rate-hz", "15", *SLOWER)
+    with (
+        serve_dashboard(tmp_path, *rig) as address,
+        visit_as_driver(browser, address, viewport={"width": 390, "height": 768}) as page,
+    ):
         # No previous grasp is shown, and without a load cell the force can't be calibrated.
         open_tab(page, "Calibrate")
         expect(page.locator("#calibrate-rest")).to_be_visible()
         expect(page.locator("#calibrate-force")).to_be_hidden()
         grasp(page)
-        expect(page.locator("#fingers .thing")).not_to_have_count(0)
-        expect(page.locator("#fingers .thing").first).to_have_text(re.compile("held|mm"))
-        expect(page.locator("#fingers .centre:not(.hidden)")).to_have_count(2)
-        assert max(page.evaluate(OVERLAP_WITH_PADS)) <= 0
-        for name in ("Set up", "Calibrate", "Recordings", "Items", "Run"):
-            open_tab(page, name)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
+        for width in (320, 1024, 390):
+            page.set_viewport_size({"width": width, "height": 768})
+            wait_for_draws(page, 2)
+            expect(page.locator("#fingers .thing")).not_to_have_count(0)
+            expect(page.locator("#fingers .thing").first).to_have_text(re.compile("held|mm"))
+            expect(page.locator("#fingers .centre:not(.hidden)")).to_have_count(2)
+            assert max(page.evaluate(OVERLAP_WITH_PADS)) <= 0
+            for name in ("Set up", "Calibrate", "Recordings", "Items", "Run"):
+                open_tab(page, name)
+                expect_tab(page, name)
+                assert page.evaluate("document.documentElement.scrollWidth") <= width
         release(page)
         # After reopening the rig, the idle page shows the last grasp.
         open_tab(page, "Set up")
@@ -611,62 +504,15 @@ def test_page_loads_no_external_files_and_is_usable_by_keyboard(
     assert page.evaluate("document.body.classList.contains('body--dark')")
 
 
-#: Delays every response by 1.5 s with the page's own timers.
-_DELAY_RESPONSES = """() => {
-    const asked = window.fetch;
-    window.fetch = (...what) => new Promise((answer, refuse) => {
-        what[1]?.signal?.addEventListener('abort', () => refuse(what[1].signal.reason));
-        asked(...what).then((reply) => setTimeout(answer, 1500, reply), refuse);
-    });
-}"""
-
-
-def test_slow_connection_is_reported_and_the_page_is_still_updated(
-    open_page: Callable[..., Page],
-) -> None:
-    page = open_page()
-    expect_fresh_link(page)
-    page.evaluate(_DELAY_RESPONSES)
-    expect(page.locator("#lost-title")).to_have_text("No connection")
-    drawn = page.evaluate("Number(document.body.dataset.drawn)")
-    page.wait_for_function("(drawn) => document.body.dataset.drawn > drawn + 1", arg=drawn)
-    expect(page.locator("#lost")).to_be_visible()
-
-
-#: Suppresses the next response, as after an undetected network failure. Resolves to whether a later
-#: response updated the page in the meantime.
-_LOSE_ONE_RESPONSE = """() => new Promise((resolve) => {
-    const asked = window.fetch;
-    window.fetch = (...what) => {
-        if (!String(what[0]).startsWith('/live')) return asked(...what);
-        window.fetch = asked;
-        return new Promise((_, refuse) => {
-            const drawn = Number(document.body.dataset.drawn);
-            what[1].signal.addEventListener('abort', () => {
-                resolve(Number(document.body.dataset.drawn) > drawn);
-                refuse(what[1].signal.reason);
-            });
-        });
-    };
-})"""
-
-
-def test_missing_response_does_not_delay_later_requests(open_page: Callable[..., Page]) -> None:
-    page = open_page()
-    expect_fresh_link(page)
-    assert page.evaluate(_LOSE_ONE_RESPONSE)
-
-
-def test_page_with_a_damage_file_has_a_choice_of_the_kind(
-    open_page: Callable[..., Page], tmp_path: Path
-) -> None:
+def test_page_with_a_damage_file_has_a_choice_of_the_kind(browser: Browser, tmp_path: Path) -> None:
     damage = write_damage_file(tmp_path)
-    with serve_dashboard(tmp_path, *SIMULATED, "--damage", str(damage)) as address:
-        page = open_page(address)
-        expect_fresh_link(page)
+    with (
+        serve_dashboard(tmp_path, *SIMULATED, "--damage", str(damage)) as address,
+        visit_as_driver(browser, address) as page,
+    ):
         page.get_by_label("Kind (for its damage limit)").click()
         page.get_by_role("option", name="kiwi").click()
-        page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("8")
+        page.get_by_label(TARGET).fill("8")
         grasp(page)
         expect(page.locator("#verdict")).to_contain_text("limited by the damage limit")
         release(page)
@@ -727,25 +573,3 @@ def run_until_unplugged(master: int) -> None:
         run_board(master, rate_hz=100.0)
     except OSError:
         return
-
-
-def test_stop_is_confirmed_after_startup_and_a_killed_server_leaves_no_process(
-    tmp_path: Path,
-) -> None:
-    with run_server(tmp_path, *SIMULATED) as (address, process):
-        with urllib.request.urlopen(f"{address}stop", data=b"", timeout=30) as reply:
-            assert json.load(reply) == {"stopped": True}
-        children = children_of(process.pid)
-        assert children
-        process.kill()
-        process.wait()
-        deadline = monotonic() + 30.0
-        while filter_running(children) and monotonic() < deadline:
-            os.sched_yield()
-        assert not filter_running(children)
-
-
-def filter_running(pids: list[int]) -> list[int]:
-    """Return the running processes, without zombies."""
-    states = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
-    return [pid for pid, stat in states.items() if stat.exists() and " Z " not in stat.read_text()]

@@ -8,39 +8,24 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
-from tests.loop.test_dashboard import (
-    SIMULATED,
-    TIMEOUT_MS,
+from tests.served_pages import (
+    ITEM,
     WIDE,
-    browser,
     expect_fresh_link,
     expect_verdict,
     grasp,
     open_tab,
     release,
-    serve_dashboard,
+    visit,
+    visit_as_driver,
+    wait_for_draws,
 )
 
-#: Label of the item's field on the page, with a hint if it is empty.
-ITEM = re.compile(r"^Item(:|$)")
-
-__all__ = ["browser"]
-
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("replay")
-
-
-@pytest.fixture(scope="module")
-def page(browser: Browser, folder: Path) -> Iterator[Page]:
+def page(browser: Browser, address: str) -> Iterator[Page]:
     """A page shared by all tests, with the recording of one grasp."""
-    with serve_dashboard(folder, *SIMULATED) as address:
-        context = browser.new_context(viewport=WIDE)
-        page = context.new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        page.goto(address)
-        expect_fresh_link(page)
+    with visit_as_driver(browser, address) as page:
         page.get_by_label(ITEM).fill("berry-7")
         grasp(page)
         # The hold is long enough to be selected on the timeline.
@@ -48,11 +33,21 @@ def page(browser: Browser, folder: Path) -> Iterator[Page]:
         release(page)
         open_tab(page, "Recordings")
         yield page
-        context.close()
 
 
 def row(page: Page) -> Locator:
     return page.locator("#recordings .file").first
+
+
+def start_replay(page: Page) -> None:
+    row(page).get_by_role("button", name="Replay", exact=True).click()
+    expect(page.locator("#timeline")).to_be_visible()
+
+
+def end_replay(page: Page) -> None:
+    page.get_by_role("button", name="Back to the rig").click()
+    expect(page.locator("#timeline")).to_be_hidden()
+    expect_fresh_link(page)
 
 
 def seek(page: Page, fraction: float) -> None:
@@ -69,8 +64,9 @@ def test_recording_list_shows_outcome_item_and_the_label_simulated(page: Page) -
 
 
 def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
-    row(page).get_by_role("button", name="Replay").click()
-    expect(page.locator("#timeline")).to_be_visible()
+    start_replay(page)
+    expect(page.locator("#rig-name")).to_contain_text("replay of grasp-")
+    expect(page.locator("#link-text")).to_have_text("replay")
     page.locator("#play").click()
     expect(page.locator("#play")).to_have_text("Play")
     expect(page.locator("#phases .phase")).not_to_have_count(0)
@@ -86,7 +82,7 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect_verdict(page, "holding")
     expect(page.locator("#fingers .pad.touching")).to_have_count(2)
     at = page.locator("#played").inner_text()
-    page.wait_for_function("+document.body.dataset.drawn > 0")
+    wait_for_draws(page, 2)
     expect(page.locator("#played")).to_have_text(at)
     # Keyboard: an arrow key moves by 0.01 s, Page Up by a tenth of the recording.
     page.locator("#seek").focus()
@@ -98,9 +94,8 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect(page.locator("#play")).to_have_text("Again")
     # The sheet still has a reading, but an open hand has no force.
     expect(page.locator("#force-at")).to_have_text("hand open")
-    page.get_by_role("button", name="Back to the rig").click()
-    expect(page.locator("#timeline")).to_be_hidden()
-    expect_fresh_link(page)
+    end_replay(page)
+    expect(page.locator("#rig-name")).to_have_text("sim-rigid")
 
 
 #: Records the positions of a control from its first appearance.
@@ -113,29 +108,20 @@ RECORD_POSITIONS = """(control) => {
 }"""
 
 
-def test_replay_pause_button_does_not_move_after_it_appears(page: Page) -> None:
+def test_replay_page_fits_a_laptop_screen_and_its_pause_button_does_not_move(page: Page) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
     # If a button moves between press and release, the browser sends no click.
     page.evaluate(RECORD_POSITIONS, "#play")
-    row(page).get_by_role("button", name="Replay").click()
-    expect(page.locator("#timeline")).to_be_visible()
-    # Two periods of the slower part of the page.
-    page.wait_for_timeout(500)
+    start_replay(page)
+    # Some periods of the slower part of the page.
+    wait_for_draws(page, 10)
     positions = page.evaluate("() => { clearInterval(window.watching); return window.places; }")
     assert len(positions) == 1, positions
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
-
-
-def test_replay_page_fits_a_laptop_screen(page: Page) -> None:
-    page.set_viewport_size({"width": 1440, "height": 900})
-    row(page).get_by_role("button", name="Replay", exact=True).click()
-    expect(page.locator("#timeline")).to_be_visible()
     page.locator(".cell").first.click()
     expect(page.locator("#pixel")).to_be_visible()
     assert page.evaluate("document.documentElement.scrollHeight - innerHeight") == 0
     page.locator("#pixel-close").click()
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
+    end_replay(page)
     page.set_viewport_size(WIDE)
 
 
@@ -152,16 +138,14 @@ def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, fold
     expect(page.locator("#force-at")).to_have_text(same)
     (first,) = (folder / "data").glob("*.mcap")
     expect(page.locator("#chart .kept-key")).to_contain_text(first.stem)
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
+    end_replay(page)
     # Before the contact, no comparison is drawn.
     expect(page.locator("#chart")).to_have_attribute("data-kept", "0")
     expect(page.locator("#chart .kept-key")).to_be_hidden()
     grasp(page)
     expect(page.locator("#chart")).not_to_have_attribute("data-kept", "0")
     release(page)
-    row(page).get_by_role("button", name="Replay").click()
-    expect(page.locator("#timeline")).to_be_visible()
+    start_replay(page)
     expect(page.locator("#chart")).not_to_have_attribute("data-kept", "0")
     # All elements above the curves have appeared, so the curves no longer move under the pointer.
     expect(page.locator("#guide")).to_be_hidden()
@@ -170,8 +154,7 @@ def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, fold
     page.get_by_role("button", name="Stop comparing").click()
     expect(page.locator("#chart")).to_have_attribute("data-kept", "0")
     expect(keep).to_be_visible()
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
+    end_replay(page)
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     newest.unlink()
     expect(page.locator("#recordings .file")).to_have_count(1)
@@ -192,8 +175,7 @@ def test_recording_has_a_url(page: Page, folder: Path) -> None:
     expect(page).to_have_url(re.compile(f"/recordings/{re.escape(file.name)}$"))
     page.locator(".care").get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
+    end_replay(page)
     page.goto(page.url + "/elsewhere.mcap")
     notice = page.locator(".q-notification").first
     expect(notice).to_contain_text("no such recording in the folder")
@@ -203,8 +185,7 @@ def test_recording_has_a_url(page: Page, folder: Path) -> None:
 
 
 def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browser) -> None:
-    row(page).get_by_role("button", name="Replay").click()
-    expect(page.locator("#timeline")).to_be_visible()
+    start_replay(page)
     page.locator("#play").click()
     # The position of a running replay moves by itself.
     expect(page.locator("#play")).to_have_text("Play")
@@ -213,16 +194,12 @@ def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browse
     expect(page.locator("#played")).not_to_have_text(before)
     expect_verdict(page, "holding")
     at = page.locator("#played").inner_text()
-    context = browser.new_context(viewport=WIDE)
-    other = context.new_page()
-    other.goto(page.url)
-    expect(other.locator("#played")).to_have_text(at)
-    seek(other, 0.1)
-    expect(other.locator(".q-notification").first).to_contain_text("take over first")
-    expect(page.locator("#played")).to_have_text(at)
-    context.close()
-    page.get_by_role("button", name="Back to the rig").click()
-    expect_fresh_link(page)
+    with visit(browser, page.url) as other:
+        expect(other.locator("#played")).to_have_text(at)
+        seek(other, 0.1)
+        expect(other.locator(".q-notification").first).to_contain_text("take over first")
+        expect(page.locator("#played")).to_have_text(at)
+    end_replay(page)
 
 
 def test_recording_can_be_downloaded_renamed_and_deleted(page: Page, folder: Path) -> None:

@@ -17,14 +17,13 @@ from time import monotonic
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.loop.test_dashboard import (
-    TIMEOUT_MS,
-    WIDE,
-    browser,
+from tests.served_pages import (
+    PHONE,
     expect_fresh_link,
     expect_verdict,
     open_tab,
     serve_dashboard,
+    visit,
 )
 
 from palpate.cli import build_app, run
@@ -36,8 +35,6 @@ from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
-
-__all__ = ["browser"]
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
 
@@ -119,13 +116,9 @@ def divider_options() -> tuple[str, ...]:
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    context = browser.new_context(viewport=WIDE, locale="en-US")
-    page = context.new_page()
-    page.set_default_timeout(TIMEOUT_MS)
-    page.goto(address)
-    expect_fresh_link(page)
-    yield page
-    context.close()
+    with visit(browser, address) as page:
+        expect_fresh_link(page)
+        yield page
 
 
 #: Whether the shown force is within 30 % of a force, newtons, and its interval contains the force.
@@ -137,7 +130,17 @@ SHOWS_FORCE = """(force) => {
 
 def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: Page) -> None:
     expect_verdict(page, "watching")
-    expect(page.locator(".pixel")).to_have_count(8)
+    expect(page.locator("#simulated")).to_be_hidden()
+    expect(page.locator("#fingers-title")).to_have_text("2 pads")
+    pixels = page.locator(".pixel")
+    expect(pixels).to_have_count(8)
+    boxes = [pixels.nth(number).bounding_box() for number in range(8)]
+    sides = {round(box[side]) for box in boxes for side in ("width", "height")}
+    assert len(sides) == 1, "the pitch is equal along x and y"
+    # R0 C0, R0 C1, R1 C0, R1 C1 of finger 0, then of finger 1 to its right.
+    places = [(box["x"], box["y"]) for box in boxes]
+    assert places[0][0] < places[1][0] < places[4][0]
+    assert places[0][1] == places[1][1] < places[2][1]
     expect(page.locator("#force-card")).to_be_visible()
     for element in ("#grasp", "#release", "#measure-size_mm"):
         expect(page.locator(element)).to_be_hidden()
@@ -152,7 +155,25 @@ def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: 
     assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
     expect(page.get_by_label("Target force")).to_be_hidden()
     expect(page.get_by_label("Rig", exact=True)).to_be_visible()
-    expect(page.locator("#stop")).to_be_visible()
+    page.locator("#stop").click()
+    expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")
+
+
+def test_sensor_page_shows_pixel_details_after_tap_and_arrow_keys(page: Page) -> None:
+    near = page.locator("#pixel")
+    expect(near).to_be_hidden()
+    page.locator(".cell[data-row='2'][data-col='1']").click()
+    expect(page.locator("#pixel-name")).to_have_text("R2 C1")
+    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^[\d,]+ ohm$"))
+    expect(page.locator("#pixel-range")).to_have_text(
+        re.compile(r"last 30 s: [\d,]+ to [\d,]+ ohm")
+    )
+    expect(page.locator("#pixels")).to_have_attribute("data-count", "8")
+    page.locator("#fingers").focus()
+    page.keyboard.press("ArrowUp")
+    expect(page.locator("#pixel-name")).to_have_text("R1 C1")
+    page.get_by_role("button", name="Close").click()
+    expect(near).to_be_hidden()
 
 
 def test_sensor_page_on_the_firmware_shows_the_force_of_a_press(
@@ -169,17 +190,13 @@ def test_sensor_page_on_the_firmware_shows_the_force_of_a_press(
 def test_operator_page_without_a_gripper_shows_the_force_and_no_grasp_buttons(
     browser: Browser, address: str
 ) -> None:
-    context = browser.new_context(viewport=WIDE, locale="en-US")
-    page = context.new_page()
-    page.goto(f"{address}operate")
-    expect(page.locator("#verdict-text")).to_have_text("Contact")
-    expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
-    for element in ("#grasp", "#release", ".item"):
-        expect(page.locator(element)).to_be_hidden()
-    page.set_viewport_size({"width": 390, "height": 844})
-    boxes = [page.locator(one).bounding_box() for one in ("#stop", "#verdict")]
-    assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
-    context.close()
+    with visit(browser, f"{address}operate", viewport=PHONE) as page:
+        expect_verdict(page, "Contact")
+        expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
+        for element in ("#grasp", "#release", ".item"):
+            expect(page.locator(element)).to_be_hidden()
+        boxes = [page.locator(one).bounding_box() for one in ("#stop", "#verdict")]
+        assert len({(box["x"], box["width"]) for box in boxes}) == 1
 
 
 def test_doctor_tab_examines_the_firmware_at_its_configured_rate(

@@ -12,13 +12,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError
 from palpate.sensor import wire_messages as wm
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.twin import firmware
-from palpate.twin.firmware import FirmwareBoard, open_firmware_array
-from palpate.twin.world import World
+from palpate.twin.firmware import FirmwareBoard
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -78,15 +76,10 @@ def run_link() -> Callable[..., dict[str, object]]:
     ("board", "rate_hz", "rows", "cols", "oversampling", "baud", "seconds"),
     [
         ("mega2560", 500.0, 4, 2, 1, 1_000_000, 2.0),
-        ("mega2560", 300.0, 6, 2, 1, 1_000_000, 2.0),
-        ("mega2560", 250.0, 4, 2, 3, 1_000_000, 2.0),
-        ("mega2560", 400.0, 4, 2, 1, 250_000, 1.0),
-        ("mega2560", 250.0, 4, 2, 1, 115_200, 1.0),
+        ("mega2560", 250.0, 4, 2, 3, 115_200, 1.0),
         ("mega2560", 15.0, 4, 2, 1, 9600, 2.0),
         ("mega2560", 25.0, 16, 16, 1, 1_000_000, 1.0),
-        ("uno", 500.0, 4, 2, 1, 500_000, 1.0),
         ("uno", 300.0, 4, 4, 1, 250_000, 1.0),
-        ("nano", 250.0, 4, 2, 1, 115_200, 1.0),
         ("nano", 15.0, 1, 4, 64, 1_000_000, 1.0),
     ],
 )
@@ -118,7 +111,7 @@ def test_firmware_sends_every_frame_with_correct_counts(
     assert period["sd"] < 10
 
 
-@pytest.mark.parametrize(("rows", "cols", "oversampling"), [(4, 2, 1), (4, 2, 16), (1, 1, 1)])
+@pytest.mark.parametrize(("rows", "cols", "oversampling"), [(4, 2, 16), (1, 1, 1)])
 def test_firmware_sustains_the_highest_rate_that_it_reports(
     any_desk: Desk, rows: int, cols: int, oversampling: int
 ) -> None:
@@ -214,15 +207,7 @@ def test_firmware_reads_load_cells_together_with_the_pixels(any_desk: Desk) -> N
     assert any_desk.decoder.counters.lost == 0
 
 
-def test_firmware_reports_an_absent_load_cell_as_silent(any_desk: Desk) -> None:
-    any_desk.board.set_load(0, 5)
-    any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
-    last = any_desk.frames(0.7)[-1]
-    assert last.status & wm.BoardStatus.LOAD_CELL_SILENT
-    assert last.load_cells[1].raw == wm.NO_READING
-
-
-def test_firmware_reports_an_absent_load_cell_as_silent_after_a_clock_overflow(
+def test_firmware_reports_an_absent_load_cell_as_silent_even_after_a_clock_overflow(
     any_desk: Desk, request: pytest.FixtureRequest
 ) -> None:
     elf = ROOT / f"firmware/build/palpate-{request.node.callspec.params['any_desk']}.elf"
@@ -230,7 +215,9 @@ def test_firmware_reports_an_absent_load_cell_as_silent_after_a_clock_overflow(
     (found,) = re.findall(r"(\w+) [bB] \S*overflows", symbols)
     any_desk.board.set_load(0, 5)
     any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
-    any_desk.frames(0.7)
+    before = any_desk.frames(0.7)[-1]
+    assert before.status & wm.BoardStatus.LOAD_CELL_SILENT
+    assert before.load_cells[1].raw == wm.NO_READING
     # 71 minutes less some 50 ms, in overflows of 32.768 ms (Mega) or 512 us.
     last = 2**32 // (512 if "uno" in elf.name else 32_768) - 1
     any_desk.board.set_memory(int(found, 16) & 0xFFFF, last - (100 if "uno" in elf.name else 0))
@@ -323,6 +310,7 @@ def test_firmware_servo_backs_off_at_the_ceiling_and_is_then_switched_off(any_de
     pressed_s = desk.board.now_s()
     desk.run(0.3)
     begin_s, width_us = desk.board.read_pulses()
+    assert ((width_us > 1899) & (width_us < 2301)).all(), "a started pulse is completed"
     opened = width_us[begin_s > pressed_s + 0.025]
     assert opened == pytest.approx(2300, abs=0.5)
     assert desk.board.safe_line, "the supply must stay on while the hand opens"
@@ -349,29 +337,6 @@ def test_firmware_servo_has_no_supply_and_no_pulses_after_a_reset(any_desk: Desk
     (refusal,) = any_desk.ask(wm.SetServo(target_us=1500, rate_us_per_s=1))
     assert isinstance(refusal, wm.Ack)
     assert refusal.result == wm.Result.TRIPPED
-
-
-def test_firmware_completes_a_started_servo_pulse(any_desk: Desk) -> None:
-    move_servo(any_desk, target_us=1500)
-    any_desk.run(0.5)
-    any_desk.board.read_pulses()
-    press(any_desk)
-    any_desk.run(0.9)
-    width_us = any_desk.board.read_pulses()[1]
-    assert ((width_us > 1499) & (width_us < 2301)).all()
-
-
-def test_serial_array_reads_the_twin_through_the_firmware() -> None:
-    world = World(None, seed=2, clock=ManualClock(5.0), frame_rate_hz=100.0)
-    array = open_firmware_array(world, noise_mv=0.0, rate_hz=100.0)
-    frames = [array.read(timeout_s=1.0) for _ in range(40)]
-    array.close()
-    direct = np.mean([world.scan(world.clock.now_s()) for _ in range(40)], axis=0)
-    through = np.mean([frame.counts for frame in frames], axis=0)
-    assert np.allclose(through, direct, atol=1.0 + 0.01 * direct)
-    periods = np.diff([frame.time_s for frame in frames])
-    assert np.allclose(periods, 0.01, atol=0.002)
-    assert array.counters.lost == 0
 
 
 def test_firmware_board_without_the_simulator_raises_an_error_with_the_package_name(

@@ -137,34 +137,6 @@ def calibrate(
     return run(app, arguments, name="palpate calibrate")
 
 
-def test_guided_force_calibration_writes_the_file(
-    bench: Bench,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    # All steps with fewer placements, because half an hour of the board requires minutes.
-    monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0), (0.8, 5.0)))
-    assert calibrate(tmp_path) == 0
-    assert [what.split(":")[0] for what in bench.asked] == [
-        f"placement {number} of 3" for number in range(1, 4)
-    ]
-    assert "shortly after a movement" in capsys.readouterr().out
-    made = Calibration.load(tmp_path / "pad.json")
-    assert made.origin == "hardware"
-    reading, early, settled = fit_laws(placements_of(made.force))
-    settled_then = np.isclose(made.force.since_move_s, HORIZON_S)
-    excess = reading.reading(np.array(made.force.pixel_excess)[:, None, :])
-    estimated_n = np.where(settled_then, settled.force_n(excess).value, early.force_n(excess).value)
-    true_n = np.array(made.force.force_n)
-    firm = true_n > 1.0
-    assert np.count_nonzero(firm) >= 8
-    assert np.median(np.abs(np.log(estimated_n[firm] / true_n[firm]))) < 0.2
-    # The board is closed, so its watcher must be removed.
-    bench.world.watchers.remove(bench._weigh)
-    assert bench.gripper().state().width_mm > 70.0
-
-
 def test_guided_force_calibration_refuses_a_pressure_gripper_before_any_movement(
     bench: Bench,
     tmp_path: Path,
@@ -202,9 +174,26 @@ def test_three_weights_narrow_the_interval_and_a_load_cell_replaces_the_calibrat
     by_weights = Calibration.load(tmp_path / "pad.json")
     assert by_weights.force.force_n == (1.5, 4.0, 9.0)
 
-    monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0)))
+    # All steps with fewer placements, because half an hour of the board requires minutes.
+    monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0), (0.8, 5.0)))
+    bench.asked.clear()
     assert calibrate(tmp_path, "--json") == 0
+    assert [what.split(":")[0] for what in bench.asked] == [
+        f"placement {number} of 3" for number in range(1, 4)
+    ]
     document = json.loads(capsys.readouterr().out)
     assert document["pairs"] > 3
     assert "half_interval_percent" not in document
+    made = Calibration.load(tmp_path / "pad.json")
+    assert made.origin == "hardware"
+    reading, early, settled = fit_laws(placements_of(made.force))
+    settled_then = np.isclose(made.force.since_move_s, HORIZON_S)
+    excess = reading.reading(np.array(made.force.pixel_excess)[:, None, :])
+    estimated_n = np.where(settled_then, settled.force_n(excess).value, early.force_n(excess).value)
+    true_n = np.array(made.force.force_n)
+    firm = true_n > 1.0
+    assert np.count_nonzero(firm) >= 8
+    assert np.median(np.abs(np.log(estimated_n[firm] / true_n[firm]))) < 0.2
+    # The board is closed, so its watcher must be removed.
     bench.world.watchers.remove(bench._weigh)
+    assert bench.gripper().state().width_mm > 70.0

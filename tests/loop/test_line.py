@@ -17,8 +17,7 @@ from asyncua import Client, ua
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from tests.epcis import read_epcis
-from tests.loop.test_dashboard import SIMULATED, run_server, serve_dashboard
-from tests.loop.test_dashboard_api import Machine
+from tests.served_pages import SIMULATED, Machine, run_server, serve_dashboard
 
 from palpate.line import modbus
 from palpate.line.machine import LineState
@@ -145,37 +144,14 @@ def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
     assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
 
 
-def test_modbus_grasp_result_equals_the_http_result(station: Served) -> None:
-    async def work() -> tuple[list[int], list[int]]:
-        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
-            await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
-            await reach(client, LineState.IDLE)
-            before = await read_registers(client, modbus.RESULTS, 2)
-            await client.write_register(modbus.TARGET, 200)
-            await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("berry-8"))
-            answer = await client.write_register(modbus.COMMAND, modbus.GRASP)
-            assert not answer.isError()
-            await reach(client, LineState.HOLDING)
-            await client.write_register(modbus.COMMAND, modbus.RELEASE)
-            await wait_until(
-                lambda: read_registers(client, modbus.RESULTS, 2),
-                lambda now: now[1] == before[1] + 1,
-            )
-            values = await read_registers(client, modbus.VALUES, 6)
-            return values, await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station: Served) -> None:
+    machine = Machine(station.http)
 
-    values, item = asyncio.run(work())
-    document = Machine(station.http).ask("GET", "/result")[1]
-    size = struct.unpack(">3f", struct.pack(">6H", *values))
-    assert size == pytest.approx([document["size_mm"][part] for part in ("value", "low", "high")])
-    assert modbus.decode_text(item) == document["item_id"] == "berry-8"
-
-
-def test_modbus_item_is_used_by_one_grasp_only(station: Served) -> None:
-    async def grasp_twice() -> list[tuple[str, int, str]]:
+    async def grasp_twice() -> list[tuple[str, int, str, list[int]]]:
         found = []
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+            await client.write_register(modbus.TARGET, 200)
             await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("tray-4"))
             for _ in range(2):
                 await reach(client, LineState.IDLE)
@@ -190,15 +166,18 @@ def test_modbus_item_is_used_by_one_grasp_only(station: Served) -> None:
                 )
                 item = await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
                 (storage,) = await read_registers(client, modbus.STORAGE, 1)
-                found.append((modbus.decode_text(item), storage, modbus.decode_text(waiting)))
+                values = await read_registers(client, modbus.VALUES, 6)
+                texts = modbus.decode_text(item), modbus.decode_text(waiting)
+                found.append((texts[0], storage, texts[1], values))
         return found
 
-    assert asyncio.run(grasp_twice()) == [
-        ("tray-4", modbus.STORED, ""),
-        ("", modbus.WITHOUT_ITEM, ""),
-    ]
-    history = Machine(station.http).ask("GET", "/items/tray-4")[1]
-    assert len(history["grasps"]) == 1
+    first, (*second, values) = asyncio.run(grasp_twice())
+    assert first[:3] == ("tray-4", modbus.STORED, "")
+    assert second == ["", modbus.WITHOUT_ITEM, ""]
+    document = machine.ask("GET", "/result")[1]
+    size = struct.unpack(">3f", struct.pack(">6H", *values))
+    assert size == pytest.approx([document["size_mm"][part] for part in ("value", "low", "high")])
+    assert len(machine.ask("GET", "/items/tray-4")[1]["grasps"]) == 1
 
 
 def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
@@ -249,7 +228,8 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served
             why = await read_registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
             assert modbus.decode_text(why) == "another user is the driver; take over first"
             await hand.grasp()
-            await hand.reach("execute")
+            # The state is updated before a command returns.
+            assert await hand.value("State") == "execute"
             stopped = await other.write_register(modbus.COMMAND, modbus.STOP)
             assert not stopped.isError()
             await wait_until(lambda: hand.value("Activity"), lambda now: now == "watching")
@@ -257,27 +237,10 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served
             with pytest.raises(ua.UaStatusCodeError):
                 await hand.grasp(stops=stops - 1)
             await hand.call("Release")
+            assert await hand.value("State") == "stopped"
             await hand.reach("idle")
 
     asyncio.run(work())
-
-
-def test_opcua_state_is_updated_before_a_command_returns(station: Served) -> None:
-    async def work() -> list[str]:
-        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
-            hand = OpcUa(client)
-            await hand.call("TakeOver")
-            await hand.reach("idle")
-            await hand.grasp()
-            started = await hand.value("State")
-            await hand.call("Stop")
-            await wait_until(lambda: hand.value("Activity"), lambda now: now == "watching")
-            await hand.call("Release")
-            opening = await hand.value("State")
-            await hand.reach("idle")
-            return [started, opening]
-
-    assert asyncio.run(work()) == ["execute", "stopped"]
 
 
 async def begin_over_opcua(station: Served) -> None:

