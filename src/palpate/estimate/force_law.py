@@ -302,7 +302,9 @@ class ForceLaw:
         over = max(excess / self.contact_reading, 1.0)
         high = self.threshold_n(level=level) * over**_STEEPEST
         if over > 1.0:
-            high = min(high, self._upper_n(inputs, quantile=quantile))
+            upper = self._upper_n(inputs, quantile=quantile)
+            # The given forces decide from the smallest of their readings on.
+            high = upper if excess >= self.least_reading else min(high, upper)
         if touched is None:
             touched = over > 1.0
         if not touched:

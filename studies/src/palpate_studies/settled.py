@@ -350,7 +350,7 @@ def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ...         ("a", "ours", 1.0), ("a", "log_law", 2.0), ("b", "ours", 8.0), ("b", "log_law", 4.0)
     ...     )
     ... ]
-    >>> [(row["method"], row["regret"].round(2), row["largest"]) for row in compute_regret(two)]
+    >>> [(row["method"], round(row["regret"], 2), row["largest"]) for row in compute_regret(two)]
     [('ours', 1.0, 2.0), ('log_law', 1.0, 1.0)]
     """
     errors: dict[float, dict[str, dict[str, float]]] = {}
@@ -365,7 +365,7 @@ def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 error / min(by_method[rule][material] for rule in PLAIN if rule in by_method)
                 for material, error in by_material.items()
             ]
-            mean = np.exp(np.mean(np.log(ratios)))
+            mean = float(np.exp(np.mean(np.log(ratios))))
             row = {"cutoff_s": cutoff_s, "method": method, "regret": mean, "largest": max(ratios)}
             found.append(row)
     return found

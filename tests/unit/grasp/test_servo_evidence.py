@@ -134,7 +134,7 @@ def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
     assert min(eased_n) < 0.8 * 4.0
 
 
-@pytest.mark.parametrize("ceiling_n", [15.0, 7.0])
+@pytest.mark.parametrize("ceiling_n", [15.0, 6.0])
 def test_return_after_easing_ends_at_a_wider_opening_than_before(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
