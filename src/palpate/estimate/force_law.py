@@ -303,8 +303,8 @@ class ForceLaw:
         high = self.threshold_n(level=level) * over**_STEEPEST
         if over > 1.0:
             upper = self._upper_n(inputs, quantile=quantile)
-            # The given forces decide from the smallest of their readings on.
-            high = upper if excess >= self.least_reading else min(high, upper)
+            # The given forces decide from the smallest of their readings on, up to rounding.
+            high = upper if excess > (1.0 - 1e-9) * self.least_reading else min(high, upper)
         if touched is None:
             touched = over > 1.0
         if not touched:
