@@ -31,7 +31,8 @@ RESPONSE_TIMEOUT_S = 10.0
 #: New connections served per second; of further ones, only stops are. A browser opens six.
 MAX_NEW_CONNECTIONS = 100
 #: Requests other than stops that are worked on at a time (guess). Without a limit a stop took up to
-#: 3.9 s while 1100 clients requested pages and read nothing (two loaded cores); with it 0.2 s.
+#: 3.9 s while 1100 clients requested pages and read nothing (two loaded cores); with this limit and
+#: the two above 0.2 s.
 MAX_REQUESTS = 64
 
 #: Maximum size of a request's body, bytes. The page and the API send far less; the page's framework
