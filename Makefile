@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all acceptance desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
+.PHONY: demo test test-all test-system test-again acceptance desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the studies, the archive and the LeRobot export, so that the
 # README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
@@ -35,9 +35,15 @@ test: $(VENV)/.dev
 	@echo 'Node.js and ROS 2. `make test-all` runs them; .ci/run names the Debian packages.'
 
 # Everything else; a missing program skips its tests and is named.
-test-all: $(VENV)/.dev
-	$(PYTEST) -m system
+test-all: test-system
 	$(MAKE) -j2 --output-sync=target test-ros test-lerobot
+
+test-system: $(VENV)/.dev
+	$(PYTEST) -m system
+
+# What failed last, one test after another.
+test-again: $(VENV)/.dev
+	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none
 
 # 400 seeded grasps of the present code and of the stored baseline; some minutes on two processors.
 acceptance: $(VENV)/.dev

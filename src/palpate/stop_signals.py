@@ -17,6 +17,9 @@ Handler: TypeAlias = Callable[[int, FrameType | None], object]
 #: and its shell both send SIGHUP, and users press Ctrl-C repeatedly.
 REPEAT_S = 1.0
 
+#: Period at which an interrupt tries again while a module is imported, seconds.
+_IMPORT_WAIT_S = 0.02
+
 #: SIGHUP, which Windows does not have.
 HANGUP: tuple[int, ...] = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))
 ALL: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, *HANGUP)
@@ -60,13 +63,29 @@ def handle_once(request: Callable[[], None]) -> Handler:
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Raise `KeyboardInterrupt`, unless the signal is a repetition (a handler)."""
-    global _is_waiting
+    global _is_waiting, _repeat_until_s
     if _is_repeated():
         return
     if _blocks:
         _is_waiting = True
+    elif _is_importing(frame):
+        _repeat_until_s = -math.inf
+        threading.Timer(_IMPORT_WAIT_S, signal.raise_signal, (number,)).start()
     else:
         raise KeyboardInterrupt
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Return whether a frame belongs to an import or to code that a library made.
+
+    Interrupted there, compiled modules raise an `ImportError`, other libraries hide the interrupt,
+    and made code (of `dataclasses`) ends the process by SIGINT although the interrupt is caught.
+    """
+    if frame is not None and frame.f_back is not None and frame.f_code.co_filename == "<string>":
+        return True
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
 
 
 def _is_repeated() -> bool:
@@ -122,3 +141,14 @@ def handle_stop_signals(handler: Handler) -> Iterator[None]:
         for number, old in before.items():
             # None is a handler that was not installed from Python and can't be restored.
             signal.signal(number, signal.SIG_DFL if old is None else old)  # type: ignore[arg-type]
+
+
+@contextmanager
+def watch_stop_signals() -> Iterator[Callable[[], bool]]:
+    """Note the stop signals in the block; yield a function that returns whether one arrived.
+
+    Unlike an interrupt, the note can't be lost in a library.
+    """
+    received = threading.Event()
+    with handle_stop_signals(handle_always(received.set)):
+        yield received.is_set

@@ -26,6 +26,7 @@ from palpate.foxglove import LAYOUT
 from palpate.foxglove.channels import Link
 from palpate.recording import Event
 from palpate.sensor.array import Frame
+from palpate.stop_signals import watch_stop_signals
 
 #: Foxglove's default address.
 DEFAULT_ADDRESS = "127.0.0.1:8765"
@@ -70,10 +71,10 @@ def live(
         raise InputError(
             f"{address}: an address requires --foxglove; add --foxglove or omit the address"
         )
-    source = open_source(rig, port=port)
     clock = RealClock()
     with ExitStack() as stack:
-        stack.enter_context(closing(source))
+        stopped = stack.enter_context(watch_stop_signals())
+        source = stack.enter_context(closing(open_source(rig, port=port)))
         force_tracker = _make_force_tracker(source) if force else None
         reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
         view, stream = LiveView(reading), None
@@ -96,6 +97,8 @@ def live(
             if now_s - drawn_s >= 1.0 / DRAW_HZ:
                 drawn_s = now_s
                 screen.update(view.render(console), refresh=True)
+            if stopped():
+                raise KeyboardInterrupt
             if now_s >= end_s:
                 break
 

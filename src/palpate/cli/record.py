@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +24,7 @@ from palpate.sensor.array import PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
-from palpate.stop_signals import handle_always, handle_stop_signals
+from palpate.stop_signals import watch_stop_signals
 
 
 def record(
@@ -55,7 +54,7 @@ def record(
         array, gripper, info = opened.array, opened.gripper, recording_info(opened, seed=seed)
         name = f"{opened.name} (simulated)" if opened.is_simulated else opened.name
         # Installed before the file is opened, so that a signal can't truncate its start or end.
-        stopped = stack.enter_context(_stop_signals())
+        stopped = stack.enter_context(watch_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
         print_message(f"recording {name} to {file}; Ctrl-C ends it")
         record_frames(
@@ -106,11 +105,3 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
         return LoadCells(time_s=array.newest_s, raw=tuple(cell.raw for cell in cells))
 
     return read
-
-
-@contextmanager
-def _stop_signals() -> Iterator[Callable[[], bool]]:
-    """Intercept the stop signals; yield a function that returns whether one arrived."""
-    received = threading.Event()
-    with handle_stop_signals(handle_always(received.set)):
-        yield received.is_set

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -115,8 +116,9 @@ class HoldSource:
         self, file: Path, *, until_s: float, progress: Callable[[float], None] | None
     ) -> Iterator[Hold]:
         if self._is_holds(file):
-            for hold in iterate_holds(file, until_s=until_s, progress=progress):
-                yield replace(hold, unit=self.reading.unit or hold.unit)
+            with closing(iterate_holds(file, until_s=until_s, progress=progress)) as found:
+                for hold in found:
+                    yield replace(hold, unit=self.reading.unit or hold.unit)
             return
         try:
             if _is_mcap(file):

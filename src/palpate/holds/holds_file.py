@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,7 +54,7 @@ def iterate_holds(
     *,
     until_s: float = float("inf"),
     progress: Callable[[float], None] | None = None,
-) -> Iterator[Hold]:
+) -> Generator[Hold, None, None]:
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
     Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of
@@ -95,16 +96,20 @@ def iterate_holds(
     """
     name, current, channels = os.fspath(path), "", dict[str, _Channel]()
     ended: set[str] = set()
-    for table in read_chunks(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress):
-        for rows in find_runs(table.columns["hold_id"]):
-            hold_id = table.columns["hold_id"][rows.start]
-            if hold_id != current or not channels:
-                yield from _build_holds(current, channels)
-                ended.add(current)
-                _check_name(hold_id, ended, where=f"{name} {table.place(rows.start)}")
-                current, channels = hold_id, {}
-            for channel_rows in _split_channels(table, rows):
-                _add_rows(table, channel_rows, channels, name=name, until_s=until_s)
+    # Closed here: a traceback may keep the generator, and so its file, long after an error.
+    with closing(
+        read_chunks(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress)
+    ) as tables:
+        for table in tables:
+            for rows in find_runs(table.columns["hold_id"]):
+                hold_id = table.columns["hold_id"][rows.start]
+                if hold_id != current or not channels:
+                    yield from _build_holds(current, channels)
+                    ended.add(current)
+                    _check_name(hold_id, ended, where=f"{name} {table.place(rows.start)}")
+                    current, channels = hold_id, {}
+                for channel_rows in _split_channels(table, rows):
+                    _add_rows(table, channel_rows, channels, name=name, until_s=until_s)
     yield from _build_holds(current, channels)
 
 

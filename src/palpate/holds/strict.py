@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from itertools import chain
@@ -64,7 +64,7 @@ def read_chunks(
     columns: Mapping[str, Kind],
     optional: Mapping[str, Kind] = _NO_COLUMNS,
     progress: Callable[[float], None] | None = None,
-) -> Iterator[Table]:
+) -> Generator[Table, None, None]:
     """Read a table as `read_table` does, a few thousand rows at a time.
 
     `path`: read once and in order (except Parquet), so it may be a pipe.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pty
 import shutil
@@ -9,15 +10,19 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from tests.conftest import skip
 
+from palpate.errors import PalpateError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingReader
 from palpate.sensor.array import Frame
+from palpate.stop_signals import handle_stop_signals, interrupt
 
 pytestmark = pytest.mark.slow
 
@@ -47,7 +52,14 @@ def wait_for(is_done: Callable[[], object]) -> None:
     until_s = time.monotonic() + 30
     while not is_done():
         assert time.monotonic() < until_s
-        time.sleep(0.01)
+        time.sleep(0.03)
+
+
+def has_frames(path: Path) -> bool:
+    with warnings.catch_warnings(), suppress(PalpateError), RecordingReader(path) as reader:
+        warnings.simplefilter("ignore")  # The file is not finished.
+        return any(isinstance(message, Frame) for message in reader.messages())
+    return False
 
 
 def start(command: list[str], folder: Path, **options: object) -> subprocess.Popen[str]:
@@ -55,8 +67,7 @@ def start(command: list[str], folder: Path, **options: object) -> subprocess.Pop
     process = subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
     )
-    path = folder / "run.mcap"
-    wait_for(lambda: process.poll() is not None or (path.exists() and path.stat().st_size > 40_000))
+    wait_for(lambda: process.poll() is not None or has_frames(folder / "run.mcap"))
     return process
 
 
@@ -102,7 +113,7 @@ def test_closed_terminal_leaves_a_complete_file(tmp_path: Path) -> None:
         os.chdir(tmp_path)
         os.execv(GRASP[0], GRASP)
     path = tmp_path / "run.mcap"
-    wait_for(lambda: path.exists() and path.stat().st_size > 40_000)
+    wait_for(lambda: has_frames(path))
     os.close(terminal)
     _, status = os.waitpid(child, 0)
     assert os.waitstatus_to_exitcode(status) in STATUSES["grasp"]
@@ -126,8 +137,7 @@ def test_first_process_of_a_container_ends_on_sigterm(verb: str, tmp_path: Path)
     wait_for(children.read_text)
     first = int(children.read_text())
     if verb == "grasp":
-        path = tmp_path / "run.mcap"
-        wait_for(lambda: path.exists() and path.stat().st_size > 40_000)
+        wait_for(lambda: has_frames(tmp_path / "run.mcap"))
     else:
         # Handlers are installed when the signal is caught.
         wait_for(lambda: is_caught(first, signal.SIGTERM))
@@ -141,3 +151,18 @@ def is_caught(process: int, number: int) -> bool:
     status = Path(f"/proc/{process}/status").read_text()
     caught = int(status.split("SigCgt:")[1].split()[0], 16)
     return bool(caught >> (number - 1) & 1)
+
+
+def test_interrupt_during_an_import_is_raised_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Libraries can lose an exception that is raised inside of their imports."""
+    lines = ["import signal", "try:", "    signal.raise_signal(signal.SIGTERM)"]
+    lines += ["except BaseException:", "    pass", "is_complete = True"]
+    (tmp_path / "interrupted_library.py").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("palpate.stop_signals._repeat_until_s", 0.0)
+    with handle_stop_signals(interrupt):
+        assert importlib.import_module("interrupted_library").is_complete
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(10.0)
