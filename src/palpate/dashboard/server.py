@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import gc
 import os
-import socket
 import tempfile
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -15,9 +14,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import find_recording
+from palpate.dashboard.listening import STOP_PATHS, bind_port
 from palpate.dashboard.page_document import document
 from palpate.dashboard.transport import LoopThread
-from palpate.errors import DeviceError, InputError, require_extra
+from palpate.errors import InputError, require_extra
 from palpate.line.machine import Line, Machine
 
 if TYPE_CHECKING:
@@ -69,14 +69,9 @@ def serve(
 
         from palpate.dashboard.access import AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.transport import (
-            STOP_PATHS,
-            AppThread,
-            BoundedConnection,
-            external_url,
-        )
+        from palpate.dashboard.transport import AppThread, BoundedConnection, external_url
     check_token(host, token)
-    listening = _bind_port(host, port)
+    listening = bind_port(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
     app.mount("/api", build_api(app_state, token=token is not None))
@@ -94,6 +89,8 @@ def serve(
     config = uvicorn.Config(
         gate,
         http=BoundedConnection,
+        # Others don't call the listener's `accept`.
+        loop="asyncio",
         # The client address is the connected peer, never an address from a header.
         proxy_headers=False,
         log_level="warning",
@@ -249,26 +246,3 @@ def _serve_lines(
 
     app.router.on_startup.append(start_on_thread)
     app.router.on_shutdown.append(end_on_thread)
-
-
-def _bind_port(host: str, port: int) -> socket.socket:
-    """Bind the port and listen, before any device is opened.
-
-    Raises
-    ------
-    DeviceError
-        If the port can't be bound.
-    """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((host, port))
-        listening.listen()
-    except OSError as error:
-        listening.close()
-        raise DeviceError(
-            f"{host}:{port}: {error.strerror}; is palpate serve already running? "
-            "Choose another --port"
-        ) from error
-    return listening

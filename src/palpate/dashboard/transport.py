@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
-from collections import deque
 from collections.abc import Awaitable
 from contextlib import suppress
 from ipaddress import ip_address
@@ -18,9 +17,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 _T = TypeVar("_T")
-#: Paths of the stop requests, for the page and for the API.
-STOP_PATHS = frozenset({"/stop", "/api/stop"})
-_STOP_STARTS = tuple(f"POST {path} ".encode() for path in STOP_PATHS)
 #: Time limit for a complete request after its first byte or the start of its connection, seconds
 #: (guess). A page on a slow network requires far less.
 REQUEST_TIMEOUT_S = 5.0
@@ -28,8 +24,6 @@ REQUEST_TIMEOUT_S = 5.0
 MAX_CONNECTIONS = 1000
 #: Time after which a client that does not read its response is disconnected, seconds (guess).
 RESPONSE_TIMEOUT_S = 10.0
-#: New connections served per second; of further ones, only stops are. A browser opens six.
-MAX_NEW_CONNECTIONS = 100
 #: Requests other than stops that are worked on at a time (guess). Without a limit a stop took up to
 #: 3.9 s while 1100 clients requested pages and read nothing (two loaded cores); with this limit and
 #: the two above 0.2 s.
@@ -45,36 +39,24 @@ class BoundedConnection(HttpToolsProtocol):
 
     Otherwise, connections that send nothing or very little could exhaust the file descriptors and
     block all viewers. Above the connection limit, the connection with the longest silence is
-    closed, so a STOP always gets a connection. Connections above the limit of new ones are closed
-    unless they begin with a STOP, so a STOP never waits behind a queue of reconnections. WebSockets
-    are not counted, because their clients are already authorized.
+    closed, so a STOP always gets a connection. WebSockets are not counted, because their clients
+    are already authorized.
     """
 
     #: All connections, ordered by their last activity, oldest first.
     _open: ClassVar[dict[BoundedConnection, None]] = {}
-    #: When the last connections were made that are served.
-    _made_s: ClassVar[deque[float]] = deque(maxlen=MAX_NEW_CONNECTIONS)
     _timeout: asyncio.TimerHandle | None = None
     _read_timeout: asyncio.TimerHandle | None = None
-    _is_excess = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Add the connection; close the oldest ones above the limit."""
         super().connection_made(transport)
-        now_s = self.loop.time()
-        self._is_excess = len(self._made_s) == self._made_s.maxlen and now_s - self._made_s[0] < 1.0
-        if not self._is_excess:
-            self._made_s.append(now_s)
         self._start_timeout()
         while len(self._open) > connection_limit():
             next(iter(self._open)).drop()
 
     def data_received(self, data: bytes) -> None:
         """Process received bytes of a request."""
-        if self._is_excess and not data.startswith(_STOP_STARTS):
-            self.drop()
-            return
-        self._is_excess = False
         self._start_timeout()
         super().data_received(data)
 

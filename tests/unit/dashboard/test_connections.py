@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import resource
-import socket
-from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
@@ -18,6 +16,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
 
+from palpate.dashboard import listening
 from palpate.dashboard import transport as connections
 from palpate.dashboard.transport import BoundedConnection
 
@@ -47,9 +46,9 @@ async def serving() -> AsyncIterator[int]:
     app = Starlette(routes=[*routes, WebSocketRoute("/ws", talk)])
     config = uvicorn.Config(app, http=BoundedConnection, log_level="critical", lifespan="off")
     server = uvicorn.Server(config)
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        running = asyncio.create_task(server.serve(sockets=[listening]))
-        yield listening.getsockname()[1]
+    with listening.bind_port("127.0.0.1", 0) as port:
+        running = asyncio.create_task(server.serve(sockets=[port]))
+        yield port.getsockname()[1]
         server.should_exit = True
         await running
 
@@ -122,14 +121,13 @@ def test_bounded_connection_above_the_maximum_closes_the_oldest_and_accepts_stop
 def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(BoundedConnection, "_made_s", deque(maxlen=4))
+    monkeypatch.setattr(listening, "MAX_NEW_CONNECTIONS", 4)
 
     async def flood() -> None:
         async with serving() as port:
             held = [await Client.open(port, b"GET /") for _ in range(8)]
-            fresh = await Client.open(port)
             head, body = STOP[:-2], STOP[-2:]
-            await fresh.send(head)
+            fresh = await Client.open(port, head)
             assert await fresh.ask(body) == b"HTTP/1.1 200 OK\r\n"
             assert [await client.is_closed() for client in held[4:]] == [True] * 4
             assert await held[0].ask(b"x HTTP/1.1\r\n\r\n") == b"HTTP/1.1 404 Not Found\r\n"
