@@ -18,9 +18,8 @@ import numpy as np
 from palpate.calibrate.laws import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm
 from palpate.sensor.wire_messages import FrameMessage
-from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

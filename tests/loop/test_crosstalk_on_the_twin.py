@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.signal.circuit import resistance_ohm
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

@@ -227,7 +227,7 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
     """Yield tables with a row per frame; other layouts have no force."""
     from palpate.calibrate.laws import force_now
     from palpate.sensor.calibration import Calibration
-    from palpate.signal.relative import excess_conductance
+    from palpate.sensor.sample import excess_conductance
 
     calibration = Calibration.from_text(text)
     shape = (calibration.layout.rows, calibration.layout.cols)

@@ -12,7 +12,7 @@ from bridges.mujoco.tests.lying import PALM, UP, lying
 
 from palpate.errors import DeviceTimeoutError, InputError
 from palpate.sensor.array import ArrayLayout, find_impossible_count
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.sheet_state import SheetState
 from palpate_mujoco import PadSensor, TouchGrid

@@ -9,7 +9,7 @@ from palpate.estimate.force_follower import ForceFollower
 from palpate.estimate.force_law import ForceLaw
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_excess
+from palpate.sensor.sample import pixel_excess
 from palpate.settling.result import Status
 
 

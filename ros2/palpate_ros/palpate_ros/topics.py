@@ -23,8 +23,8 @@ from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate_ros import messages
 from palpate_ros.frame_force import FrameForce
 

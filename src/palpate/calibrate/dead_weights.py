@@ -15,13 +15,9 @@ from palpate.errors import CalibrationError, InputError
 from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import ForcePairs
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import (
-    mean_change,
-    relative_change_percent,
-    rest_baseline,
-    total_excess,
-)
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import mean_change, total_excess
 
 #: Maximum time per load.
 _MAX_WAIT_S = 40.0

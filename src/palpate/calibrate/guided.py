@@ -16,13 +16,9 @@ from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import (
-    RestBaseline,
-    mean_change,
-    relative_change_percent,
-    rest_baseline,
-)
+from palpate.sensor.rest_baseline import RestBaseline, rest_baseline
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import mean_change
 
 #: Contact threshold of the load cell, newtons. Closing is slow up to contact. The steps then grow
 #: with the force, to read small forces as often as large forces.

@@ -23,8 +23,8 @@ from palpate.recording import load_recording
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.sensor.health import FrameColumns, Health, check_health
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.press_order import PressMonitor, order_findings
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.sensor.usb_latency import explain_latencies
 from palpate.terminal_table import make_console, make_table
 

@@ -17,12 +17,8 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import (
-    CONTACT_PERCENT,
-    mean_change,
-    relative_change_percent,
-)
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, mean_change
 
 #: Duration of the rest measurement without a calibration, seconds.
 _REST_S = 1.0

@@ -25,14 +25,10 @@ from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
 from palpate.settling.result import Status
 from palpate.signal.events import ContactState, watch_contact
-from palpate.signal.relative import (
-    finger_means,
-    mean_change,
-    relative_change_percent,
-)
+from palpate.signal.relative import finger_means, mean_change
 
 #: Maximum density of the curve, points per second, and length of the curve without a grasp,
 #: seconds.

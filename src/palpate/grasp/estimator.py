@@ -18,12 +18,8 @@ from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import (
-    finger_means,
-    mean_change,
-    relative_change_percent,
-)
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import finger_means, mean_change
 
 _TIME_S = attrgetter("time_s")
 #: Most readings stored since a movement: 20 s at 250 frames/s in full. Beyond it older readings are

@@ -8,7 +8,7 @@ from palpate.calibrate.laws import laws_of
 from palpate.errors import CalibrationError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_excess
+from palpate.sensor.sample import pixel_excess
 from palpate.signal.circuit import resistance_ohm
 
 #: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the

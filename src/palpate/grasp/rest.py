@@ -15,8 +15,8 @@ from palpate.grasp.config import GUARDS
 from palpate.grasp.estimator import read_frame_force_n
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
-from palpate.sensor.pixel_resistance import pixel_excess
-from palpate.signal.relative import rest_baseline
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import pixel_excess
 
 
 def measure_rest(state: GraspState, *, plan: Plan) -> bool:

@@ -12,7 +12,7 @@ from palpate.grasp.result import GraspResult
 from palpate.produce.records import PixelPercent
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import relative_change_percent
+from palpate.sensor.sample import relative_change_percent
 
 #: Averaging time at the start of the grasp and before the answer, seconds.
 MEAN_S = 0.4

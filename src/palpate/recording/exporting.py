@@ -22,14 +22,9 @@ from palpate.holds.table_files import import_pyarrow
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import (
-    CONTACT_PERCENT,
-    largest_change,
-    mean_change,
-    relative_change_percent,
-    rest_baseline,
-)
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, largest_change, mean_change
 
 Columns = dict[str, list[Any]]
 Format = Literal["csv", "parquet"]

@@ -15,8 +15,8 @@ from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import CONTACT_PERCENT, relative_change_percent
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT
 
 #: Number of waiting frames that the memory of the force law uses.
 _MOST_FOLLOWED = 100

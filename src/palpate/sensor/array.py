@@ -42,7 +42,7 @@ class ArrayLayout:
         The readout circuit.
     idle_lines : {"isolated", "floating", "held"}
         State of the unselected lines during a reading; it determines the crosstalk correction
-        (`palpate.sensor.pixel_resistance`). *Isolated*: each pixel has its own line or a diode,
+        (`palpate.sensor.sample`). *Isolated*: each pixel has its own line or a diode,
         and there is no crosstalk. *Floating*: rows and columns connect only to two multiplexers,
         and current also flows through other pixels. *Held*: idle rows are tied to the same rail
         as the reference resistor.

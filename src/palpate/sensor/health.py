@@ -22,9 +22,9 @@ from palpate.sensor.health_pixels import (
     judge_pixels,
     measure_pixels,
 )
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
-from palpate.signal.relative import rest_baseline
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import pixel_resistance_ohm
 
 #: Minimum number of frames for an estimate of the noise.
 MIN_FRAMES = 30

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
 from palpate.signal.circuit import resistance_ohm, resolution_ohm
-from palpate.signal.relative import relative_change_percent
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 PixelVerdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, pixel_name
-from palpate.signal.relative import relative_change_percent
+from palpate.sensor.sample import relative_change_percent
 
 PixelIndex: TypeAlias = tuple[int, int]
 

@@ -13,7 +13,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import check_unloaded, rest_baseline
+from palpate.sensor.rest_baseline import check_unloaded, rest_baseline
 
 
 def compute_rest(

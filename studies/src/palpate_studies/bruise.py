@@ -31,8 +31,9 @@ from palpate.produce.bruise.model import (
 )
 from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape
 from palpate.produce.learning import LabelledTable, make_pipeline
+from palpate.sensor.sample import relative_change_percent
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, mean_change
 from palpate.twin.devices import TwinArray
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.processes import map_batches

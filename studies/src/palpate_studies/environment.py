@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.sensor.sample import relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Environment
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS

@@ -12,7 +12,8 @@ from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
-from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
+from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Environment
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.signal import iirnotch, lfilter, lfilter_zi
 
 from palpate.arrays import FloatArray
+from palpate.sensor.sample import relative_change_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
-from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, mean_change
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, draw_named

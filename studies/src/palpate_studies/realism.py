@@ -17,11 +17,11 @@ from palpate.arrays import FloatArray
 from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.scoring.predictions import predict_holds
 from palpate.sensor.array import ArrayLayout
+from palpate.sensor.sample import excess_conductance
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.signal.circuit import Divider
-from palpate.signal.relative import excess_conductance
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.press_data import Press, Trace, read_presses
 from palpate_studies.report import StudyReport, Table, as_command

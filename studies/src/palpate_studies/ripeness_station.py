@@ -31,8 +31,8 @@ from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import RestValues
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import draw_uniform

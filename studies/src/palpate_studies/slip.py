@@ -10,9 +10,10 @@ import typer
 from scipy.stats import chi2
 
 from palpate.arrays import FloatArray
+from palpate.sensor.sample import relative_change_percent
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.events import ContactState, EventKind, watch_contact
-from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, finger_means
 from palpate.twin.devices import TwinArray
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import TwinObject, draw_object

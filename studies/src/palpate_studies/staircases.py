@@ -25,8 +25,8 @@ from palpate.estimate.force_now import ForceNow
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import excess_conductance, total_excess
+from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm
+from palpate.signal.relative import total_excess
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World

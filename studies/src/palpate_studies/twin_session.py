@@ -11,15 +11,10 @@ from palpate.arrays import FloatArray
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.sensor.array import ArrayLayout
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import excess_conductance, relative_change_percent
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.relative import (
-    excess_conductance,
-    largest_change,
-    mean_change,
-    relative_change_percent,
-    rest_baseline,
-    total_excess,
-)
+from palpate.signal.relative import largest_change, mean_change, total_excess
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import Environment, Sheet

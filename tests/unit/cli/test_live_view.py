@@ -20,8 +20,9 @@ from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.board_array import find_layout
+from palpate.sensor.sample import relative_change_percent
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

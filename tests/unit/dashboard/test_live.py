@@ -30,7 +30,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, check_health
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 REST = np.full((4, 2), 300, dtype=np.int32)

@@ -26,7 +26,7 @@ from palpate.foxglove.channels import encode_force
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm
 from palpate.settling.result import Status
 from palpate.terminal_table import make_console
 from palpate.twin.devices import TwinArray

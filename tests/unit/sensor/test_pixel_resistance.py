@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tests.held_readings import held_readings_ohm
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, IdleLines
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 

@@ -23,7 +23,7 @@ from tests.other_boards import (
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError, WireError
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.one_way_array import OneWayArray
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.sensor.text_lines import LineDecoder, open_board
 from palpate.signal.circuit import Divider
 

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.signal.relative import (
-    excess_conductance,
-    largest_change,
-    mean_change,
-    relative_change_percent,
-    rest_baseline,
-    total_excess,
-)
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.signal.relative import largest_change, mean_change, total_excess
 
 PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
+from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import FAMILIES, Environment
 from palpate.twin.world import World

@@ -26,8 +26,7 @@ from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGrip
 from palpate.recording.replay import observations
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import relative_change_percent
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
 
 #: Unit of position and rate, by the gripper's drive.
 _POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa", "rate_kpa_per_s")}

@@ -23,8 +23,8 @@ from palpate.grasp.safety import FORCE_CEILING_N, largest_step
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.pixel_resistance import pixel_excess, pixel_resistance_ohm
-from palpate.signal.relative import relative_change_percent, rest_baseline
+from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
 from palpate_lerobot.episode import action_names, state_names
 
 #: Timeout of a frame, seconds.

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import relative_change_percent
+from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate_mujoco.hand import find_hand

@@ -30,7 +30,8 @@ from palpate.produce.ripeness.closing import CONTACT_WIDTH
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import relative_change_percent, total_excess
+from palpate.sensor.sample import relative_change_percent
+from palpate.signal.relative import total_excess
 
 #: Name of this measurement.
 SHARED_PIXELS = "shared_pixels"

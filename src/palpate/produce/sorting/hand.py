@@ -27,7 +27,8 @@ from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.sensor.sample import relative_change_percent
+from palpate.signal.relative import mean_change
 
 #: Clearance as a fraction of the known size, larger than the out-of-roundness of produce.
 _CLEARANCE_FRACTION = 0.15

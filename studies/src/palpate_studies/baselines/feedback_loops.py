@@ -24,15 +24,13 @@ from palpate.estimate.line_law import LineForceLaw, fit_settled_line
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm, relative_change_percent
 from palpate.settling.exponential import Exponential
 from palpate.signal.relative import (
     CONTACT_PERCENT,
-    excess_conductance,
     finger_means,
     largest_change,
     mean_change,
-    relative_change_percent,
     total_excess,
 )
 from palpate.twin.devices import TwinArray, TwinGripper

@@ -14,7 +14,6 @@ from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.crosstalk import unmix_floating, unmix_held
-from palpate.signal.relative import excess_conductance
 
 
 def pixel_resistance_ohm(
@@ -98,3 +97,37 @@ def pixel_excess(ohm: ArrayLike, *, rest_ohm: ArrayLike, layout: ArrayLayout) ->
         saturated=known & (read <= least_ohm),
         open=known & ~np.isfinite(read),
     )
+
+
+def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
+    """Return 100 (R / R_rest - 1), percent (paper, equation 1).
+
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) yields NaN.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero yields NaN.
+
+    >>> relative_change_percent([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
+    [[-50.0, 0.0]]
+    """
+    resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
+    usable = np.isfinite(resistance) & (rest > 0)
+    ratio = np.where(usable, resistance, 1.0) / np.where(rest > 0, rest, 1.0)
+    return np.where(usable, 100.0 * (ratio - 1.0), np.nan)
+
+
+def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
+    """Return G / G_rest - 1 = R_rest / R - 1, a ratio.
+
+    The excess conductance still rises with load where the relative change approaches -100 %.
+
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) yields NaN, zero (short)
+        infinity.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero yields NaN.
+
+    >>> excess_conductance([[500.0, 1000.0, 0.0]], rest_ohm=[[1000.0, 1000.0, 1000.0]]).tolist()
+    [[1.0, 0.0, inf]]
+    """
+    resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
+    usable = np.isfinite(resistance) & (resistance >= 0) & (rest > 0)
+    short = usable & (resistance == 0)
+    excess = rest / np.where(usable & ~short, resistance, 1.0) - 1.0
+    return np.where(short, np.inf, np.where(usable, excess, np.nan))
