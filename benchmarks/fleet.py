@@ -18,7 +18,7 @@ import numpy as np
 from palpate.calibrate.laws import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm
+from palpate.sensor.sample import SampleReader
 from palpate.sensor.wire_messages import FrameMessage
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -66,9 +66,10 @@ def main() -> None:
         archived = sum(f.stat().st_size for f in root.rglob("*.parquet")) / count
     follow = force_now(calibration.force)
     started_s = time.perf_counter()
+    reader = SampleReader(array.layout, calibration.rest.ohm)
     for frame in frames:
-        ohm = pixel_resistance_ohm(frame.counts, layout=array.layout, oversampling=1)
-        follow.step(frame.time_s, excess_conductance(ohm, rest_ohm=calibration.rest.ohm))
+        sample = reader.read(frame)
+        follow.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
     force_s = time.perf_counter() - started_s
     rows = {
         "on the wire": (wire, None),

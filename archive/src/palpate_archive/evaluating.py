@@ -227,9 +227,10 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
     """Yield tables with a row per frame; other layouts have no force."""
     from palpate.calibrate.laws import force_now
     from palpate.sensor.calibration import Calibration
-    from palpate.sensor.sample import excess_conductance
+    from palpate.sensor.sample import SampleReader
 
     calibration = Calibration.from_text(text)
+    reader = SampleReader(calibration.layout, calibration.rest.ohm)
     shape = (calibration.layout.rows, calibration.layout.cols)
     names = ("time_s", "force_n", "force_n_low", "force_n_high")
     schema = pa.schema([("recording", pa.string()), *((name, pa.float64()) for name in names)])
@@ -245,8 +246,8 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
                 row = {"recording": recording, "time_s": frame["time_s"]}
                 if (frame["rows"], frame["cols"]) == shape:
                     ohm = np.array(frame["ohm"], dtype=float).reshape(shape)
-                    excess = excess_conductance(ohm, rest_ohm=calibration.rest.ohm)
-                    force = now.step(frame["time_s"], excess)
+                    pixels = reader.read_ohm(ohm)
+                    force = now.step(frame["time_s"], pixels.excess, saturated=pixels.has_saturated)
                     row |= dict(zip(names[1:], (force.value, force.low, force.high), strict=True))
                 rows.append(row)
             yield pa.Table.from_pylist(rows, schema=schema)

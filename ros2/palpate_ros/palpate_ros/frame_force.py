@@ -7,14 +7,13 @@ import numpy as np
 from palpate.estimate.force import StaticLaw, law_from_dict
 from palpate.estimate.force_follower import ForceFollower
 from palpate.estimate.force_law import ForceLaw
-from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.sample import pixel_excess
+from palpate.sensor.sample import Sample
 from palpate.settling.result import Status
 
 
 class FrameForce:
-    """Converts resistances of frames to force.
+    """Converts samples to force.
 
     Attributes
     ----------
@@ -22,29 +21,27 @@ class FrameForce:
         Whether the law needs every frame.
     """
 
-    def __init__(self, calibration: Calibration, *, layout: ArrayLayout) -> None:
+    def __init__(self, calibration: Calibration) -> None:
         law = calibration.force_law
-        self._layout, self._rest_ohm = layout, calibration.rest_ohm
         self._law: StaticLaw | None = law_from_dict(law) if law.get("law") == "power" else None
         self.has_history = law.get("law") == ForceLaw.name
         self._follower = ForceFollower(ForceLaw.from_dict(law)) if self.has_history else None
 
-    def limits_n(self, time_s: float, ohm: np.ndarray) -> tuple[float, ...]:
+    def limits_n(self, sample: Sample) -> tuple[float, ...]:
         """Return force, lower and upper limit; empty without a law or a readable pixel.
 
         With a saturated pixel the force is its lower limit, and the upper limit is infinite.
         """
-        pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=self._layout)
         if self._follower is not None:
-            now = self._follower.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+            now = self._follower.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
             if now.status is Status.NOT_MEASURED:
                 return ()
             value, low, high = now.value, now.low, now.high
-        elif self._law is not None and not np.isnan(pixels.excess).all():
-            found = self._law.force_n(np.maximum(np.nansum(pixels.excess), 0.0))
+        elif self._law is not None and not np.isnan(sample.excess).all():
+            found = self._law.force_n(np.maximum(np.nansum(sample.excess), 0.0))
             value, low, high = (float(one) for one in (found.value, found.low, found.high))
         else:
             return ()
-        if pixels.has_saturated or value is None:
+        if sample.has_saturated or value is None:
             return low, low, np.inf
         return value, low, high

@@ -23,7 +23,7 @@ from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
-from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import Sample, SampleReader
 from palpate.signal.relative import mean_change
 from palpate_ros import messages
 from palpate_ros.frame_force import FrameForce
@@ -73,8 +73,9 @@ class SensorTopics:
     def __init__(self, node: Node, about: Provenance) -> None:
         self._node, self._about, self._lock = node, about, threading.Lock()
         known = about.calibration
-        self._force = None if known is None else FrameForce(known, layout=about.info.layout)
-        self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
+        self._force = None if known is None else FrameForce(known)
+        self._rest_ohm = None if known is None else known.rest_ohm
+        self._reader = SampleReader(about.info.layout, self._rest_ohm)
         self._quiet: deque[Frame] = deque()
         self._received_s, self._fault, self._last = time.monotonic(), "", None
         create = node.create_publisher
@@ -98,20 +99,18 @@ class SensorTopics:
         stamp = messages.stamp_of(frame.time_s, zero_unix_ns=about.info.clock_zero_unix_ns)
         at = {"stamp": stamp, "frame_id": about.frame_id}
         self._counts.publish(messages.counts_image(frame, **at))
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=about.info.layout, oversampling=frame.oversampling
-        )
+        sample = self._reader.read(frame)
         if self._ohm.get_subscription_count():
-            self._ohm.publish(messages.ohm_image(ohm, **at))
+            self._ohm.publish(messages.ohm_image(sample.resistance_ohm, **at))
         if self._force is not None and (
             self._force.has_history or any(p.get_subscription_count() for p in self._forces)
         ):
-            limits_n = self._force.limits_n(frame.time_s, ohm)
+            limits_n = self._force.limits_n(sample)
             for publisher, force_n in zip(self._forces, limits_n, strict=False):
                 publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
             self._publish_state(state, **at)
-        self._store_quiet_frame(frame, ohm)
+        self._store_quiet_frame(frame, sample)
 
     def fail(self, text: str) -> None:
         """Report a fault of the equipment until the next frame."""
@@ -145,11 +144,11 @@ class SensorTopics:
             self._pressure.publish(messages.pressure(state, **at))
         self._last = state
 
-    def _store_quiet_frame(self, frame: Frame, ohm: np.ndarray) -> None:
+    def _store_quiet_frame(self, frame: Frame, sample: Sample) -> None:
         """Store the latest frames without contact, for the health check."""
         touched = False
         if self._rest_ohm is not None:
-            change = mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm))
+            change = mean_change(sample.change_percent)
             touched = bool(np.nan_to_num(change) < _TOUCH_PERCENT)
         with self._lock:
             self._received_s, self._fault = time.monotonic(), ""

@@ -16,7 +16,7 @@ from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
 from palpate.signal.relative import mean_change, total_excess
 
 #: Maximum time per load.
@@ -237,8 +237,7 @@ def _check_reading(
 
 def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> _LoadReading:
     """Return the reading averaged over a stretch, without its few unusable frames."""
-    ohm = _ohm(array, _STRETCH_S)
-    pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=array.layout)
+    pixels = SampleReader(array.layout, rest_ohm).read_ohm(_ohm(array, _STRETCH_S))
     for unusable, text in (
         (pixels.saturated, "is saturated"),
         (pixels.open, "has no reading"),
@@ -250,8 +249,7 @@ def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> 
                 + (remedy if unusable is pixels.saturated else "run `palpate doctor`")
             )
     usable = ~(pixels.saturated | pixels.open).any(axis=(1, 2))
-    change = relative_change_percent(ohm[usable], rest_ohm=rest_ohm)
-    excess = pixels.excess[usable]
+    change, excess = pixels.change_percent[usable], pixels.excess[usable]
     return _LoadReading(
         excess=float(np.mean(total_excess(excess))),
         highest=float(np.max(np.nan_to_num(excess.mean(axis=0)))),

@@ -17,7 +17,7 @@ from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.rest_baseline import RestBaseline, rest_baseline
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 
 #: Contact threshold of the load cell, newtons. Closing is slow up to contact. The steps then grow
@@ -289,9 +289,9 @@ def _take_reading(
 ) -> SheetReading:
     """Take a reading `since_move_s` after a movement, averaged over the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
-    pixels = pixel_excess(ohm, rest_ohm=rest.rest_ohm, layout=bench.array.layout)
+    pixels = SampleReader(bench.array.layout, rest.rest_ohm).read_ohm(ohm)
     excess = np.nan_to_num(pixels.excess).mean(axis=0)
-    relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
+    relative = mean_change(pixels.change_percent)
     return SheetReading(
         since_move_s=since_move_s,
         pixel_excess=tuple(excess.ravel().tolist()),
@@ -302,14 +302,12 @@ def _take_reading(
 
 def _ohm(bench: Bench, until_s: float, *, mean_s: float) -> FloatArray:
     """Return the resistances of the frames in the last `mean_s` before a time."""
-    layout, found = bench.array.layout, list[FloatArray]()
+    reader, found = SampleReader(bench.array.layout), list[FloatArray]()
     if bench.skip_until is not None:
         bench.skip_until(until_s - mean_s)
     while True:
         frame = bench.array.read(timeout_s=FRAME_TIMEOUT_S)
         if frame.time_s > until_s - mean_s:
-            found.append(
-                pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
-            )
+            found.append(reader.read(frame).resistance_ohm)
         if frame.time_s >= until_s:
             return np.array(found)

@@ -24,7 +24,7 @@ from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.press_order import PressMonitor, order_findings
-from palpate.sensor.sample import pixel_resistance_ohm
+from palpate.sensor.sample import SampleReader
 from palpate.sensor.usb_latency import explain_latencies
 from palpate.terminal_table import make_console, make_table
 
@@ -132,13 +132,13 @@ def _follow_presses(
 ) -> tuple[FrameColumns, tuple[Finding, ...]]:
     """Monitor presses; return the frames at rest and pressed, and the findings."""
     monitor, requested, taken = PressMonitor(rest.rest_ohm(layout=layout)), None, rest.to_frames()
+    reader = SampleReader(layout)
     for frame in frames:
         if monitor.next_pixel is not None and monitor.next_pixel != requested:
             requested = monitor.next_pixel
             where = f"pixel {pixel_name(*requested)} (finger {layout.finger_of_row[requested[0]]})"
             prompt(f"press {where}, hold briefly, then release")
-        ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
-        monitor.add_frame(frame.time_s, ohm)
+        monitor.add_frame(frame.time_s, reader.read(frame).resistance_ohm)
         taken.append(frame)
         if monitor.is_done:
             break

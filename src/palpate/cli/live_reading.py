@@ -17,7 +17,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import CONTACT_PERCENT, mean_change
 
 #: Duration of the rest measurement without a calibration, seconds.
@@ -66,16 +66,16 @@ class LiveReading:
         self.force_n: Measurement | None = None
         self.touching: frozenset[int] = frozenset()
         self.frames = self.lost = 0
-        self._rest_ohm, self._clock, self._force = rest_ohm, clock, force
+        self._reader = SampleReader(source.array.layout, rest_ohm)
+        self._clock, self._force = clock, force
         self._first: list[FloatArray] = []
         self._arrived_s = math.nan
         self._recent: deque[tuple[float, int]] = deque()
 
     def add(self, frame: Frame) -> None:
         """Add a frame."""
-        self.ohm = pixel_resistance_ohm(
-            frame.counts, layout=self._layout, oversampling=frame.oversampling
-        )
+        sample = self._reader.read(frame)
+        self.ohm = sample.resistance_ohm
         if self._recent:
             self.lost += max(0, frame.sequence - self._recent[-1][1] - 1)
         self.frames += 1
@@ -83,18 +83,16 @@ class LiveReading:
         self._recent.append((frame.time_s, frame.sequence))
         while frame.time_s - self._recent[0][0] > 2.0:
             self._recent.popleft()
-        if self._rest_ohm is None:
+        if self._reader.rest_ohm is None:
             self._collect_rest(self.ohm, frame.time_s)
-        if self._rest_ohm is None:
             return
-        self.change_percent = relative_change_percent(self.ohm, rest_ohm=self._rest_ohm)
+        self.change_percent = sample.change_percent
         self.touching = frozenset(
             finger for finger in set(self._layout.finger_of_row) if self._is_touching(finger)
         )
         if self._force is not None:
-            pixels = pixel_excess(self.ohm, rest_ohm=self._rest_ohm, layout=self._layout)
             self.force_n = self._force.step(
-                frame.time_s, pixels.excess, saturated=pixels.has_saturated
+                sample.time_s, sample.excess, saturated=sample.has_saturated
             )
 
     @property
@@ -126,7 +124,7 @@ class LiveReading:
     def _collect_rest(self, ohm: FloatArray, time_s: float) -> None:
         self._first.append(ohm)
         if time_s - self._recent[0][0] >= _REST_S:
-            self._rest_ohm = np.asarray(np.median(self._first, axis=0))
+            self._reader = SampleReader(self._layout, np.median(self._first, axis=0))
             self._first.clear()
 
 
@@ -142,17 +140,15 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
                 yield source.array.read(timeout_s=_WAIT_S)
             except DeviceTimeoutError:
                 yield None
-    squeezing, rest_ohm = squeeze(source.gripper), source.calibration.rest_ohm
+    squeezing = squeeze(source.gripper)
+    reader = SampleReader(source.array.layout, source.calibration.rest_ohm)
     next(squeezing)
     first_s, start_s = None, clock.now_s()
     while True:
         frame = source.array.read(timeout_s=1.0)
         first_s = frame.time_s if first_s is None else first_s
         clock.sleep_s(start_s + frame.time_s - first_s - clock.now_s())
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=source.array.layout, oversampling=frame.oversampling
-        )
-        change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+        change = mean_change(reader.read(frame).change_percent)
         squeezing.send((frame.time_s, float(change)))
         yield frame
 

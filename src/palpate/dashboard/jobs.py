@@ -49,6 +49,7 @@ from palpate.sensor.array import (
 from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
 from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
+from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
 
 NO_GRIPPER = "this rig has no gripper: add one to its file (`palpate init --gripper`)"
@@ -401,7 +402,7 @@ def _store_calibration(
     return CalibrationRenewed(
         file=file,
         rest_ohm=calibration.rest_ohm,
-        change_percent=100.0 * (calibration.rest_ohm / before_ohm - 1.0),
+        change_percent=relative_change_percent(calibration.rest_ohm, rest_ohm=before_ohm),
         held_out=calibration.held_out.get("error_percent", {}),
     )
 

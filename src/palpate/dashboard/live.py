@@ -25,7 +25,7 @@ from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import PixelSignals, SampleReader, pixel_resistance_ohm
 from palpate.settling.result import Status
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import finger_means, mean_change
@@ -158,18 +158,22 @@ class Live:
         source = self.source
         if source is None:
             return
-        ohm = pixel_resistance_ohm(
-            frames.counts, layout=source.layout, oversampling=frames.oversampling
-        )
         if self._rest_ohm is None:
-            self._rest_ohm = np.asarray(np.median(ohm[:_REST_FRAMES], axis=0))
-        percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
-        self.ohm, self.percent = ohm[-1], percent[-1]
+            ohm = pixel_resistance_ohm(
+                frames.counts[:_REST_FRAMES],
+                layout=source.layout,
+                oversampling=frames.oversampling,
+            )
+            self._rest_ohm = np.asarray(np.median(ohm, axis=0))
+        pixels = SampleReader(source.layout, self._rest_ohm).read_counts(
+            frames.counts, oversampling=frames.oversampling
+        )
+        self.ohm, self.percent = pixels.resistance_ohm[-1], pixels.change_percent[-1]
         self.time_s = float(frames.time_s[-1])
         if self.timeline is not None:
             self.reported, self.moving = float(frames.reported[-1]), bool(frames.moving[-1])
             return
-        self._extend(frames, percent, ohm)
+        self._extend(frames, pixels)
         self._contacts = [
             watch_contact(state, mean)[0]
             for state, mean in zip(self._contacts, self.finger_percent(self.percent), strict=True)
@@ -178,11 +182,11 @@ class Live:
         for time_s, reported, moving in columns:
             self._record_movement(float(time_s), reported=float(reported), moving=bool(moving))
 
-    def percent_at(self, ohm: FloatArray) -> FloatArray | None:
-        """Return the relative changes for these resistances; None without rest values."""
-        if self._rest_ohm is None:
+    def signals_at(self, ohm: FloatArray) -> PixelSignals | None:
+        """Return the signals of these resistances; None without rest values."""
+        if self.source is None or self._rest_ohm is None:
             return None
-        return relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        return SampleReader(self.source.layout, self._rest_ohm).read_ohm(ohm)
 
     def finger_percent(self, percent: FloatArray | None) -> list[float]:
         """Return the mean change of each finger's pixels; empty before the first frame."""
@@ -197,15 +201,14 @@ class Live:
         The grip force is the mean of the fingers' forces, which are proportional to the force law's
         readings of the fingers.
         """
-        source, rest_ohm = self.source, self._rest_ohm
-        if source is None or source.laws is None:
+        source, pixels = self.source, None if ohm is None else self.signals_at(ohm)
+        if source is None or source.laws is None or force is None or pixels is None:
             return []
-        if force is None or ohm is None or rest_ohm is None:
-            return []
-        excess = pixel_excess(ohm, rest_ohm=rest_ohm, layout=source.layout).excess
         fingers = np.array(source.layout.finger_of_row)[:, None]
         reading = source.laws.reading.reading
-        read = [float(reading(np.where(fingers == one, excess, 0))) for one in np.unique(fingers)]
+        read = [
+            float(reading(np.where(fingers == one, pixels.excess, 0))) for one in np.unique(fingers)
+        ]
         mean = sum(read) / len(read)
         return [force.middle * one / mean for one in read] if mean > 0 else []
 
@@ -258,9 +261,9 @@ class Live:
             return None
         return sum(one.percent for one in held) / len(held), held[-1].force
 
-    def _extend(self, frames: Frames, percent: FloatArray, ohm: FloatArray) -> None:
+    def _extend(self, frames: Frames, pixels: PixelSignals) -> None:
         """Add points to the curve, without a force while the hand is open or opens."""
-        mean_percent = np.nan_to_num(mean_change(percent)).tolist()
+        mean_percent = np.nan_to_num(mean_change(pixels.change_percent)).tolist()
         hand = zip(frames.reported.tolist(), frames.moving.tolist(), strict=True)
         for at, (time_s, (reported, moving)) in enumerate(
             zip(frames.time_s.tolist(), hand, strict=True)
@@ -269,13 +272,15 @@ class Live:
             slot = math.floor(time_s * POINTS_PER_S)
             if slot > self._last_slot:
                 self._last_slot = slot
-                force = self._force_at(time_s, ohm[at])
+                force = self._force_at(
+                    time_s, pixels.excess[at], saturated=bool(pixels.saturated[at].any())
+                )
                 self.curve.append(
                     Point(
                         time_s,
                         mean_percent[at],
                         None if is_unloaded else force,
-                        ohm=ohm[at],
+                        ohm=pixels.resistance_ohm[at],
                         reported=reported,
                         moving=moving,
                         touching=tuple(self.touching_fingers),
@@ -286,12 +291,12 @@ class Live:
                     self.curve.clear()
                     self.curve.append(self.frozen.pop())
 
-    def _force_at(self, time_s: float, ohm: FloatArray) -> Measurement | None:
-        source, rest_ohm = self.source, self._rest_ohm
-        if self._force is None or source is None or rest_ohm is None:
+    def _force_at(
+        self, time_s: float, excess: FloatArray, *, saturated: bool
+    ) -> Measurement | None:
+        if self._force is None:
             return None
-        pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=source.layout)
-        force = self._force.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+        force = self._force.step(time_s, excess, saturated=saturated)
         return None if force.status is Status.NOT_MEASURED else force
 
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:

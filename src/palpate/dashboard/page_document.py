@@ -228,7 +228,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
     max_moments = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // points[0].ohm.size, 1))
     return [
         {
-            **_pads(live, point.time_s, percent, point.ohm, point.force),
+            **_pads(live, point.time_s, pixels.change_percent, point.ohm, point.force),
             "touching": point.touching,
             "hand": _hand(
                 live,
@@ -238,7 +238,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
             ),
         }
         for point in points[:: math.ceil(len(points) / max_moments)]
-        if (percent := live.percent_at(point.ohm)) is not None
+        if (pixels := live.signals_at(point.ohm)) is not None
     ]
 
 

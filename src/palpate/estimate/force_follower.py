@@ -15,12 +15,13 @@ from palpate.arrays import FloatArray
 from palpate.estimate.force_law import ForceLaw, build_settled_inputs
 from palpate.estimate.force_states import ForceStates, log_reading
 from palpate.estimate.measurement import Measurement
+from palpate.sensor.sample import excess_of_change
 from palpate.settling.result import Status
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Excess conductance above which a pixel has contact (paper, section 4.1, as conductance); contact
 #: ends below half of it.
-_TOUCHED = 1.0 / (1.0 + CONTACT_PERCENT / 100.0) - 1.0
+_TOUCHED = float(excess_of_change(CONTACT_PERCENT))
 #: First forces of a calibration with weights, newtons, at which it also reports its intervals. They
 #: are spread over the range of a gripper. With these three weights, the error of real staircases
 #: was 0.20 in ln force; with first weights of 0.6 to 1.2 N it was 1.0.
@@ -46,7 +47,7 @@ class ForceSource(ABC):
         """Process a frame and return the present force; without contact, 0 with an upper limit.
 
         `time_s`: not earlier than that of the last frame.
-        `excess`, shape (rows, cols): excess conductance, as from `pixel_excess`; NaN for pixels
+        `excess`, shape (rows, cols): excess conductance, as in a `Sample`; NaN for pixels
             without a reading. Of an infinite excess nothing is known, and its pixel is saturated.
         `saturated`: whether a pixel is saturated.
         """

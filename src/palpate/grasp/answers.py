@@ -26,6 +26,7 @@ from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
+from palpate.sensor.sample import change_of_excess, excess_of_change
 from palpate.settling.percent import percent_to_ratio, ratio_to_percent
 from palpate.settling.result import SettledEstimate, Status
 
@@ -83,9 +84,9 @@ def _relative_forecast(reading: Measurement, relative: Measurement, *, now: Touc
     """
     if not (now.reading > 0 and now.relative_percent < 0):
         return relative
-    excess = 1.0 / (1.0 + now.relative_percent / 100.0) - 1.0
+    excess = float(excess_of_change(now.relative_percent))
     value, low, high = (
-        100.0 * (1.0 / (1.0 + excess * end / now.reading) - 1.0)
+        float(change_of_excess(excess * end / now.reading))
         for end in (reading.middle, reading.high, reading.low)
     )
     by = value - now.relative_percent

@@ -18,7 +18,7 @@ from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import Sample, SampleReader
 from palpate.signal.relative import finger_means, mean_change
 
 _TIME_S = attrgetter("time_s")
@@ -247,15 +247,14 @@ class ContactEstimate(HandMotion):
         agrees = not gripper.moving and abs(reported - self.sent) <= error
         self.closure = self.sent if agrees else reported
         self.tracking_lag = max(self.closure - reported, 0.0)
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=plan.layout, oversampling=frame.oversampling
-        )
+        sample = SampleReader(plan.layout, self.rest_ohm).read(frame)
         if self.rest_ohm is None:
-            self.rest_frames = (*self.rest_frames, ohm)
+            self.rest_frames = (*self.rest_frames, sample.resistance_ohm)
             return
         if self.sweep is not None:
-            self.sweep = self._update_sweep(self.sweep, self.rest_ohm, ohm, gripper, plan)
-        touch = self._read_touch(frame.time_s, self.rest_ohm, ohm, plan)
+            ratio = _ratio_to_rest(sample.resistance_ohm, self.rest_ohm)
+            self.sweep = self._update_sweep(self.sweep, ratio, gripper, plan)
+        touch = self._read_touch(sample, plan)
         force_n = math.exp(self.gain.log_mean) * read_frame_force_n(touch.reading, plan=plan)
         frame_forces = (*self.frame_forces, (frame.time_s, force_n))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
@@ -280,15 +279,12 @@ class ContactEstimate(HandMotion):
         self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
         self.sent = closure_of(command.target, plan)
 
-    def _read_touch(
-        self, time_s: float, rest_ohm: FloatArray, ohm: NDArray[np.float64], plan: Plan
-    ) -> Touch:
+    def _read_touch(self, sample: Sample, plan: Plan) -> Touch:
         """Return the readings of a frame, minus the sheet's residual of an earlier contact."""
-        change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+        time_s, change = sample.time_s, sample.change_percent
         fingers = replace_non_finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(replace_non_finite(mean_change(change)))
-        pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=plan.layout)
-        reading = float(plan.reading.reading(pixels.excess))
+        reading = float(plan.reading.reading(sample.excess))
         if self.residual is not None and self.released_s is not None:
             # Creep decays approximately as the inverse of the time since release.
             fraction = (self.residual.time_s - self.released_s) / max(
@@ -305,12 +301,7 @@ class ContactEstimate(HandMotion):
         )
 
     def _update_sweep(
-        self,
-        sweep: Sweep,
-        rest_ohm: FloatArray,
-        ohm: NDArray[np.float64],
-        gripper: GripperState,
-        plan: Plan,
+        self, sweep: Sweep, ratio: FloatArray, gripper: GripperState, plan: Plan
     ) -> Sweep:
         """Return the sweep with this frame added; pixels without a reading count as unchanged."""
         gears_ma = math.nan
@@ -318,10 +309,14 @@ class ContactEstimate(HandMotion):
             gears_ma = gripper.current_ma - float(
                 plan.current.gears.mean_current_ma(np.array(gripper.width_mm))
             )
-        ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
         watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
         log_ohm = np.nan_to_num(np.log(watched))
         return sweep.with_frame(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
+
+
+def _ratio_to_rest(ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
+    """Return the resistances relative to rest, 1 for an open or short pixel."""
+    return np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
 
 
 def read_frame_force_n(reading: float, *, plan: Plan) -> float:

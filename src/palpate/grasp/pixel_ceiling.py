@@ -7,9 +7,9 @@ import numpy as np
 from palpate.calibrate.laws import laws_of
 from palpate.errors import CalibrationError
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.sample import pixel_excess
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.sample import SampleReader
 
 #: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the
 #: twin, 11 of 13 objects at level `lab` reach the resulting limit, at 17 to 36 N. At level `field`,
@@ -46,6 +46,14 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     (508, 797)
     """
     layout, divider = calibration.layout, calibration.layout.divider
+    pixel = ArrayLayout(
+        name="pixel",
+        rows=1,
+        cols=1,
+        finger_of_row=(0,),
+        divider=divider,
+        line_ohm=layout.line_ohm,
+    )
     if divider.taxel_leg == "lower":
         return 0
     try:
@@ -53,13 +61,12 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     except CalibrationError:
         return 0
     counts = np.arange(1, divider.full_scale - 1)
-    ohm = resistance_ohm(counts, divider=divider) - layout.line_ohm
     rest_ohm = np.asarray(calibration.rest_ohm)
     found = 0
     for row, col in np.argwhere(np.isfinite(rest_ohm)).tolist():
         excess = np.zeros((counts.size, *rest_ohm.shape))
-        own = pixel_excess(ohm, rest_ohm=rest_ohm[row, col], layout=layout).excess
-        excess[:, row, col] = np.maximum(own, 0.0)
+        alone = SampleReader(pixel, rest_ohm[row, col]).read_counts(counts[:, None, None])
+        excess[:, row, col] = np.maximum(alone.excess[:, 0, 0], 0.0)
         grip = layout.fingers / _MAX_FRACTION * reading.reading(excess)
         shown_n = np.min([law.force_n(grip).value for law in laws], axis=0)
         if not shown_n[-1] > force_n:

@@ -16,7 +16,7 @@ from palpate.grasp.estimator import read_frame_force_n
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import pixel_excess
+from palpate.sensor.sample import SampleReader
 
 
 def measure_rest(state: GraspState, *, plan: Plan) -> bool:
@@ -55,7 +55,7 @@ def _read_rest_force(frames: FloatArray, rest_ohm: FloatArray, *, plan: Plan) ->
     A pixel's noise reads as load in half of the frames, and as nothing in the others, so the sum
     over many pixels does not average out.
     """
-    excess = pixel_excess(frames, rest_ohm=rest_ohm, layout=plan.layout).excess
+    excess = SampleReader(plan.layout, rest_ohm).read_ohm(frames).excess
     return read_frame_force_n(float(np.median(plan.reading.reading(excess))), plan=plan)
 
 

@@ -12,7 +12,7 @@ from palpate.grasp.result import GraspResult
 from palpate.produce.records import PixelPercent
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
-from palpate.sensor.sample import relative_change_percent
+from palpate.sensor.sample import SampleReader
 
 #: Averaging time at the start of the grasp and before the answer, seconds.
 MEAN_S = 0.4
@@ -47,4 +47,4 @@ def mean_percent_before(
     rest_ohm, loaded_ohm = (
         FrameColumns.from_frames(part).ohm(layout=layout).mean(axis=0) for part in (rest, loaded)
     )
-    return relative_change_percent(loaded_ohm, rest_ohm=rest_ohm)
+    return SampleReader(layout, rest_ohm).read_ohm(loaded_ohm).change_percent

@@ -23,7 +23,7 @@ from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
 from palpate.signal.relative import CONTACT_PERCENT, largest_change, mean_change
 
 Columns = dict[str, list[Any]]
@@ -122,17 +122,11 @@ def _resistance_ohm(
     layout: ArrayLayout,
     oversampling: NDArray[np.integer[Any]],
 ) -> FloatArray:
-    """Return the pixels' resistances, computed in groups of equal oversampling."""
-    ohm = np.empty(counts.shape)
-    for conversions in np.unique(oversampling):
-        alike = oversampling == conversions
-        try:
-            ohm[alike] = pixel_resistance_ohm(
-                counts[alike], layout=layout, oversampling=int(conversions)
-            )
-        except ValueError as error:
-            raise RecordingError(f"a frame of the recording: {error}") from error
-    return ohm
+    """Return the pixels' resistances."""
+    try:
+        return pixel_resistance_ohm(counts, layout=layout, oversampling=oversampling)
+    except ValueError as error:
+        raise RecordingError(f"a frame of the recording: {error}") from error
 
 
 def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
@@ -210,7 +204,8 @@ def cut_recorded_holds(
             f"{len(recording.time_s)} frames are too few for holds; record at least {_MIN_FRAMES}"
         )
     ohm = solve_resistance_ohm(recording)
-    change = relative_change_percent(ohm, rest_ohm=_measure_rest_ohm(recording, ohm))
+    reader = SampleReader(recording.info.layout, _measure_rest_ohm(recording, ohm))
+    change = reader.read_ohm(ohm).change_percent
     values = change if unit == "percent" else ohm
     holds: list[Hold] = []
     for number, (start_s, end_s) in enumerate(_find_still_intervals(recording, change), start=1):

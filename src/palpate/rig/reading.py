@@ -15,7 +15,7 @@ from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Number of waiting frames that the memory of the force law uses.
@@ -79,19 +79,15 @@ class Reader:
 
     def read(self, frame: Frame, *, now_s: float | None = None) -> Reading:
         """Return the reading of the next frame; its age is 0 without a present time."""
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=self._layout, oversampling=frame.oversampling
-        )
-        change = relative_change_percent(ohm, rest_ohm=self.rest_ohm)
+        sample = SampleReader(self._layout, self.rest_ohm).read(frame, now_s=now_s)
         force = None
         if self._force is not None:
-            pixels = pixel_excess(ohm, rest_ohm=self.rest_ohm, layout=self._layout)
-            force = self._force.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
+            force = self._force.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
         return Reading(
-            time_s=frame.time_s,
-            resistance_ohm=ohm,
-            change_percent=change,
+            time_s=sample.time_s,
+            resistance_ohm=sample.resistance_ohm,
+            change_percent=sample.change_percent,
             force_n=force,
-            contact=bool(np.nanmin(change, initial=0.0) <= CONTACT_PERCENT),
-            age_s=0.0 if now_s is None else max(now_s - frame.time_s, 0.0),
+            contact=bool(np.nanmin(sample.change_percent, initial=0.0) <= CONTACT_PERCENT),
+            age_s=sample.age_s or 0.0,
         )

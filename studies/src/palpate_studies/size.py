@@ -23,7 +23,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader, pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import (
     CONTACT_PERCENT,
     finger_means,
@@ -161,9 +161,8 @@ def list_last_steps(
     rows = []
     for index in range(last - _STOPS + 1, last + 1):
         stop = stops[max(index, 0)]
-        ohm = _ohm(stop, plan)
-        change = relative_change_percent(ohm, rest_ohm=rest_ohm)
-        excess = excess_conductance(ohm, rest_ohm=rest_ohm)
+        pixels = SampleReader(plan.layout, rest_ohm).read_ohm(_ohm(stop, plan))
+        change, excess = pixels.change_percent, pixels.excess
         force_n = float(plan.early_law.force_n(plan.reading.reading(excess)).value)
         fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
         rows.append(

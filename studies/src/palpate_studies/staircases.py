@@ -25,7 +25,7 @@ from palpate.estimate.force_now import ForceNow
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
-from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import total_excess
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
@@ -247,13 +247,12 @@ def _staircase(
     bench: Bench, *, rest_ohm: FloatArray, rng: np.random.Generator
 ) -> Iterator[FrameRead]:
     """Yield time, excess of the pixels and reference force of every frame."""
-    gripper, cell, layout = bench.gripper, bench.cell, bench.array.layout
+    gripper, cell = bench.gripper, bench.cell
+    reader = SampleReader(bench.array.layout, rest_ohm)
 
     def frame() -> FrameRead:
-        seen = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
-        ohm = pixel_resistance_ohm(seen.counts, layout=layout, oversampling=seen.oversampling)
-        known = np.maximum(ohm, layout.divider.least_ohm)
-        return seen.time_s, excess_conductance(known, rest_ohm=rest_ohm), cell.read_n()
+        sample = reader.read(bench.array.read(timeout_s=_FRAME_TIMEOUT_S))
+        return sample.time_s, sample.excess, cell.read_n()
 
     gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_APPROACH_MM_PER_S))
     while gripper.state().moving and cell.read_n() < _TOUCH_N:

@@ -26,7 +26,7 @@ from palpate.foxglove.channels import encode_force
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm
+from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
 from palpate.settling.result import Status
 from palpate.terminal_table import make_console
 from palpate.twin.devices import TwinArray
@@ -72,29 +72,33 @@ def calibration() -> Calibration:
     )
 
 
-#: Converts counts at successive times to forces, as one of the consumers does.
-Consumer = Callable[[Sequence[np.ndarray]], list[Measurement | None]]
+#: Converts counts at successive times, with rest values, to forces, as one of the consumers does.
+Consumer = Callable[[Sequence[np.ndarray], np.ndarray], list[Measurement | None]]
 
 
-def read_by_rig(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+def read_by_rig(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measurement | None]:
     reader = Reader(calibration())
+    reader.rest_ohm = rest_ohm
     return [reader.read(frame).force_n for frame in as_frames(counts)]
 
 
-def read_live(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+def make_live(rest_ohm: np.ndarray) -> LiveReading:
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    live = LiveReading(source, rest_ohm=REST_OHM, clock=ManualClock(), force=make_force_now())
-    found = []
+    return LiveReading(source, rest_ohm=rest_ohm, clock=ManualClock(), force=make_force_now())
+
+
+def read_live(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measurement | None]:
+    live, found = make_live(rest_ohm), []
     for frame in as_frames(counts):
         live.add(frame)
         found.append(live.force_n)
     return found
 
 
-def read_page(counts: Sequence[np.ndarray]) -> list[Measurement | None]:
+def read_page(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measurement | None]:
     laws = ForceLaws(PixelReading.sum_pixels(), early=LAW, settled=LAW)
     live = Live()
-    live.open_source(replace(SOURCE, laws=laws, rest_ohm=REST_OHM))
+    live.open_source(replace(SOURCE, laws=laws, rest_ohm=rest_ohm))
     for number, one in enumerate(counts):
         made = page_frames(1, from_s=0.1 * number, rate_hz=10.0, counts=300)
         live.add_frames(replace(made, counts=one[None], reported=np.full(1, 40.0)))
@@ -113,8 +117,8 @@ def test_force_of_bad_frame_says_so_and_next_good_frame_is_right(
     consumer: Consumer, bad: np.ndarray
 ) -> None:
     good = [REST] * 3 + [PRESSED] * 5
-    *_, during, after = consumer([*good, bad, PRESSED])
-    *_, alone = consumer([*good, PRESSED, PRESSED])
+    *_, during, after = consumer([*good, bad, PRESSED], REST_OHM)
+    *_, alone = consumer([*good, PRESSED, PRESSED], REST_OHM)
     assert alone is not None
     assert after is not None
     assert after.value == pytest.approx(alone.value, rel=0.02)
@@ -170,19 +174,17 @@ def test_lasting_saturation_enters_the_history() -> None:
     assert abs(math.log(forces[1].value / alone.value)) > 0.05
 
 
-def test_pixel_excess_ignores_pixels_without_a_rest_value() -> None:
+def test_sample_ignores_pixels_without_a_rest_value() -> None:
     rest_ohm = REST_OHM.copy()
     rest_ohm[1, 0] = np.nan
-    ohm = pixel_resistance_ohm(SATURATED, layout=RIGID_LAYOUT)
-    found = pixel_excess(ohm, rest_ohm=rest_ohm, layout=RIGID_LAYOUT)
+    found = SampleReader(RIGID_LAYOUT, rest_ohm).read_counts(SATURATED)
     assert not found.has_saturated
     assert np.isnan(found.excess[1, 0])
-    assert pixel_excess(ohm, rest_ohm=REST_OHM, layout=RIGID_LAYOUT).has_saturated
+    assert SampleReader(RIGID_LAYOUT, REST_OHM).read_counts(SATURATED).has_saturated
 
 
 def test_live_view_shows_a_bound_with_its_reason() -> None:
-    source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    live = LiveReading(source, rest_ohm=REST_OHM, clock=ManualClock(), force=make_force_now())
+    live = make_live(REST_OHM)
     view = LiveView(live)
     for frame in as_frames([REST, PRESSED, SATURATED]):
         view.add(frame)

@@ -26,7 +26,7 @@ from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGrip
 from palpate.recording.replay import observations
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 
 #: Unit of position and rate, by the gripper's drive.
 _POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa", "rate_kpa_per_s")}
@@ -174,17 +174,13 @@ def _build_track(
     assert info.gripper is not None
     calibration = Calibration.from_text(info.calibration or "", where="the recording")
     following = force_now(calibration.force)
-    state = []
+    state, reader = [], SampleReader(info.layout, recorder.rest_ohm)
     for seen, _ in steps:
-        frame = seen.frame
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=info.layout, oversampling=frame.oversampling
-        )
-        pixels = pixel_excess(ohm, rest_ohm=recorder.rest_ohm, layout=info.layout)
-        force = following.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
-        change = relative_change_percent(ohm, rest_ohm=recorder.rest_ohm)
+        sample = reader.read(seen.frame)
+        force = following.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
         position = info.gripper.drive_reading(seen.gripper)
-        state.append([position, force.middle, force.low, force.high, *change.ravel()])
+        change = sample.change_percent.ravel()
+        state.append([position, force.middle, force.low, force.high, *change])
     return GraspTrack(
         path=path,
         info=info,

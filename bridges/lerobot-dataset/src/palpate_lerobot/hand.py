@@ -24,7 +24,7 @@ from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import pixel_excess, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate_lerobot.episode import action_names, state_names
 
 #: Timeout of a frame, seconds.
@@ -104,7 +104,7 @@ class PolicyHand:
         self._force = force_now(calibration.force)
         self.state_names = state_names(array.layout, gripper.limits.drive)
         self.action_names = action_names(gripper.limits.drive)
-        self._rest_ohm = self._measure_rest()
+        self._reader = SampleReader(array.layout, self._measure_rest())
         self._closure, self._moved_s = 0.0, -math.inf
         self._contact_n, self._known_n, self._known_closure = 0.0, math.inf, 0.0
         #: Times and closures since the last reading that shows a contact.
@@ -125,10 +125,9 @@ class PolicyHand:
         except DeviceError:
             self._gripper.stop()
             raise
-        ohm = self._ohm(frame)
-        pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=self._array.layout)
-        force = self._force.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
-        change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        sample = self._reader.read(frame)
+        force = self._force.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+        change = sample.change_percent
         position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
         self._record_state(frame.time_s, state, force, touched=touched)
@@ -222,9 +221,6 @@ class PolicyHand:
         plan, frames = self._plan, [self._array.read(timeout_s=_FRAME_S)]
         while len(frames) < plan.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s:
             frames.append(self._array.read(timeout_s=_FRAME_S))
-        ohm = np.array([self._ohm(frame) for frame in frames])
+        reader = SampleReader(self._array.layout)
+        ohm = np.array([reader.read(frame).resistance_ohm for frame in frames])
         return rest_baseline(ohm, known_ohm=plan.rest_ohm).rest_ohm
-
-    def _ohm(self, frame: Frame) -> np.ndarray:
-        layout = self._array.layout
-        return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)

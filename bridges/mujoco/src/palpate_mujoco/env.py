@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate_mujoco.hand import find_hand
@@ -160,11 +160,11 @@ class GraspEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _ohm(self) -> FloatArray:
         frame = self._array.read(timeout_s=1.0)
-        layout = self._array.layout
-        return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
+        return SampleReader(self._array.layout).read(frame).resistance_ohm
 
     def _measure(self, ohm: FloatArray) -> Observation:
-        change_percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        reader = SampleReader(self._array.layout, self._rest_ohm)
+        change_percent = reader.read_ohm(ohm).change_percent
         # An open pixel has no finite change and gets the limit.
         change_percent = np.nan_to_num(change_percent, nan=_LIMIT_PERCENT)
         change_percent = np.clip(change_percent, -_LIMIT_PERCENT, _LIMIT_PERCENT)

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
+from palpate.sensor.sample import excess_of_change
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Excess conductance at the paper's contact threshold; added before the logarithm.
@@ -87,8 +88,8 @@ def fit_load_shape(change_percent: ArrayLike, *, width_mm: float | None = None) 
             "2 x 2 pixels each"
         )
     basis = _finger_basis(rows, change.shape[1]).reshape(MODES, -1)
-    ratio = np.maximum(100.0 + change, 0.1) / 100.0
-    load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _CONTACT_EXCESS).reshape(2, -1)
+    excess = np.maximum(excess_of_change(change), 0.0)
+    load = np.log(excess + _CONTACT_EXCESS).reshape(2, -1)
     modes = np.empty((2, MODES))
     for finger, values in enumerate(load):
         known = np.isfinite(values)

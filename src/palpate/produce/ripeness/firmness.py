@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
+from palpate.sensor.sample import excess_of_change
 
 #: Grip force of the ripeness measurement, newtons. It deforms a hard fruit by a third of a
 #: millimetre and does not bruise a ripe one (thumbs bruise avocados from about 10 N on).
@@ -96,11 +97,11 @@ def minus_log_sharing(percent: ArrayLike) -> float | None:
     >>> round(math.exp(-minus_log_sharing([[-50.0, -50.0], [-50.0, np.nan]])), 6)
     3.0
     """
-    fallen = np.clip(-np.array(percent, dtype=float), _LEAST_PERCENT, 99.9) / 100.0
+    fallen = np.maximum(-np.array(percent, dtype=float), _LEAST_PERCENT)
     fallen = fallen[np.isfinite(fallen)]
-    if fallen.size < 2 or fallen.max() <= 2 * _LEAST_PERCENT / 100.0:
+    if fallen.size < 2 or fallen.max() <= 2 * _LEAST_PERCENT:
         return None
-    excess = fallen / (1.0 - fallen)
+    excess = excess_of_change(-fallen)
     return -math.log(float(excess.sum() ** 2 / (excess**2).sum()))
 
 

@@ -30,7 +30,7 @@ from palpate.produce.ripeness.closing import CONTACT_WIDTH
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
-from palpate.sensor.sample import relative_change_percent
+from palpate.sensor.sample import SampleReader, excess_of_change
 from palpate.signal.relative import total_excess
 
 #: Name of this measurement.
@@ -43,8 +43,6 @@ _SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
 _EXCESS_POWER = 1.3
 #: The exponent of the sharing is measured from this fraction of the final load on.
 _EARLIER_LOAD = 0.5
-#: Lower limit of a pixel's resistance, as a percentage of its rest value.
-_LEAST_RESISTANCE_PERCENT = 0.1
 
 
 def measure_shared_pixels(
@@ -121,10 +119,9 @@ def _change_percent(observations: Sequence[Observation], *, layout: ArrayLayout)
     frames = FrameColumns.from_frames([one.frame for one in observations])
     ohm = frames.ohm(layout=layout)
     at_rest = frames.time_s < frames.time_s[0] + MEAN_S
-    return relative_change_percent(ohm, rest_ohm=ohm[at_rest].mean(axis=0))
+    return SampleReader(layout, ohm[at_rest].mean(axis=0)).read_ohm(ohm).change_percent
 
 
 def _total_load(percent: FloatArray) -> FloatArray:
     """Return the excess conductance summed over pixels."""
-    ratio = np.maximum(100.0 + percent, _LEAST_RESISTANCE_PERCENT) / 100.0
-    return total_excess(1.0 / ratio - 1.0)
+    return total_excess(excess_of_change(percent))

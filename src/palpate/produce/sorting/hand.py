@@ -27,7 +27,7 @@ from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.health import FrameColumns
-from palpate.sensor.sample import relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 
 #: Clearance as a fraction of the known size, larger than the out-of-roundness of produce.
@@ -95,7 +95,8 @@ class SortingHand:
         before = self._mean_ohm()
         while self.clock.now_s() < deadline_s:
             now = self._mean_ohm()
-            change = mean_change(relative_change_percent(now, rest_ohm=before))
+            reader = SampleReader(self.array.layout, before)
+            change = mean_change(reader.read_ohm(now).change_percent)
             if not abs(float(change)) > _STABLE_PERCENT:
                 return
             before = now

@@ -24,7 +24,7 @@ from palpate.estimate.line_law import LineForceLaw, fit_settled_line
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.sample import excess_conductance, pixel_resistance_ohm, relative_change_percent
+from palpate.sensor.sample import SampleReader, pixel_resistance_ohm, relative_change_percent
 from palpate.settling.exponential import Exponential
 from palpate.signal.relative import (
     CONTACT_PERCENT,
@@ -178,8 +178,8 @@ def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[
     """Read after a movement; return the readings and the calibrated law's settled force."""
     ohm = read_ohm(array, seconds=READING_S, last=_FRAMES)
     ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
-    change = relative_change_percent(ohm, rest_ohm=rest_ohm)
-    excess = excess_conductance(ohm, rest_ohm=rest_ohm)
+    pixels = SampleReader(plan.layout, rest_ohm).read_ohm(ohm)
+    change, excess = pixels.change_percent, pixels.excess
     reading = np.asarray(plan.reading.reading(excess), dtype=float)
     early_n, law_n = (
         max(float(law.force_n(reading[frame]).value), _SMALLEST_N)
