@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from statistics import fmean, median, stdev
 from typing import TypeAlias
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.measurement import Measurement
 from palpate.rig import open_rig
 
 RIGS = ("sim-rigid", "mujoco")

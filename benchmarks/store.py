@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.export import export_grasps

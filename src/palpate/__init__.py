@@ -32,7 +32,6 @@ from palpate.version import __version__ as __version__
 if TYPE_CHECKING:
     from palpate.errors import InputError, PalpateError
     from palpate.estimate.force_law import ForceLaw
-    from palpate.estimate.measurement import Measurement
     from palpate.grasp.plan import Plan
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.result import GraspResult, Outcome
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from palpate.holds import Hold, read_holds
     from palpate.holds.cutting import cut_holds
     from palpate.holds.recordings import Readings, read_recording
+    from palpate.measurement import Measurement, Status
     from palpate.plots.holds import plot_holds
     from palpate.recording import load_recording
     from palpate.rig import Rig, open_rig
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.relaxation import Relaxation
-    from palpate.settling.result import SettledEstimate, Status
+    from palpate.settling.result import SettledEstimate
 
 __all__ = [
     "Exponential",
@@ -90,7 +90,7 @@ _MODULES = {
     "Grip": "palpate.rig.grip",
     "Hold": "palpate.holds",
     "InputError": "palpate.errors",
-    "Measurement": "palpate.estimate.measurement",
+    "Measurement": "palpate.measurement",
     "Outcome": "palpate.grasp.result",
     "PalpateError": "palpate.errors",
     "Plan": "palpate.grasp.plan",
@@ -101,7 +101,7 @@ _MODULES = {
     "Rig": "palpate.rig",
     "ScoreTable": "palpate.scoring.table",
     "SettledEstimate": "palpate.settling.result",
-    "Status": "palpate.settling.result",
+    "Status": "palpate.measurement",
     "cut_holds": "palpate.holds.cutting",
     "load_recording": "palpate.recording",
     "open_rig": "palpate.rig",

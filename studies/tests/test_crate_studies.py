@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import Grasp
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate_studies import crates as crates_module

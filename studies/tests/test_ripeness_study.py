@@ -15,8 +15,8 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import firmness_of
 from palpate_studies import ripeness_station

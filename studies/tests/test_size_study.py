@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate_studies import size
 from palpate_studies.size import SizedStrawberry
 

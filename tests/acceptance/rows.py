@@ -22,7 +22,7 @@ from tests.acceptance.grasps import (
     run_case,
 )
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 BASELINE = Path(__file__).with_name("baseline.csv")
 #: A gentle squeeze ends at the first force, with soft fingers at the second; rigid fingers squeeze

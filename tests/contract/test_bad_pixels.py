@@ -20,16 +20,15 @@ from tests.unit.sensor.test_pixel_excess import make_live, read_by_rig, read_liv
 from palpate.calibrate.dead_weights import measure_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError
-from palpate.estimate.measurement import Measurement
 from palpate.foxglove.channels import encode_change
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperState
+from palpate.measurement import Measurement, Status
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
-from palpate.settling.result import Status
 
 plan = _plan_fixture
 REST, PRESSED = np.full((4, 2), 300), np.full((4, 2), 600)

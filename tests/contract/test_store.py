@@ -13,12 +13,11 @@ import sqlalchemy as sa
 from tests.factories import make_grasp
 
 from palpate.errors import InputError, StoreError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, schema
 from palpate.produce.store.engine import make_engine, store_url
-from palpate.settling.result import Status
 
 MORNING = datetime(2026, 5, 1, 8, 30, 0, 123456, tzinfo=UTC)
 

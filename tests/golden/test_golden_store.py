@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from palpate.measurement import Status
 from palpate.produce.records import About, Source
 from palpate.produce.store import Store
 from palpate.produce.store.schema import NEWEST
-from palpate.settling.result import Status
 
 FOLDER = Path(__file__).parent / "store"
 SCHEMAS = range(1, NEWEST["sqlite"] + 1)

@@ -32,9 +32,9 @@ from tests.served_pages import (
 
 from palpate.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
 from palpate.dashboard.messages import DeviceActivity
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
+from palpate.measurement import Measurement
 
 #: A phone, a tablet, a large screen, panel PCs, a landscape phone, and 1280 x 720 at 200 % zoom.
 SIZES = [

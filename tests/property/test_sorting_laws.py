@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
-from palpate.settling.result import Status
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 maybe = st.none() | numbers

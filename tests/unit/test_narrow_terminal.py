@@ -16,9 +16,8 @@ from rich.text import Text
 
 from palpate.cli import grasp_card
 from palpate.cli.output import print_card
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.settling.result import Status
+from palpate.measurement import Measurement, Status
 from palpate.terminal_table import fit_table, make_console, make_table, print_table
 
 NARROW = range(12, 121)

@@ -7,9 +7,9 @@ import numpy as np
 from palpate.estimate.force import StaticLaw, law_from_dict
 from palpate.estimate.force_follower import ForceFollower
 from palpate.estimate.force_law import ForceLaw
+from palpate.measurement import Status
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import Sample
-from palpate.settling.result import Status
 
 
 class FrameForce:

@@ -11,8 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import FluidPressure, Image, JointState
 
-from palpate.estimate.measurement import Measurement
 from palpate.gripper.interface import GripperState
+from palpate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health

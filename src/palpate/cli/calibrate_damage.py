@@ -20,8 +20,8 @@ from palpate.estimate.damage_learning import (
     read_closings,
     score_held_out,
 )
-from palpate.estimate.measurement import Measurement
 from palpate.files import check_not_input
+from palpate.measurement import Measurement
 from palpate.sensor.rest_calibration import format_now
 
 #: Minimum number of closings for training and cross-validation.

@@ -9,10 +9,9 @@ from rich.text import Text
 
 from palpate.cli.output import print_card as print_frame
 from palpate.estimate.firmness import is_determined
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
-from palpate.settling.result import Status
+from palpate.measurement import Measurement, Status
 from palpate.terminal_table import make_console, make_table
 
 #: Name of the measurement, label with unit, decimal places.

@@ -24,9 +24,9 @@ from palpate.cli.output import (
     print_message,
 )
 from palpate.errors import InputError, StoreAwayError
-from palpate.estimate.measurement import Measurement
 from palpate.files import check_writable
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.item_history import (

@@ -13,9 +13,9 @@ from palpate.cli.sensor_source import SensorSource
 from palpate.clock import Clock
 from palpate.errors import DeviceTimeoutError
 from palpate.estimate.force_follower import ForceSource
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import CONTACT_PERCENT, mean_change

@@ -24,9 +24,9 @@ from palpate.cli.items import (
 from palpate.cli.options import BatchOption, DayOption, StoreOption, opt
 from palpate.cli.output import format_percent, format_time, print_message
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path, check_new
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement, Status
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.item_history import history_figure, pixels_figure
 from palpate.plots.many_items import (
@@ -42,7 +42,6 @@ from palpate.produce.records import About, Grasp, Source
 from palpate.produce.ripeness.rule import Days
 from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store.item_history import ItemHistory, read_item_histories, read_item_history
-from palpate.settling.result import Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

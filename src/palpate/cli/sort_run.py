@@ -16,8 +16,8 @@ from palpate.cli.output import print_message
 from palpate.cli.sort_report import SortReport
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier
 from palpate.produce.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate.produce.records import Grasp, Item, Verdict

@@ -26,9 +26,9 @@ import numpy as np
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.errors import InputError, PalpateError
-from palpate.estimate.measurement import Measurement
 from palpate.files import escape_csv_cell
 from palpate.grasp.verdict import verdict
+from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 
 #: Number of grasps that the page lists.

@@ -14,12 +14,12 @@ from palpate.errors import CalibrationError
 from palpate.estimate.force import StaticLaw
 from palpate.estimate.force_now import ContactGains, ForceLaws
 from palpate.estimate.gain import Gain
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 from palpate.sensor.calibration import Calibration
 
 

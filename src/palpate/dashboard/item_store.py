@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_html import draw_panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 

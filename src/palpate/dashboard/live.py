@@ -22,11 +22,10 @@ from palpate.dashboard.messages import (
     Timeline,
 )
 from palpate.estimate.force_now import ForceNow
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
+from palpate.measurement import Measurement, Status
 from palpate.sensor.sample import PixelSignals, SampleReader, pixel_resistance_ohm
-from palpate.settling.result import Status
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import finger_means, mean_change
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.errors import InputError
 from palpate.estimate.force_now import ForceLaws
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult
 from palpate.gripper.interface import GripperLimits
+from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import Health

@@ -16,10 +16,10 @@ from palpate.dashboard.live import Live, finite_or_none
 from palpate.dashboard.messages import DeviceActivity
 from palpate.dashboard.session import Session
 from palpate.estimate.firmness import firmness_text, is_determined
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
+from palpate.measurement import Measurement
 from palpate.sensor.health import Health
 
 #: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).

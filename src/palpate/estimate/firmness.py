@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from palpate.estimate.measurement import Measurement
-from palpate.settling.result import Status
+from palpate.measurement import Measurement, Status
 
 #: Stiffness at index 0 and at index 100, N/mm: three decades, from foam to wood (a convention).
 _SOFTEST, _FIRMEST = 0.1, 100.0

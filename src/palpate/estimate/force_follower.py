@@ -14,9 +14,8 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.force_law import ForceLaw, build_settled_inputs
 from palpate.estimate.force_states import ForceStates, log_reading
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement, Status
 from palpate.sensor.sample import excess_of_change
-from palpate.settling.result import Status
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Excess conductance above which a pixel has contact (paper, section 4.1, as conductance); contact

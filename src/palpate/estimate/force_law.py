@@ -27,7 +27,7 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S, log_reading
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 #: Number of inputs of a sample: the reading, its difference from each copy, and the fall.
 INPUTS = 2 + len(TIME_CONSTANTS_S)

@@ -23,8 +23,8 @@ from palpate.estimate.force import ForceEstimate, StaticLaw
 from palpate.estimate.force_follower import ForceFollower, ForceSource, TouchDetector
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.gain import Gain
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
+from palpate.measurement import Measurement
 
 #: Relative difference between the reading and its low-passed copy that is a load change, and time
 #: constant of the copy, in which creep is only a few percent.

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 #: Fewest holds for an estimate of the scatter of creep.
 _FEWEST = 5

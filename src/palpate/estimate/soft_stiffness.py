@@ -21,8 +21,7 @@ from scipy.special import ndtr, ndtri
 from palpate.estimate.closing_curve import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.feldman_cousins import interval_above_zero, median_above_zero
-from palpate.estimate.measurement import Measurement
-from palpate.settling.result import Status
+from palpate.measurement import Measurement, Status
 
 #: Error (ln force) of the first measured force relative to the last of the same contact. The first
 #: force is nearest to the threshold, and acts on other pixels. On 160 development closings of the

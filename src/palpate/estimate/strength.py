@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri, stdtr
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 #: Grid of the stiffness of objects, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 401)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.recording.channels import NUMBER, message_schema
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.relative import mean_change

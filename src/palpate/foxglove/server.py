@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, require_extra
-from palpate.estimate.measurement import Measurement
 from palpate.foxglove.channels import (
     HEAT_MAP,
     HEAT_MAP_ENCODING,
@@ -21,6 +20,7 @@ from palpate.foxglove.channels import (
     heat_map_data,
     live_schemas,
 )
+from palpate.measurement import Measurement
 from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
 from palpate.sensor.array import ArrayLayout
 

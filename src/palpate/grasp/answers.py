@@ -21,14 +21,14 @@ from palpate.estimate.compliance import (
 from palpate.estimate.firmness import firmness_index
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
+from palpate.measurement import Measurement, Status
 from palpate.sensor.sample import change_of_excess, excess_of_change
 from palpate.settling.percent import percent_to_ratio, ratio_to_percent
-from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.result import SettledEstimate
 
 #: Reasons for a stiffness with only a bound.
 _SOFT_FINGERS = "the soft fingers deflect far more than the object"

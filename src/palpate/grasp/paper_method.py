@@ -12,7 +12,6 @@ import numpy as np
 from palpate.calibrate.laws import HORIZON_S
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.line_law import fit_settled_line
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.weights_check import score_line_held_out
 from palpate.grasp.approach import abort_insensitive, end_attempt, wait_for_retry
 from palpate.grasp.paper import Paper
@@ -22,9 +21,9 @@ from palpate.grasp.rest import measure_rest
 from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, record_step
 from palpate.gripper.interface import GripperCommand
+from palpate.measurement import Measurement, Status
 from palpate.sensor.calibration import Calibration
 from palpate.settling.exponential import Exponential
-from palpate.settling.result import Status
 
 
 def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:

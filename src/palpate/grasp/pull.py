@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

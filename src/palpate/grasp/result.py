@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 
 class Outcome(StrEnum):

@@ -6,7 +6,6 @@ import math
 from copy import copy
 from dataclasses import replace
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import forecast, measure_object, measure_stiffness
 from palpate.grasp.config import SETTLE, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
@@ -17,6 +16,7 @@ from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, deformation_mm, force_now, record_step, slope_n
 from palpate.gripper.interface import GripperCommand
+from palpate.measurement import Measurement
 
 
 def settle(state: GraspState, plan: Plan) -> GripperCommand | None:

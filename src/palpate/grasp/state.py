@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import Settled, measure_settled_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
@@ -14,6 +13,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.servo_evidence import gripper_force
 from palpate.gripper.interface import GripperCommand
+from palpate.measurement import Measurement
 from palpate.signal.events import ContactState, EventKind, watch_contact
 
 

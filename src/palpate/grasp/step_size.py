@@ -9,7 +9,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from palpate.estimate.closing_curve import CONTACT_SD
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
@@ -17,6 +16,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
+from palpate.measurement import Measurement
 
 
 def approach_step(plan: Plan) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.measurement import Measurement
 
 #: Upper limit of each word: the object's secant stiffness at the grip force, N/mm. The words are
 #: informal, not a standard: a ripe avocado is soft, an apple firm, wood hard.

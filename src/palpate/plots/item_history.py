@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.measurement import Status
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, change_colormap, is_dark
 from palpate.plots.style import BLUE, GREY, INK, ORANGE, plain_number
 from palpate.produce.records import About, Grasp, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory
-from palpate.settling.result import Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

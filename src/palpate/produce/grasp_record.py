@@ -9,9 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
+from palpate.measurement import Measurement
 from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent, answer_time_s
 from palpate.produce.records import MEASURED, Drive, Grasp
 from palpate.produce.ripeness.shared_load import measure_shared_pixels

@@ -16,8 +16,8 @@ from types import MappingProxyType
 from typing import Literal, get_args
 
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
 
 #: Names of the measurements of a grasp, with the unit (`Measurement.unit`) of each.

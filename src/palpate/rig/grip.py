@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 
 from palpate.errors import DeviceError, DeviceTimeoutError, RecordingLostError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -16,6 +15,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 from palpate.rig import Rig
 from palpate.rig.reading import Reader, Reading
 from palpate.rig.recorded import GraspRecorder

@@ -12,7 +12,7 @@ from palpate.arrays import FloatArray
 from palpate.calibrate.laws import force_now
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import ForceSource
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader

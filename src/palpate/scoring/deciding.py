@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.settling.result import SettledEstimate, SettlingMethod, Status
+from palpate.measurement import Status
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Time of the first evaluation, seconds: about the duration of contact bounces of real presses.
 EARLIEST_S = 0.5

@@ -10,9 +10,10 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, find_recorded_value, measure_settled_value
+from palpate.measurement import Status
 from palpate.scoring.deciding import find_decision
 from palpate.settling.percent import adapt_method
-from palpate.settling.result import SettledEstimate, SettlingMethod, Status
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Maximum size of a batch. Adjacent holds usually have the same sampling grid and are predicted
 #: together.

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.settling.result import SettledEstimate, Status
+from palpate.measurement import Status
+from palpate.settling.result import SettledEstimate
 from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: Two samples for the line and one for its error.

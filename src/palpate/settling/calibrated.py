@@ -19,10 +19,11 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.holds import SETTLED_WINDOW_S, Hold, measure_settled_value
+from palpate.measurement import Status
 from palpate.settling.baselines import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, SettlingMethod, Status
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Minimum number of calibration holds that raise a status to `ok`.
 MIN_PROOF_HOLDS = 6

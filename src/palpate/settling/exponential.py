@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.settling.result import SettledEstimate, Status
+from palpate.measurement import Status
+from palpate.settling.result import SettledEstimate
 from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: One sample more than the number of parameters.

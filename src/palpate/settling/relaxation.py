@@ -12,10 +12,11 @@ from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
+from palpate.measurement import Status
 from palpate.settling.conditionals import compute_conditionals, estimate_noise_variance
 from palpate.settling.mixture import compute_posterior, compute_quantiles
 from palpate.settling.origin import Window, find_updates, find_windows
-from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.result import SettledEstimate
 
 #: Holds per batch, which limits the memory.
 _BATCH_SIZE = 512

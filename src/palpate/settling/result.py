@@ -3,51 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-
-
-class Status(StrEnum):
-    """Validity of an estimate.
-
-    Attributes
-    ----------
-    OK : "ok"
-        The interval is reliable: it is supported by holds of this sensor, or the shape is well
-        within the range of real materials.
-    UNPROVEN : "unproven"
-        There are no holds of this sensor, and the shape is outside the range of real materials.
-    TOO_SHORT : "too_short"
-        Too few samples or too short a time.
-    NOT_SETTLING : "not_settling"
-        The reading returns, rises and falls, or is constant.
-    SATURATED : "saturated"
-        The readout is at an end of its range.
-    FELL_BACK : "fell_back"
-        The value is from a limit or from a simpler method.
-    MISFIT : "misfit"
-        No shape fits.
-    AT_LEAST, AT_MOST : "at_least", "at_most"
-        Only this limit of the interval is known.
-    NOT_MEASURED : "not_measured"
-        Neither limit is known.
-    """
-
-    OK = "ok"
-    UNPROVEN = "unproven"
-    TOO_SHORT = "too_short"
-    NOT_SETTLING = "not_settling"
-    SATURATED = "saturated"
-    FELL_BACK = "fell_back"
-    MISFIT = "misfit"
-    AT_LEAST = "at_least"
-    AT_MOST = "at_most"
-    NOT_MEASURED = "not_measured"
+from palpate.measurement import Status
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.pull import judge_pull
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import draw_object

@@ -11,10 +11,10 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
+from palpate.measurement import Measurement
 from palpate.produce.qualify.agreement import (
     FIGURES,
     Demand,

@@ -23,7 +23,7 @@ from palpate.estimate.damage_learning import (
     read_closings,
     split_folds,
 )
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate_studies.baselines.full_input_learners import make_ridge
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned

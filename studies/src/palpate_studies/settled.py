@@ -19,9 +19,10 @@ from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import Hold, measure_settled_value, read_holds
+from palpate.measurement import Status
 from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
-from palpate.settling.result import SettlingMethod, Status
+from palpate.settling.result import SettlingMethod
 from palpate_studies.baselines.full_input_learners import fit_weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import find_weighted_quantile, mean, median

@@ -17,11 +17,11 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.calibrate.laws import DWELL_S
 from palpate.estimate.compliance import Compliance
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.measurement import Measurement
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import (

@@ -16,7 +16,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import FEATURES, Identifier, label_identity
 from palpate.produce.identify.kinds import item_features
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.measurement import Status
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.percent import adapt_method
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettlingMethod, Status
+from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS

@@ -9,11 +9,12 @@ import numpy as np
 import typer
 
 from palpate.holds import Hold, measure_settled_value
+from palpate.measurement import Status
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential, fit_exponential
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettlingMethod, Status
+from palpate.settling.result import SettlingMethod
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, count_missed, format_missed

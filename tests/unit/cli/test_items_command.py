@@ -14,7 +14,7 @@ import pytest
 from tests.commands import Command
 from tests.factories import NOON, make_grasp
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, engine
 

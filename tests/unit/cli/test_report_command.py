@@ -12,11 +12,10 @@ import pytest
 from tests.commands import Command
 from tests.factories import NOON, make_grasp
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
-from palpate.settling.result import Status
 
 VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
 VOID = {"meta", "br", "img", "link"}

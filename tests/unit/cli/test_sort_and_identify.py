@@ -15,7 +15,7 @@ from tests.closings import write_damage_file
 from tests.commands import Command
 from tests.factories import NOON, make_grasp
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 

@@ -22,9 +22,9 @@ from palpate.dashboard.messages import (
     StopConfirmed,
     Update,
 )
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
+from palpate.measurement import Measurement
 from palpate.produce.sorting.conditions import Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.sensor.array import RIGID_LAYOUT

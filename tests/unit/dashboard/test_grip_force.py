@@ -16,10 +16,10 @@ from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ContactGains, ForceLaws
 from palpate.estimate.gain import Gain
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import Moment
 from palpate.gripper.interface import GripperLimits
+from palpate.measurement import Measurement
 
 LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01, range=(0.01, 100.0))
 LAWS = ForceLaws(reading=PixelReading.sum_pixels(), early=LAW, settled=LAW)

@@ -16,8 +16,8 @@ from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.measurement import Measurement
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",

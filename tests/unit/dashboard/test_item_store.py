@@ -14,15 +14,14 @@ from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_history import item_html, item_label
 from palpate.dashboard.panel_html import day_text
 from palpate.estimate.firmness import firmness_index
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.line.epcis import epcis_document
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.store import Store
 from palpate.recording import RecordingInfo, RecordingWriter
-from palpate.settling.result import Status
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 

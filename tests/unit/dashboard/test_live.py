@@ -24,10 +24,10 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ForceLaws
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
+from palpate.measurement import Measurement
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, check_health
 from palpate.sensor.sample import pixel_resistance_ohm

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.estimate.closing_curve import ClosingSteps, measure_closing
 from palpate.estimate.compliance import Compliance
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 COMPLIANCE = Compliance(
     slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), zero_mm=0.0, residual_mm=0.02,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.strength import ClosingCurve, ClosingState, fit_strength
+from palpate.measurement import Measurement
 
 
 def close_on(stiffness: float, *, until_n: float) -> list[ClosingState]:

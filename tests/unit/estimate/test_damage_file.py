@@ -24,7 +24,7 @@ from palpate.estimate.damage_learning import (
     score_held_out,
     split_folds,
 )
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 
 
 def squeezed(name: str, *, fruit: str, stiffness: float, limit_n: float) -> FruitClosing:

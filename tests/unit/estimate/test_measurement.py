@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.verdict import firmness
+from palpate.measurement import Measurement
 
 
 def stiffness(low: float, high: float) -> Measurement:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.sheet_creep import SheetCreep
+from palpate.measurement import Measurement
 
 CREEP = SheetCreep(log_mean=0.2, log_sd=0.02, early_s=0.4, settled_s=20.0)
 

@@ -8,9 +8,8 @@ from scipy.stats import t as student_t
 
 from palpate.estimate.closing_curve import ClosingSteps
 from palpate.estimate.compliance import STIFFEST_N_PER_MM, Compliance
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import measure_soft_stiffness
-from palpate.settling.result import Status
+from palpate.measurement import Measurement, Status
 
 COMPLIANCE = Compliance(
     slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=15.0

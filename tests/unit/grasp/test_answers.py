@@ -8,11 +8,11 @@ import pytest
 from tests.factories import closing_steps, touch
 
 from palpate.estimate.closing_curve import CONTACT_SD
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_object
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now
+from palpate.measurement import Measurement
 
 
 def test_measure_object_ignores_step_with_cancelling_pixels(plan: Plan) -> None:

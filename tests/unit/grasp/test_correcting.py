@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.settle import increase_force, reduce_force, return_from_below
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 
 #: The object of these tests raises the force by this much per millimetre.
 N_PER_MM = 2.0

@@ -12,8 +12,8 @@ from palpate.estimate.sheet_creep import SheetCreep
 from palpate.grasp.answers import forecast
 from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
+from palpate.measurement import Status
 from palpate.rig.simulated import calibrate_twin
-from palpate.settling.result import Status
 from palpate.twin.world import World
 
 #: Frames of a reading that falls by a fifth each: drawn out, next to nothing would be left.

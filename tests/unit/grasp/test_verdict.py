@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from palpate.estimate.firmness import firmness_index
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
+from palpate.measurement import Measurement
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 from tests.epcis import read_epcis
 from tests.factories import make_grasp
 
-from palpate.estimate.measurement import Measurement, Status
 from palpate.grasp.result import Outcome
 from palpate.line.epcis import epcis_document
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store.item_history import ItemHistory
 

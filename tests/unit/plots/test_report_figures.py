@@ -7,8 +7,8 @@ from datetime import UTC, timedelta
 import pytest
 from tests.factories import NOON, make_grasp
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.plots.inline_svg import THEME, inline_svg, page_figure
 from palpate.plots.item_history import history_figure
 from palpate.plots.many_items import (

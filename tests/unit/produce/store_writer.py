@@ -18,8 +18,8 @@ from itertools import count as count_up
 import sqlalchemy as sa
 
 from palpate.errors import StoreAwayError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import Grasp
 from palpate.produce.store import Store
 

@@ -10,8 +10,8 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, combine, grasp_features
 from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
 

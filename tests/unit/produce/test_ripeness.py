@@ -14,8 +14,8 @@ from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.estimate.firmness import firmness_index
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFirmness, firmness_of, group_by_day

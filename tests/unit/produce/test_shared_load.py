@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing

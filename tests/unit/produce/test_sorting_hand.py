@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.measurement import Measurement
 from palpate.produce.sorting.hand import SortingHand
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CrateTable, draw_crate

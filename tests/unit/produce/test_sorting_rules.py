@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tests.factories import NOON, make_grasp
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.records import About, Verdict

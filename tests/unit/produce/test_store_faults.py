@@ -26,7 +26,7 @@ from palpate.errors import (
     StoreAwayError,
     StoreError,
 )
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import engine as store_engine

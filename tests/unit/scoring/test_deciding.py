@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.measurement import Status
 from palpate.scoring.deciding import EARLIEST_S, find_decision
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import Status
 
 TIME_S = np.arange(0.0, 21.0, 0.07)
 HOLD = 100.0 - 4.0 * np.log(TIME_S + 0.5)

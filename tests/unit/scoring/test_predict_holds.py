@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.holds import Hold
+from palpate.measurement import Status
 from palpate.scoring import predictions as evaluate
 from palpate.scoring.predictions import decide_holds, predict_holds
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import Status
 
 METHODS = {"exponential": Exponential(), "recorded": Recorded()}
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.holds import find_recorded_value, measure_settled_value
+from palpate.measurement import Status
 from palpate.scoring.predictions import Prediction, summarise
-from palpate.settling.result import Status
 from palpate_studies.bootstrap import bootstrap_interval
 
 

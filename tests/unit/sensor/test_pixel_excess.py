@@ -20,14 +20,13 @@ from palpate.dashboard.live import Live
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ForceLaws, ForceNow
-from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.foxglove.channels import encode_force
+from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
-from palpate.settling.result import Status
 from palpate.terminal_table import make_console
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World

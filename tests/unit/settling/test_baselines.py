@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.measurement import Status
 from palpate.settling.baselines import LogLaw
-from palpate.settling.result import Status
 
 
 def test_log_law_extrapolates_a_logarithm_from_the_peak_of_each_hold() -> None:

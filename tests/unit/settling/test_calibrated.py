@@ -7,10 +7,11 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
+from palpate.measurement import Status
 from palpate.settling.calibrated import MIN_PROOF_HOLDS, Calibrated
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, Status
+from palpate.settling.result import FloatArray
 
 TIME_S = np.arange(1, 303) / 15.0
 

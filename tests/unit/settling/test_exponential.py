@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import OptimizeWarning, curve_fit
 
+from palpate.measurement import Status
 from palpate.settling.exponential import fit_exponential
-from palpate.settling.result import Status
 
 TIME_S = np.arange(0, 2.5, 1 / 15)
 

@@ -7,9 +7,9 @@ import pytest
 
 import palpate
 from palpate.errors import InputError
+from palpate.measurement import Status
 from palpate.settling.exponential import Exponential
 from palpate.settling.predict import METHODS, predict_settled
-from palpate.settling.result import Status
 
 TIME_S = np.arange(0, 20, 0.1)
 HOLD = 30 * np.exp(-TIME_S / 1.5) - 4 * np.log(TIME_S + 0.5) - 40

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.holds import measure_settled_value, read_holds
+from palpate.measurement import Status
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.result import SettledEstimate
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN, LabelLearner
 
 #: Quantities that distinguish kinds; fingers driven by pressure measure neither.

@@ -13,10 +13,10 @@ from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import SoftFingerCompliance
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
+from palpate.measurement import Measurement
 from palpate.produce.records import MEASURED
 
 #: Name of this measurement.

@@ -57,7 +57,7 @@ def firmness_of(grasp: Grasp) -> float | None:
     (`palpate.produce.ripeness.shared_load`). The two scales are not comparable.
 
     >>> from datetime import UTC, datetime
-    >>> from palpate.estimate.measurement import Measurement
+    >>> from palpate.measurement import Measurement
     >>> measurements = {
     ...     "firmness": Measurement(value=50.0, low=48.0, high=52.0, unit="index"),
     ...     "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),

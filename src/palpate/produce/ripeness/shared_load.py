@@ -21,9 +21,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
+from palpate.measurement import Measurement
 from palpate.produce.answer_pixels import MEAN_S, answer_time_s, mean_percent_before
 from palpate.produce.records import MEASURED
 from palpate.produce.ripeness.closing import CONTACT_WIDTH

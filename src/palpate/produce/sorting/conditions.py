@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from scipy.special import ndtr, ndtri
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identity
 from palpate.produce.learning import UNKNOWN
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.clock import Clock
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper
+from palpate.measurement import Measurement
 from palpate.produce.grasp_record import list_answers
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin

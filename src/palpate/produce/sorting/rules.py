@@ -110,7 +110,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
 
     `evidence`: combined evidence of all grasps and verdicts.
 
-    >>> from palpate.estimate.measurement import Measurement
+    >>> from palpate.measurement import Measurement
     >>> from palpate.produce.sorting.conditions import Within
     >>> small = Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=2)
     >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)

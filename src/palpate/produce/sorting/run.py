@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity, combine, label_identity
 from palpate.produce.identify.kinds import item_features
 from palpate.produce.records import About, Grasp, Verdict

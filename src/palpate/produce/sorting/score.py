@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import label_identity
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Any
 
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Drive, Grasp, Item, Verdict
 from palpate.produce.store.database import Store
 

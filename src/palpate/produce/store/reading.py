@@ -8,11 +8,10 @@ from functools import partial
 from typing import Any, TypeVar
 
 from palpate.errors import InputError, PalpateError, StoreAwayError
-from palpate.estimate.measurement import Measurement
+from palpate.measurement import Measurement, Status
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate.produce.store.engine import damage_error, sa, translate_errors
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
-from palpate.settling.result import Status
 
 _Read = TypeVar("_Read")
 _Value = TypeVar("_Value")

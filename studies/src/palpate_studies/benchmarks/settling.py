@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from palpate.arrays import FloatArray
+from palpate.measurement import Status
 from palpate.settling.predict import predict_settled
-from palpate.settling.result import Status
 from palpate.signal.transient import WAIT_S
 from palpate_studies.benchmarks.running import Measured, Ratio, command_of, side_by_side_s
 

@@ -1,11 +1,52 @@
-"""Measurement: a value with unit, interval and status, as returned by all estimators."""
+"""Measurement: a value with unit, interval and status, as returned by all estimators.
+
+It is the only module that converts an interval to a standard deviation, and back.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
-from palpate.settling.result import Status
+
+class Status(StrEnum):
+    """Validity of an estimate.
+
+    Attributes
+    ----------
+    OK : "ok"
+        The interval is reliable: it is supported by holds of this sensor, or the shape is well
+        within the range of real materials.
+    UNPROVEN : "unproven"
+        There are no holds of this sensor, and the shape is outside the range of real materials.
+    TOO_SHORT : "too_short"
+        Too few samples or too short a time.
+    NOT_SETTLING : "not_settling"
+        The reading returns, rises and falls, or is constant.
+    SATURATED : "saturated"
+        The readout is at an end of its range.
+    FELL_BACK : "fell_back"
+        The value is from a limit or from a simpler method.
+    MISFIT : "misfit"
+        No shape fits.
+    AT_LEAST, AT_MOST : "at_least", "at_most"
+        Only this limit of the interval is known.
+    NOT_MEASURED : "not_measured"
+        Neither limit is known.
+    """
+
+    OK = "ok"
+    UNPROVEN = "unproven"
+    TOO_SHORT = "too_short"
+    NOT_SETTLING = "not_settling"
+    SATURATED = "saturated"
+    FELL_BACK = "fell_back"
+    MISFIT = "misfit"
+    AT_LEAST = "at_least"
+    AT_MOST = "at_most"
+    NOT_MEASURED = "not_measured"
+
 
 #: Largest ratio of the interval's limits for a value to be reported.
 MOST_RATIO = 4.0
