@@ -6,8 +6,14 @@ It is the only module that converts an interval to a standard deviation, and bac
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtr, ndtri
 
 
 class Status(StrEnum):
@@ -48,6 +54,8 @@ class Status(StrEnum):
     NOT_MEASURED = "not_measured"
 
 
+#: A lower limit of 0 counts as this fraction of the value, to keep its logarithm finite.
+_LEAST_FRACTION = 1e-3
 #: Largest ratio of the interval's limits for a value to be reported.
 MOST_RATIO = 4.0
 #: Statuses without a value, and whether the lower and upper limit are known.
@@ -57,9 +65,20 @@ _ENDS = {
     Status.NOT_MEASURED: (False, False),
 }
 
-
+#: Status of a falling function of a bound.
+_FALLING = {Status.AT_LEAST: Status.AT_MOST, Status.AT_MOST: Status.AT_LEAST}
 #: Symbols of units.
 _SYMBOLS = {"n": "N", "n_per_mm": "N/mm", "kpa": "kPa", "percent": "%", "ohm": "Ω"}
+
+
+@cache
+def half_width_sds(level: float) -> float:
+    """Return the half-width of an interval in standard deviations of a normal distribution.
+
+    >>> round(half_width_sds(0.9), 4)
+    1.6449
+    """
+    return float(ndtri(0.5 + level / 2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +138,144 @@ class Measurement:
         """Limits of the interval; None for an unknown limit."""
         low, high = _ENDS.get(self.status, (True, True))
         return self.low if low else None, self.high if high else None
+
+    @classmethod
+    def from_log_sd(
+        cls,
+        value: float,
+        *,
+        log_sd: float,
+        unit: str,
+        level: float = 0.9,
+        status: Status = Status.OK,
+    ) -> Measurement:
+        """Return a positive quantity with a standard deviation of its logarithm.
+
+        >>> Measurement.from_log_sd(2.0, log_sd=0.1, unit="n")
+        Measurement(2 N, 1.697 to 2.358, ok)
+        """
+        half = half_width_sds(level) * log_sd
+        low, high = value * math.exp(-half), value * math.exp(half)
+        return cls(value=value, low=low, high=high, unit=unit, level=level, status=status)
+
+    @classmethod
+    def from_samples(
+        cls,
+        values: ArrayLike,
+        *,
+        weight: ArrayLike,
+        unit: str,
+        level: float = 0.9,
+        status: Status = Status.OK,
+    ) -> Measurement:
+        """Return median and central interval of weighted samples, both of shape (n,).
+
+        >>> Measurement.from_samples(range(101), weight=[1.0] * 101, unit="mm")
+        Measurement(50 mm, 4.55 to 95.45, ok)
+        """
+        samples, weights = np.asarray(values, dtype=float), np.asarray(weight, dtype=float)
+        order, tail = np.argsort(samples), (1 - level) / 2
+        reached = np.cumsum(weights[order]) - 0.5 * weights[order]
+        low, value, high = np.interp(
+            [tail, 0.5, 1 - tail], reached / weights.sum(), samples[order]
+        ).tolist()
+        return cls(value=value, low=low, high=high, unit=unit, level=level, status=status)
+
+    @property
+    def log_sd(self) -> float:
+        """Standard deviation of the logarithm, from the width of the interval; infinite from 0.
+
+        >>> round(Measurement.from_log_sd(2.0, log_sd=0.1, unit="n").log_sd, 6)
+        0.1
+        """
+        if not (self.middle > 0 and self.high > 0):
+            return math.inf
+        low = max(self.low, _LEAST_FRACTION * self.middle)
+        return math.log(self.high / low) / (2 * half_width_sds(self.level))
+
+    @property
+    def relative_sd(self) -> float:
+        """Standard deviation relative to the value, from the width of the interval."""
+        return (self.high - self.low) / (2 * half_width_sds(self.level) * self.middle)
+
+    @property
+    def side_sds(self) -> tuple[float, float]:
+        """Standard deviations below and above the value, from each side of the interval."""
+        sds = half_width_sds(self.level)
+        return (self.middle - self.low) / sds, (self.high - self.middle) / sds
+
+    def probability_below(self, bound: float) -> float:
+        """Return the probability of a quantity below a bound, normal on each side.
+
+        >>> Measurement(value=4.0, low=3.0, high=6.0, unit="n").probability_below(6.0)
+        0.95
+        """
+        below, above = self.side_sds
+        sd = below if bound < self.middle else above
+        return float(ndtr((bound - self.middle) / max(sd, 1e-9)))
+
+    def mapped(self, function: Callable[[float], float], *, unit: str) -> Measurement:
+        """Return a monotonic function of the quantity, in its unit.
+
+        >>> Measurement(value=2.0, low=1.0, high=4.0, unit="n_per_mm").mapped(
+        ...     lambda stiffness: 1.0 / stiffness, unit="mm_per_n"
+        ... )
+        Measurement(0.5 mm_per_n, 0.25 to 1, ok)
+        """
+        low, high, status = function(self.low), function(self.high), self.status
+        if low > high:
+            low, high, status = high, low, _FALLING.get(status, status)
+        return replace(
+            self, value=function(self.middle), low=low, high=high, unit=unit, status=status
+        )
+
+    def scaled(self, factor: float, *, unit: str) -> Measurement:
+        """Return the quantity multiplied by a positive factor.
+
+        >>> Measurement(value=2.0, low=1.0, high=4.0, unit="n").scaled(2.0, unit="n")
+        Measurement(4 N, 2 to 8, ok)
+        """
+        return self.mapped(lambda end: factor * end, unit=unit)
+
+    def widened(self, by: float = 0.0, *, sd: float = 0.0) -> Measurement:
+        """Return the measurement with an independent uncertainty: half a width, or an sd.
+
+        >>> Measurement(value=5.0, low=2.0, high=8.0, unit="n").widened(4.0)
+        Measurement(5 N, 0 to 10, ok)
+        """
+        by, middle = math.hypot(by, half_width_sds(self.level) * sd), self.middle
+        return replace(
+            self,
+            low=middle - math.hypot(middle - self.low, by),
+            high=middle + math.hypot(self.high - middle, by),
+        )
+
+    def combined(self, other: Measurement, *, least: float) -> Measurement:
+        """Return the geometric mean with another measurement of the same quantity.
+
+        Half of their difference counts as an uncertainty, because their errors differ. A limit
+        below `least` counts as `least`, to keep its logarithm finite.
+
+        >>> one, other = (Measurement(value=v, low=v, high=v, unit="n") for v in (1.0, 4.0))
+        >>> one.combined(other, least=1e-3)
+        Measurement(2 N, 1 to 4, ok)
+        """
+        value = math.sqrt(self.middle * other.middle)
+        apart = abs(math.log(self.middle / other.middle)) / 2.0
+        ends = ((self.low, other.low), (self.high, other.high))
+        middles = (self.middle, other.middle)
+        down, up = (
+            math.hypot(
+                0.5
+                * sum(
+                    abs(math.log(max(end, least) / middle))
+                    for end, middle in zip(pair, middles, strict=True)
+                ),
+                apart,
+            )
+            for pair in ends
+        )
+        return replace(self, value=value, low=value * math.exp(-down), high=value * math.exp(up))
 
     def or_bound(self, reason: str, *, least: float, most: float) -> Measurement:
         """Return a bound instead of the value if the interval is wide.

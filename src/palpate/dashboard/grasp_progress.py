@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate.calibrate.laws import laws_with_memory
 from palpate.errors import CalibrationError
@@ -57,10 +56,9 @@ def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) ->
     """
     if not (law_n > 0 and force.low > 0):
         return None
-    z_limit = float(ndtri(0.5 + force.level / 2))
     return Gain(
         log_mean=math.log(force.middle / law_n),
-        log_sd=math.log(force.high / force.low) / (2.0 * z_limit),
+        log_sd=force.log_sd,
         law_sd=law.residual_sd,
     )
 

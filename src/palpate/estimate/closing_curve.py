@@ -138,10 +138,9 @@ def measure_closing(
     """
     if np.count_nonzero(curve.is_certain) < _FEWEST or force.middle <= 0:
         return None
-    tail = (1 - force.level) / 2
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * ndtri(1 - tail))
+    log_sd = force.log_sd
     # The settled force also reduces the uncertainty of the contact's gain.
-    curve = replace(curve, gain_sd=min(curve.gain_sd, float(log_sd)))
+    curve = replace(curve, gain_sd=min(curve.gain_sd, log_sd))
     # A fixed seed, for reproducible results.
     rng = np.random.default_rng(0)
     held = _posterior(curve, compliance=compliance, rng=rng)
@@ -160,34 +159,16 @@ def measure_closing(
     weight = np.where(possible, likely, 0.0)
     rigid = weight.sum() < 1e-3 * _DRAWS
     weight = np.ones_like(weight) if rigid else weight
-    low, value, high = _quantiles(held.size_mm, weight, [tail, 0.5, 1 - tail])
-    zero_mm = float(ndtri(1 - tail)) * math.hypot(compliance.residual_mm, _BLOCK_SD_MM)
-    size_mm = Measurement(
-        value=value,
-        low=value - math.hypot(value - low, zero_mm),
-        high=value + math.hypot(high - value, zero_mm),
-        unit="mm",
+    size_mm = Measurement.from_samples(held.size_mm, weight=weight, unit="mm", level=force.level)
+    stiffness = Measurement.from_samples(
+        np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM),
+        weight=weight,
+        unit="n_per_mm",
         level=force.level,
+        status=Status.SATURATED if rigid else force.status,
     )
-    stiffness = np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM)
-    low, value, high = _quantiles(stiffness, weight, [tail, 0.5, 1 - tail])
-    return ClosingAnswer(
-        size_mm,
-        Measurement(
-            value=value,
-            low=low,
-            high=high,
-            unit="n_per_mm",
-            level=force.level,
-            status=Status.SATURATED if rigid else force.status,
-        ),
-    )
-
-
-def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple[float, ...]:
-    order = np.argsort(values)
-    reached = np.cumsum(weight[order]) - 0.5 * weight[order]
-    return tuple(np.interp(at, reached / weight.sum(), values[order]).tolist())
+    zero_sd_mm = math.hypot(compliance.residual_mm, _BLOCK_SD_MM)
+    return ClosingAnswer(size_mm.widened(sd=zero_sd_mm), stiffness)
 
 
 def _posterior(

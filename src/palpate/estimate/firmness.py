@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from palpate.measurement import Measurement, Status
 
@@ -35,18 +36,13 @@ def firmness_index(stiffness: Measurement) -> Measurement:
     >>> round(found.value), round(found.low), round(found.high), found.unit
     (67, 33, 100, 'index')
     """
-    value, low, high = (
-        min(max(100.0 * math.log(end / _SOFTEST) / math.log(_FIRMEST / _SOFTEST), 0.0), 100.0)
-        for end in (stiffness.middle, stiffness.low, stiffness.high)
-    )
-    return Measurement(
-        value=value,
-        low=low,
-        high=high,
-        unit="index",
-        level=stiffness.level,
-        status=Status.OK if stiffness.status is Status.SATURATED else stiffness.status,
-    )
+    status = Status.OK if stiffness.status is Status.SATURATED else stiffness.status
+    return replace(stiffness.mapped(_index, unit="index"), status=status, reason="")
+
+
+def _index(n_per_mm: float) -> float:
+    ratio = math.log(n_per_mm / _SOFTEST) / math.log(_FIRMEST / _SOFTEST)
+    return min(max(100.0 * ratio, 0.0), 100.0)
 
 
 def is_determined(firmness: Measurement) -> bool:

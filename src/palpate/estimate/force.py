@@ -18,6 +18,7 @@ from scipy.special import stdtrit
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.files import load_dataclass
+from palpate.measurement import half_width_sds
 
 #: Fewest calibration pairs for an estimate of the scatter.
 MIN_PAIRS = 4
@@ -96,6 +97,15 @@ class ForceEstimate:
     high: FloatArray
     in_range: NDArray[np.bool_]
     level: float
+
+    @property
+    def upper_sd_n(self) -> FloatArray:
+        """Standard deviation above the force, newtons."""
+        return np.asarray((self.high - self.value) / half_width_sds(self.level))
+
+    def upper_log_sd(self, at: int) -> float:
+        """Return the standard deviation of ln force above one force, which must be positive."""
+        return float(np.log(self.high[at] / self.value[at])) / half_width_sds(self.level)
 
 
 def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -9,12 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.force_law import ForceLaw, build_settled_inputs
 from palpate.estimate.force_states import ForceStates, log_reading
-from palpate.measurement import Measurement, Status
+from palpate.measurement import Measurement, Status, half_width_sds
 from palpate.sensor.sample import excess_of_change
 from palpate.signal.relative import CONTACT_PERCENT
 
@@ -138,7 +137,7 @@ def half_width_percent(law: ForceLaw, force_n: float) -> float:
     True
     """
     (_,), (sd,) = law.log_force(build_settled_inputs(_reading_at(law, force_n)))
-    return float(100.0 * np.sinh(float(ndtri(0.95)) * sd))
+    return float(100.0 * np.sinh(half_width_sds(0.9) * sd))
 
 
 def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> float:

@@ -22,12 +22,11 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S, log_reading
-from palpate.measurement import Measurement
+from palpate.measurement import Measurement, half_width_sds
 
 #: Number of inputs of a sample: the reading, its difference from each copy, and the fall.
 INPUTS = 2 + len(TIME_CONSTANTS_S)
@@ -238,7 +237,7 @@ class ForceLaw:
         if settled:
             mean, sd = law.log_force(inputs)
             farthest = float(np.max(np.abs(log_n - mean) / sd))
-            law.misfit = max(1.0, _ROUNDING * farthest / float(ndtri(0.95)))
+            law.misfit = max(1.0, _ROUNDING * farthest / half_width_sds(0.9))
             law._thresholds_n = {}
         return law
 
@@ -298,7 +297,7 @@ class ForceLaw:
         """
         inputs = _inputs(reading)
         excess = float(_excess_of(inputs)[0])
-        quantile = float(ndtri(0.5 + level / 2))
+        quantile = half_width_sds(level)
         over = max(excess / self.contact_reading, 1.0)
         high = self.threshold_n(level=level) * over**_STEEPEST
         if over > 1.0:
@@ -335,7 +334,7 @@ class ForceLaw:
             return weakest_n
         if level in self._thresholds_n:
             return self._thresholds_n[level]
-        quantile = float(ndtri(0.5 + level / 2))
+        quantile = half_width_sds(level)
         least_n, contact_n = (
             self._upper_n(build_settled_inputs(reading), quantile=quantile)
             for reading in (self.least_reading, self.contact_reading)

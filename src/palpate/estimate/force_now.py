@@ -13,7 +13,6 @@ the mean of both in ln force, because their errors differ.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -122,21 +121,8 @@ class ForceNow(ForceSource):
         # The gains apply only to the calibration's two laws.
         if not touched or empty or self.gains != ContactGains():
             return force
-        return _combine(force, other)
+        return force.combined(other, least=_LEAST_N)
 
     def _force(self, law: StaticLaw, seen: float, gain: Gain | None) -> ForceEstimate:
         force = law.force_n(seen, level=self._level)
         return force if gain is None else gain.apply_to(force)
-
-
-def _combine(one: Measurement, other: Measurement) -> Measurement:
-    """Return the mean of two forces in ln force, with half their difference as uncertainty."""
-    value = math.sqrt(one.middle * other.middle)
-    apart = abs(math.log(one.middle / other.middle)) / 2.0
-    down, up = (
-        math.hypot(
-            0.5 * sum(abs(math.log(max(end, _LEAST_N) / each.middle)) for end, each in ends), apart
-        )
-        for ends in (((one.low, one), (other.low, other)), ((one.high, one), (other.high, other)))
-    )
-    return replace(one, value=value, low=value * math.exp(-down), high=value * math.exp(up))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
+from palpate.measurement import half_width_sds
 
 #: Grid of ln gain, in standard deviations of the prior.
 _GRID = np.linspace(-4.0, 4.0, 81)
@@ -47,6 +47,10 @@ class Gain:
         """
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, additional_sd)), law_sd=law_sd)
 
+    def half_width(self, *, level: float) -> float:
+        """Return the half-width of the interval of ln gain."""
+        return half_width_sds(level) * self.log_sd
+
     def update(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
         """Return the gain after a force measurement; `sheet_n`: force from the sheet's law.
 
@@ -74,14 +78,14 @@ class Gain:
     def apply_to(self, estimate: ForceEstimate) -> ForceEstimate:
         """Apply the gain to the law's estimate; an estimate of 0 retains its limits.
 
-        >>> law_sd = np.log(2.0) / ndtri(0.95)
+        >>> law_sd = np.log(2.0) / half_width_sds(0.9)
         >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
         ...     in_range=np.array([True]), level=0.9)
         >>> gain = Gain(log_mean=np.log(1.5), log_sd=law_sd / 2, law_sd=law_sd)
         >>> gain.apply_to(raw).value.round(3).tolist(), gain.apply_to(raw).high.round(3).tolist()
         ([3.0], [4.243])
         """
-        quantile = float(ndtri(0.5 + estimate.level / 2))
+        quantile = half_width_sds(estimate.level)
         factor, read = float(np.exp(self.log_mean)), estimate.value > 0
         value = np.where(read, estimate.value, 1.0)
         up = self._half_widths(np.log(np.where(read, estimate.high, 1.0) / value), quantile)

@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray, replace_non_finite
 from palpate.estimate.force import ForceEstimate, require_pairs
+from palpate.measurement import half_width_sds
 
 #: Powers of the excess in the law of a pixel. With positive weights every mixture rises; the
 #: smallest power represents the threshold.
@@ -171,7 +171,7 @@ class PixelForceLaw:
         """Return the force of each reading, of any shape."""
         x = np.maximum(np.asarray(reading, dtype=float), 0.0)
         value = np.exp(self.log_scale) * x**self.exponent
-        half = float(ndtri(0.5 + level / 2))
+        half = half_width_sds(level)
         # The scatter of weak forces is constant, that of firm forces proportional.
         floor_n = half * self.floor_n
         up = np.hypot(value * np.expm1(half * self.residual_sd), floor_n)
@@ -283,7 +283,7 @@ def _with_uncertainty(
 
     Faint and firm are distinguished by the estimated force, as in a grasp.
     """
-    tenth, firm = float(ndtri(0.95)), estimated > _FIRM_N
+    tenth, firm = half_width_sds(0.9), estimated > _FIRM_N
     log_error = np.abs(np.log(estimated[firm] / np.maximum(force[firm], 0.1)))
     error_n = np.abs(estimated[~firm] - force[~firm])
     return replace(

@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
@@ -82,21 +81,16 @@ class SheetCreep:
         """
         if not (now > 0 and forecast.middle > 0):
             return forecast
-        quantile = float(ndtri(0.5 + forecast.level / 2))
         elapsed = math.log(max(since_s, self.early_s) / self.early_s)
         remaining = max(1.0 - elapsed / math.log(self.settled_s / self.early_s), 0.0)
         own = now * math.exp(remaining * self.log_mean)
         own_sd = max(remaining * math.hypot(self.log_sd, _CREEP_SD * self.log_mean), _LEAST_SD)
-        general_sd = max(
-            (forecast.high - forecast.low) / (2 * quantile * forecast.middle), _LEAST_SD
-        )
+        general_sd = max(forecast.relative_sd, _LEAST_SD)
         weight = general_sd**2 / (own_sd**2 + general_sd**2)
         value = math.exp((1 - weight) * math.log(forecast.middle) + weight * math.log(own))
-        half = quantile * min(own_sd, general_sd)
-        return Measurement(
-            value=value,
-            low=value * math.exp(-half),
-            high=value * math.exp(half),
+        return Measurement.from_log_sd(
+            value,
+            log_sd=min(own_sd, general_sd),
             unit=forecast.unit,
             level=forecast.level,
             status=forecast.status,

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from palpate.estimate.closing_curve import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
@@ -66,9 +66,7 @@ def measure_soft_stiffness(
     if together is None:
         return None
     log_mm_per_n, travel_sd = together
-    quantile = float(ndtri(0.5 + force.level / 2))
-    force_sd = math.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * quantile)
-    sd = math.hypot(force_sd, travel_sd)
+    sd = math.hypot(force.log_sd, travel_sd)
     hand_mm_per_n = float(compliance.deflection_mm(force.middle)) / force.middle
     excess = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
     least, most = interval_above_zero(excess, freedom=_FREEDOM, level=force.level)

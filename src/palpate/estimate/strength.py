@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtr
+from scipy.special import stdtr
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
@@ -86,12 +86,9 @@ class Strength:
         measured value, with the width of its interval.
         """
         log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID
+        own = measured.mapped(lambda stiffness: 1.0 / stiffness, unit="mm_per_n")
         compliance, middle = np.exp(-log_stiffness), 1.0 / measured.middle
-        quantile = float(ndtri(0.5 + measured.level / 2))
-        softer, stiffer = (
-            (1.0 / measured.low - middle) / quantile,
-            (middle - 1.0 / measured.high) / quantile,
-        )
+        stiffer, softer = own.side_sds
         spread = np.maximum(np.where(compliance > middle, softer, stiffer), 1e-3 * middle)
         log_weight = -0.5 * (((compliance - middle) / spread) ** 2 + _GRID**2)
         weight = np.exp(log_weight - log_weight.max())

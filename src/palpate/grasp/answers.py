@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
@@ -25,7 +24,7 @@ from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.measurement import Measurement, Status
+from palpate.measurement import Measurement, Status, half_width_sds
 from palpate.sensor.sample import change_of_excess, excess_of_change
 from palpate.settling.percent import percent_to_ratio, ratio_to_percent
 from palpate.settling.result import SettledEstimate
@@ -85,31 +84,26 @@ def _relative_forecast(reading: Measurement, relative: Measurement, *, now: Touc
     if not (now.reading > 0 and now.relative_percent < 0):
         return relative
     excess = float(excess_of_change(now.relative_percent))
-    value, low, high = (
-        float(change_of_excess(excess * end / now.reading))
-        for end in (reading.middle, reading.high, reading.low)
+    found = reading.mapped(
+        lambda end: float(change_of_excess(excess * end / now.reading)), unit=relative.unit
     )
-    by = value - now.relative_percent
-    return replace(
-        relative,
-        value=value,
-        low=value - float(np.hypot(value - low, by)),
-        high=value + float(np.hypot(high - value, by)),
-    )
+    found = replace(found, status=relative.status, reason=relative.reason)
+    return found.widened(found.middle - now.relative_percent)
 
 
 def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     value = float(one.value)
     # Without an interval from the predictor, only `by` remains.
-    down, up = np.nan_to_num([value - one.low, one.high - value])
-    return Measurement(
+    down, up = np.nan_to_num([value - one.low, one.high - value]).tolist()
+    found = Measurement(
         value=value,
-        low=value - float(np.hypot(down, by)),
-        high=value + float(np.hypot(up, by)),
+        low=value - down,
+        high=value + up,
         unit=unit,
         level=one.level,
         status=Status(str(one.status)),
     )
+    return found.widened(by)
 
 
 def _replace_implausible(reading: Measurement, *, now: float) -> Measurement:
@@ -216,20 +210,23 @@ def measure_settled_force(
         return Measurement(value=0.0, low=low, high=high, unit="n", level=plan.level, status=status)
     down = float(np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1])))
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
-    if measured is not None:
-        quantile = float(ndtri(0.5 + plan.level / 2))
-        relaxed = replace(
-            measured,
-            log_sd=float(np.hypot(measured.log_sd, SETTLE.drift_sd)),
-        )
-        gain = Gain.from_calibration(law_sd=0.5 * (down + up) / quantile).update(
-            relaxed, sheet_n=value
-        )
-        value, down, up = value * float(np.exp(gain.log_mean)), *(quantile * gain.log_sd,) * 2
-    return Measurement(
+    sheet = Measurement(
         value=value,
-        low=value * float(np.exp(-down)),
-        high=value * float(np.exp(up)),
+        low=value * math.exp(-down),
+        high=value * math.exp(up),
+        unit="n",
+        level=plan.level,
+        status=status,
+    )
+    if measured is None:
+        return sheet
+    relaxed = replace(measured, log_sd=math.hypot(measured.log_sd, SETTLE.drift_sd))
+    # Unlike `log_sd`, without a limit for a force whose lower limit is 0.
+    law_sd = 0.5 * (down + up) / half_width_sds(plan.level)
+    gain = Gain.from_calibration(law_sd=law_sd).update(relaxed, sheet_n=value)
+    return Measurement.from_log_sd(
+        value * math.exp(gain.log_mean),
+        log_sd=gain.log_sd,
         unit="n",
         level=plan.level,
         status=status,
@@ -283,11 +280,10 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
         return None
     width, contact, read = _read_steps(steps, estimate, plan)
     firmest = int(np.argmax(read.value))
-    quantile = float(ndtri(0.5 + plan.level / 2))
     curve = ClosingSteps(
         width_mm=mm_per_unit(plan) * width - compliance.zero_mm,
         force_n=np.where(contact, read.value, 0.0),
-        gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / quantile,
+        gain_sd=read.upper_log_sd(firmest),
         law_sd=estimate.gain.law_sd,
         floor_n=floor_n(plan),
     )
@@ -341,5 +337,4 @@ def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSte
 
 def floor_n(plan: Plan) -> float:
     """Return the scatter of forces below the sheet's threshold, N."""
-    nothing = plan.early_law.force_n(0.0, level=plan.level)
-    return float(nothing.high) / float(ndtri(0.5 + plan.level / 2))
+    return float(plan.early_law.force_n(0.0, level=plan.level).upper_sd_n)

@@ -71,7 +71,8 @@ def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> 
             holds_high_n=None,
             verdict="not sure",
         )
-    low_n, high_n = 2.0 * friction * force.low, 2.0 * friction * force.high
+    held = force.scaled(2.0 * friction, unit="n")
+    low_n, high_n = held.low, held.high
     verdict: Literal["secure to pull", "would slip", "not sure"] = "not sure"
     if pull_n <= low_n:
         verdict = "secure to pull"

@@ -6,7 +6,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import ndtri
 
 from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
@@ -64,7 +63,7 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return math.inf
-    half_width = float(ndtri(0.5 + plan.level / 2)) * estimate.gain.log_sd
+    half_width = estimate.gain.half_width(level=plan.level)
     return math.exp(half_width) * plan.damage.bound_n(stiffness, kind=plan.kind)
 
 

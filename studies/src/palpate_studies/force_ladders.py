@@ -19,7 +19,8 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import build_settled_inputs
-from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
+from palpate.measurement import half_width_sds
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -129,7 +130,7 @@ def predict_by_force_law(
         population=learn_population([make_known_contact(ladder) for ladder in others]),
     )
     value, sd = law.log_force(one.inputs)
-    return _in_newtons(value, interval_quantile(LEVEL) * sd)
+    return _in_newtons(value, half_width_sds(LEVEL) * sd)
 
 
 def make_known_contact(ladder: Ladder) -> KnownContact:

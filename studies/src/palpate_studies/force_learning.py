@@ -7,7 +7,6 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
@@ -39,11 +38,6 @@ _WEAKEST_PERCENTILE = 1.0
 _ROUNDS, _EM_ROUNDS, _REWEIGHTINGS = 3, 6, 15
 #: Normal quantile and level of the interval to which the scatter is scaled.
 _AT_LEVEL, _LEVEL = 1.645, 0.9
-
-
-def interval_quantile(level: float) -> float:
-    """Return the half width of an interval at a level, in standard deviations."""
-    return float(ndtri(0.5 + level / 2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,8 +16,9 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS
 from palpate.estimate.force_states import compute_states, log_reading
+from palpate.measurement import half_width_sds
 from palpate_studies.baselines.full_input_learners import make_trees
-from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -173,7 +174,7 @@ def _predict_by_law(
     law = ForceLaw(population)
     log_n, sd = law.log_force(np.concatenate([_states(one, gain=gain) for one in tested]))
     error = np.abs(log_n - np.log(_forces(tested)))
-    return np.exp(log_n), error <= interval_quantile(LEVEL) * sd
+    return np.exp(log_n), error <= half_width_sds(LEVEL) * sd
 
 
 def _predict_by_trees(

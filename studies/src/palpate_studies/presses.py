@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force_states import compute_states, log_reading
+from palpate.measurement import half_width_sds
 from palpate_studies.baselines.full_input_learners import make_trees
-from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
@@ -187,7 +188,7 @@ def learn_force_law(train: Presses) -> Follower:
         law, given_n = ForceLaw(population), float(press.trace.force_n[given])
         law.update(states[given], force_n=given_n)
         value, sd = law.log_force(states)
-        return value - np.log(given_n), interval_quantile(LEVEL) * sd
+        return value - np.log(given_n), half_width_sds(LEVEL) * sd
 
     return follow
 

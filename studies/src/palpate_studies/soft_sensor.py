@@ -19,8 +19,9 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_states import compute_states, log_reading
+from palpate.measurement import half_width_sds
 from palpate_studies.baselines.full_input_learners import make_ridge, make_trees
-from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -182,7 +183,7 @@ def learn_force_law(train: Strokes) -> Predictor:
         for one in train
         for used in [one.force_n >= _LEAST_N]
     ]
-    law, quantile = ForceLaw(learn_population(contacts)), interval_quantile(LEVEL)
+    law, quantile = ForceLaw(learn_population(contacts)), half_width_sds(LEVEL)
 
     def predict(one: Stroke) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         log_n, sd = law.log_force(one.inputs(volt))

@@ -23,8 +23,9 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS, Population
 from palpate.estimate.force_states import compute_states, log_reading
+from palpate.measurement import half_width_sds
 from palpate_studies.baselines.full_input_learners import make_trees
-from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.protocol.paired import compare
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -346,7 +347,7 @@ def learn_force_law(train: Others, prior: str) -> Follower:
             at = touch.measured_at[prior]
             law.update(touch.inputs[at, :INPUTS], force_n=np.exp(touch.log_force[at]))
         value, sd = law.log_force(touch.inputs[:, :INPUTS])
-        return value, interval_quantile(LEVEL) * sd
+        return value, half_width_sds(LEVEL) * sd
 
     return follow
 

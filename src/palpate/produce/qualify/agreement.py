@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
+from palpate.measurement import half_width_sds
 from palpate.produce.qualify.readings import FEWEST_ITEMS, PairedReadings
 from palpate.produce.qualify.scatter import Scatter, deming_lines, estimate_scatter
 
 #: Draws of the bootstrap over items, and its seed.
 _DRAWS, _SEED = 1000, 0
 #: Two-sided quantile of the limits of agreement: 95 % of the differences (Bland and Altman 1986).
-_LIMITS = float(ndtri(0.975))
+_LIMITS = half_width_sds(0.95)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,7 +312,7 @@ def estimate_effort(
     >>> effort.reference_readings, effort.grasps, effort.items_per_hour
     (3, 1, 180.0)
     """
-    quantile = float(ndtri(0.5 + demand.level / 2.0))
+    quantile = half_width_sds(demand.level)
     spread = float(found.difference.std(ddof=1)) if found.is_related else math.nan
     # The differences contain the scatter of both instruments and their mismatch.
     known = sum(s.within**2 for s in (found.reference, found.grasp) if math.isfinite(s.within))

@@ -9,7 +9,6 @@ error is a few tenths of a millimetre.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import SoftFingerCompliance
@@ -63,14 +62,14 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
         width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
         for force_n in (force.value, force.low, force.high)
     )
-    uncertainty_mm = plan.bend.compliance.residual_mm * float(ndtri(0.5 + plan.level / 2))
-    return Measurement(
+    width = Measurement(
         value=value,
-        low=value - float(np.hypot(max(value - min(ends), 0.0), uncertainty_mm)),
-        high=value + float(np.hypot(max(max(ends) - value, 0.0), uncertainty_mm)),
+        low=min(value, *ends),
+        high=max(value, *ends),
         unit=MEASURED[CONTACT_WIDTH],
         level=plan.level,
     )
+    return width.widened(sd=plan.bend.compliance.residual_mm)
 
 
 def width_at_contact(

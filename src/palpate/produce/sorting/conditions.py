@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from scipy.special import ndtr, ndtri
-
 from palpate.measurement import Measurement
 from palpate.produce.identify.identifier import Identity
 from palpate.produce.learning import UNKNOWN
@@ -115,7 +113,7 @@ class Within:
         return (
             None
             if measured is None
-            else _probability_below(self.high, measured) - _probability_below(self.low, measured)
+            else measured.probability_below(self.high) - measured.probability_below(self.low)
         )
 
     def reason(self, evidence: Evidence) -> str:
@@ -189,13 +187,3 @@ def _describe_kind(identity: Identity) -> str:
 def _most_probable_text(probabilities: Mapping[str, float]) -> str:
     best = max(probabilities, key=lambda name: probabilities[name], default=None)
     return "" if best is None else f"{best} {percent(probabilities[best])}"
-
-
-def _probability_below(bound: float, measured: Measurement) -> float:
-    quantile = ndtri(0.5 + measured.level / 2)
-    half_width = (
-        measured.middle - measured.low
-        if bound < measured.middle
-        else measured.high - measured.middle
-    )
-    return float(ndtr(quantile * (bound - measured.middle) / max(half_width, 1e-9)))
