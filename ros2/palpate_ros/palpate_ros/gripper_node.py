@@ -148,7 +148,7 @@ class GripperNode(Node):
     def _feedback(self, order: Grasping) -> Grasp.Feedback:
         grasp_state, state = order.grasp_state, self.hand.state
         return Grasp.Feedback(
-            phase=grasp_state.activity,
+            phase=grasp_state.activity.value,
             force_n=float(grasp_state.estimate.force_n),
             force_high_n=float(grasp_state.estimate.force_high_n),
             width_mm=math.nan if state is None else state.width_mm,

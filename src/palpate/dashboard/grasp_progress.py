@@ -85,7 +85,7 @@ class GraspProgress:
 
     #: Time of the newest frame.
     time_s: float
-    #: Phase of the controller.
+    #: Name of the controller's activity or phase.
     phase: str
     #: Rest values of this grasp, shape (rows, cols).
     rest_ohm: NDArray[np.float64] | None
@@ -138,7 +138,7 @@ def grasp_progress_of(
     settled = settled_n = settled_gain = settles_s = data_s = None
     answer, touches = grasp_state.result, grasp_state.estimate.touches
     # A hand that reduces its force will close again, so no forecast is made.
-    eases = grasp_state.activity == Activity.EASE
+    eases = grasp_state.activity is Activity.EASE
     foreseeable = grasp_state.phase in _FORECAST_PHASES and not eases
     if before is not None and (foreseeable or grasp_state.phase in (Phase.RELEASE, Phase.DONE)):
         settled, settled_n = before.settled, before.settled_n
@@ -165,7 +165,7 @@ def grasp_progress_of(
     gain, limit_n = grasp_state.estimate.gain, grasp_state.estimate.damage_low_n
     return GraspProgress(
         time_s=grasp_state.estimate.now_s,
-        phase=grasp_state.activity,
+        phase=grasp_state.activity.value,
         rest_ohm=grasp_state.estimate.rest_ohm,
         began_s=grasp_state.estimate.began_s or 0.0,
         force_n=grasp_state.estimate.force_n,

@@ -137,7 +137,7 @@ class Live:
         before, settled = self.progress, progress.settled
         if before is None or before.phase != progress.phase:
             self.phases.append((progress.time_s, progress.phase))
-        self.released = self.released or progress.phase == Phase.RELEASE
+        self.released = self.released or progress.phase == Phase.RELEASE.value
         fresh = before is None or settled != before.settled
         if (
             self.timeline is None

@@ -224,7 +224,9 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
     points = [point for point in live.points_after(-math.inf) if point.ohm.size]
     if not points:
         return []
-    released_s = next((at_s for at_s, phase in live.phases if phase == Phase.RELEASE), math.inf)
+    released_s = next(
+        (at_s for at_s, phase in live.phases if phase == Phase.RELEASE.value), math.inf
+    )
     max_moments = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // points[0].ohm.size, 1))
     return [
         {

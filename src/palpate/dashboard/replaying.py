@@ -210,8 +210,9 @@ def _recompute_decisions(
         for frame, state in segment:
             if controller is not None and state is not None:
                 controller.step(frame, state)
-                if not phases or phases[-1][1] != controller.grasp_state.activity:
-                    phases.append((frame.time_s, controller.grasp_state.activity))
+                name = controller.grasp_state.activity.value
+                if not phases or phases[-1][1] != name:
+                    phases.append((frame.time_s, name))
         if controller is not None and controller.grasp_state.estimate.frames:
             before = progresses[-1] if progresses else None
             progresses.append(controller.progress(before))

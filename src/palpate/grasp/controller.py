@@ -12,7 +12,7 @@ from palpate.grasp.config import GUARDS, READING, SQUEEZE
 from palpate.grasp.estimator import Observation
 from palpate.grasp.monitors import GRIP_MONITORS, CeilingMonitor, Monitor
 from palpate.grasp.paper_method import close_extra, close_until_contact, predict_exponentially
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import Alarm, Reaction, reaction
@@ -90,7 +90,7 @@ def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
     """Return whether the force will exceed its limit before the closing hand can stop."""
     estimate = state.estimate
     moving = estimate.still_since_s is None and estimate.closure < estimate.sent
-    closing = state.phase is Phase.SQUEEZE or state.activity == Phase.SETTLE
+    closing = state.activity in (Phase.SQUEEZE, Activity.FORECAST)
     if not moving or plan.target_force_n is None or not closing:
         return False
     late_s = READING.lag_s + estimate.period_s + plan.safety.latency_s

@@ -109,7 +109,7 @@ class FingersMonitor:
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return an alarm if one finger alone shows a grip."""
         estimate, plan = state.estimate, self._plan
-        gripping = state.phase in _HOLDING or state.activity == Activity.CONFIRM
+        gripping = state.phase in _HOLDING or state.activity is Activity.CONFIRM
         if not gripping or estimate.still_s < plan.dwell_s:
             return None
         if len(estimate.touches) < READING.fewest_frames:
@@ -166,7 +166,7 @@ class ResponseMonitor:
     def _is_rising(self, state: GraspState) -> bool:
         """Return whether the reading after opening exceeds that of the furthest closing step."""
         estimate = state.estimate
-        easing = state.activity == Activity.EASE and estimate.still_s >= self._plan.confirm_s
+        easing = state.activity is Activity.EASE and estimate.still_s >= self._plan.confirm_s
         if not easing or not estimate.touches:
             return False
         furthest = estimate.steps[-1]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+from enum import Enum
 
 
-class Phase(StrEnum):
-    """Phase of a grasp; `DONE` is the only final phase.
+class Phase(Enum):
+    """Phase of a grasp; `DONE` is the only final phase. The value is its name in messages.
 
     `GraspState.activity` has the activity within `APPROACH` and `SETTLE`.
     """
@@ -19,8 +19,8 @@ class Phase(StrEnum):
     DONE = "stopped"
 
 
-class Activity(StrEnum):
-    """Activity within a phase.
+class Activity(Enum):
+    """Activity within a phase. The value is its name in messages.
 
     In `APPROACH` the hand sweeps at speed until contact, evaluates the contact, closes in fine
     steps and confirms the contact; after an attempt without contact it waits, open. In `SETTLE` the

@@ -101,10 +101,11 @@ class GraspState:
         return self.phase is Phase.DONE
 
     @property
-    def activity(self) -> str:
-        """Name of the activity within the phase, or of the phase if it has none."""
-        local = {Phase.APPROACH: self.attempt.activity, Phase.SETTLE: self.correction.activity}
-        return str(local.get(self.phase, self.phase))
+    def activity(self) -> Activity | Phase:
+        """The activity within the phase, or the phase if it has none."""
+        if self.phase is Phase.APPROACH:
+            return self.attempt.activity
+        return self.correction.activity if self.phase is Phase.SETTLE else self.phase
 
     @property
     def phase_time_s(self) -> float:
@@ -177,7 +178,7 @@ class GraspState:
             found.append(after)
             if kind is not None:
                 # A contact while the hand waits open is a touch by a person.
-                touch = kind is EventKind.CONTACT and self.activity == Activity.WAIT
+                touch = kind is EventKind.CONTACT and self.activity is Activity.WAIT
                 self.record_event("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)
 

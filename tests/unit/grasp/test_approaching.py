@@ -56,14 +56,16 @@ def test_sweep_slowing_before_expected_size_detects_no_contact(level: str) -> No
     for expected in (False, True):
         world = World(berry, seed=11, sheet_seed=5, level=level)
         size_mm = berry.size_mm + 3.0 if expected else None
-        phases = list[tuple[str, float]]()
+        phases = list[tuple[Activity | Phase, float]]()
 
-        def watch(grasp_state: GraspState, to: list[tuple[str, float]] = phases) -> None:
+        def watch(
+            grasp_state: GraspState, to: list[tuple[Activity | Phase, float]] = phases
+        ) -> None:
             if not to or grasp_state.activity != to[-1][0]:
                 to.append((grasp_state.activity, grasp_state.estimate.now_s))
 
         grasp_on_twin(world, calibration, views={"watchers": [watch]}, expect_size_mm=size_mm)
-        felt_s[expected] = [time_s for phase, time_s in phases if phase == Activity.EVALUATE]
+        felt_s[expected] = [time_s for phase, time_s in phases if phase is Activity.EVALUATE]
     assert len(felt_s[False]) == len(felt_s[True]) == 1
     assert felt_s[True][0] <= felt_s[False][0]
 
@@ -107,9 +109,9 @@ def test_sheet_with_unchanged_reading_after_retraction_ends_grasp(plan: Plan, be
     assert bench.force_n == 0.0
 
 
-def entered_phases(plan: Plan, bench: Any) -> tuple[list[str], list[float]]:
+def entered_phases(plan: Plan, bench: Any) -> tuple[list[Activity | Phase], list[float]]:
     """Grasp; return the phases in order, and the closures up to the hold."""
-    phases, closures = list[str](), list[float]()
+    phases, closures = list[Activity | Phase](), list[float]()
 
     def watch(grasp_state: GraspState) -> None:
         if not phases or grasp_state.activity != phases[-1]:
@@ -171,5 +173,5 @@ def test_contact_of_nearly_equal_fingers_is_not_a_push(plan: Plan, bench: Any) -
     bench.change_frames(faint)
     bench.n_per_mm = 0.4
     phases, _ = entered_phases(plan, bench)
-    felt = [n for n, phase in enumerate(phases) if phase == Activity.EVALUATE]
+    felt = [n for n, phase in enumerate(phases) if phase is Activity.EVALUATE]
     assert phases[felt[0] + 1] == Activity.TOUCH

@@ -37,20 +37,29 @@ def test_strongest_reading_restarts_after_each_movement(plan: Plan, bench: Any) 
     assert fallen, "the last reading is not always the strongest"
 
 
+def test_phase_and_activity_of_one_name_are_not_equal() -> None:
+    named = [(phase, activity) for phase in Phase for activity in Activity]
+    assert any(phase.value == activity.value for phase, activity in named)
+    assert not any(phase == activity for phase, activity in named)
+    assert GraspState().activity is Activity.TOUCH
+    assert GraspState(phase=Phase.SETTLE).activity is Activity.FORECAST
+    assert GraspState(phase=Phase.HOLD).activity is Phase.HOLD
+
+
 def test_attempt_without_object_is_repeated_until_contact(plan: Plan, bench: Any) -> None:
-    bench.size_mm, entered = 0.0, list[str]()
+    bench.size_mm, entered = 0.0, list[Activity | Phase]()
 
     def somebody(grasp_state: GraspState) -> None:
-        if not entered or entered[-1] != grasp_state.activity:
+        if not entered or entered[-1] is not grasp_state.activity:
             entered.append(grasp_state.activity)
-        if grasp_state.activity == Activity.WAIT:
+        if grasp_state.activity is Activity.WAIT:
             bench.size_mm = 50.3
 
     result = bench.grasp(replace(plan, tries=3), watchers=[somebody])
     assert result.outcome is Outcome.HELD
     assert names(result)[0] == "nothing_there"
-    closed = ["approach", "sweep", "felt", "approach"]
-    assert entered[:6] == [*closed, "wait", "approach"]
+    closed = [Activity.TOUCH, Activity.SWEEP, Activity.EVALUATE, Activity.TOUCH]
+    assert entered[:6] == [*closed, Activity.WAIT, Activity.TOUCH]
     assert abs(result.size_mm.value - 50.3) < 0.3
 
 
@@ -64,11 +73,11 @@ def test_last_attempt_without_object_ends_with_nothing_there(plan: Plan, bench: 
 
 
 def test_unconfirmed_touch_is_rejected(plan: Plan, bench: Any) -> None:
-    entered = list[str]()
+    entered = list[Activity | Phase]()
 
     def taken_away(grasp_state: GraspState) -> None:
         entered.append(grasp_state.activity)
-        if grasp_state.activity == Activity.CONFIRM:
+        if grasp_state.activity is Activity.CONFIRM:
             bench.size_mm = 0.0
 
     # A light touch, whose reading alone is no grip, looked at until only fresh frames count.
@@ -93,7 +102,7 @@ def test_hand_waits_between_attempts_unless_touched(plan: Plan, bench: Any, touc
     bench.size_mm, waiting_s = 0.0, list[float]()
 
     def hand(grasp_state: GraspState) -> None:
-        waiting = grasp_state.activity == Activity.WAIT
+        waiting = grasp_state.activity is Activity.WAIT
         if waiting:
             waiting_s.append(grasp_state.estimate.now_s)
         # Touching is squeezing the pads: the spring is in the open hand for a moment.

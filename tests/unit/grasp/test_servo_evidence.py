@@ -84,7 +84,7 @@ def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
     forces = list[float]()
 
     def at_hold(grasp_state: Any) -> None:
-        if grasp_state.phase == Phase.HOLD:
+        if grasp_state.phase is Phase.HOLD:
             forces.append(bench.force_n)
 
     result = bench.grasp(plan, watchers=[at_hold])
@@ -115,10 +115,10 @@ def test_without_current_the_sheet_alone_gives_the_force(plan: Plan, slow: Any) 
 
 def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
     """The object stiffens at the last step; the hand opens and closes again."""
-    phases, forces = list[str](), list[float]()
+    phases, forces = list[Activity | Phase](), list[float]()
 
     def watch(grasp_state: Any) -> None:
-        if grasp_state.activity == Activity.FORECAST and not phases.count(Activity.EASE):
+        if grasp_state.activity is Activity.FORECAST and not phases.count(Activity.EASE):
             # Something pushes the fingers' object thicker once.
             slow.size_mm = 50.9
         phases.append(grasp_state.activity)
@@ -128,9 +128,9 @@ def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
     names = [moment.name for moment in result.moments if moment.finger is None]
     assert "eased" in names
     assert names.index("eased") < names.index("answer")
-    last = [force for phase, force in zip(phases, forces, strict=True) if phase == Phase.HOLD][-1]
+    last = [force for phase, force in zip(phases, forces, strict=True) if phase is Phase.HOLD][-1]
     assert last == pytest.approx(4.0, rel=0.1)
-    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase == Activity.EASE]
+    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Activity.EASE]
     assert min(eased_n) < 0.8 * 4.0
 
 
@@ -142,10 +142,10 @@ def test_return_after_easing_ends_at_a_wider_opening_than_before(
     stood, again, came = list[float](), list[float](), list[float]()
 
     def watch(grasp_state: Any) -> None:
-        if grasp_state.activity == Activity.FORECAST:
+        if grasp_state.activity is Activity.FORECAST:
             slow.size_mm = 50.9
             (came if again else stood).append(plan.gripper.target(grasp_state.estimate.sent))
-        if grasp_state.activity == Activity.EASE:
+        if grasp_state.activity is Activity.EASE:
             again.append(plan.gripper.target(grasp_state.correction.return_closure))
 
     close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=ceiling_n))
