@@ -7,7 +7,7 @@ calibrations, exports, messages) takes a `Sample`, or the `PixelSignals` of seve
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -51,8 +51,11 @@ class PixelSignals:
     missing: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        for one in fields(PixelSignals):
-            getattr(self, one.name).flags.writeable = False
+        for array in (
+            *(self.resistance_ohm, self.change_percent, self.excess),
+            *(self.saturated, self.open, self.missing),
+        ):
+            array.flags.writeable = False
 
     @property
     def has_saturated(self) -> bool:

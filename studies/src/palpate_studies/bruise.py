@@ -31,8 +31,7 @@ from palpate.produce.bruise.model import (
 )
 from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape
 from palpate.produce.learning import LabelledTable, make_pipeline
-from palpate.sensor.sample import relative_change_percent
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.sample import SampleReader, relative_change_percent
 from palpate.signal.relative import CONTACT_PERCENT, mean_change
 from palpate.twin.devices import TwinArray
 from palpate_studies.fruit_ranges import BRUISES
@@ -149,10 +148,9 @@ def _search(session: Session, rest_ohm: FloatArray) -> float:
     """
     session.close_to(_TIGHTEST_MM, speed_mm_per_s=SEARCH_MM_PER_S)
     array, layout = TwinArray(session.world), session.world.layout
-    weakest = 0.0
+    weakest, reader = 0.0, SampleReader(layout, rest_ohm)
     while weakest > CONTACT_PERCENT:
-        ohm = resistance_ohm(array.read(timeout_s=1.0).counts, divider=layout.divider)
-        change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+        change = reader.read(array.read(timeout_s=1.0)).change_percent
         weakest = max(
             float(change[layout.finger_mask(finger)].min()) for finger in range(layout.fingers)
         )

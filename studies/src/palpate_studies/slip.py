@@ -10,8 +10,7 @@ import typer
 from scipy.stats import chi2
 
 from palpate.arrays import FloatArray
-from palpate.sensor.sample import relative_change_percent
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.sample import SampleReader
 from palpate.signal.events import ContactState, EventKind, watch_contact
 from palpate.signal.relative import CONTACT_PERCENT, finger_means
 from palpate.twin.devices import TwinArray
@@ -130,8 +129,7 @@ def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, Float
 def _finger_changes(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> FloatArray:
     """Return each finger's mean relative change, shape (frames, fingers)."""
     layout = session.world.layout
-    ohm = resistance_ohm(counts, divider=layout.divider)
-    change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+    change = SampleReader(layout, rest_ohm).read_counts(counts).change_percent
     return finger_means(change, finger_of_row=layout.finger_of_row)
 
 

@@ -12,8 +12,11 @@ from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import excess_conductance, relative_change_percent
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.sample import (
+    excess_conductance,
+    pixel_resistance_ohm,
+    relative_change_percent,
+)
 from palpate.signal.relative import largest_change, mean_change, total_excess
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import TwinObject, draw_object
@@ -178,7 +181,7 @@ def read_ohm(world: World, *, until_s: float) -> FloatArray:
     while world.clock.now_s() < until_s - 1e-9:
         counts.append(array.read(timeout_s=1.0).counts)
     array.close()
-    return resistance_ohm(np.stack(counts), divider=world.layout.divider)
+    return pixel_resistance_ohm(np.stack(counts), layout=world.layout)
 
 
 def stack_holds(holds: Sequence[FloatArray]) -> FloatArray:
