@@ -35,6 +35,8 @@ _FINAL_READ_S = 0.2
 _RECOVERY_PAUSE_S = 30.0
 #: Maximum recovery time of the sheet from a load.
 _MAX_RECOVERY_S = 120.0
+#: Largest fraction of a reading's frames in which a pixel may be open; it is read from the others.
+_MAX_OPEN_FRACTION = 0.5
 
 
 class LoadCell(Protocol):
@@ -122,7 +124,8 @@ def measure_force(
     `reseat`: called with the run's number once the gripper is open; the user moves the load cell.
     `dwell_s`: wait from each step to its reading.
     `horizon_s`: time after which the sheet counts as settled.
-    Raises `CalibrationError` if the load cell never measures a force.
+    Raises `CalibrationError` if the load cell never measures a force, and `DeviceError` if a pixel
+    has no signal.
     """
     rows: list[tuple[int, SheetReading]] = []
     with _open_afterwards(bench):
@@ -290,7 +293,14 @@ def _take_reading(
     """Take a reading `since_move_s` after a movement, averaged over the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
     pixels = SampleReader(bench.array.layout, rest.rest_ohm).read_ohm(ohm)
-    excess = np.nan_to_num(pixels.excess).mean(axis=0)
+    lost = pixels.open.mean(axis=0) > _MAX_OPEN_FRACTION
+    if lost.any():
+        names = ", ".join(pixel_name(row, col) for row, col in np.argwhere(lost).tolist())
+        raise DeviceError(
+            f"no signal from {names} at {bench.cell.read_n():.2g} N; run `palpate doctor` for "
+            "details"
+        )
+    excess = np.nanmean(pixels.excess, axis=0)
     relative = mean_change(pixels.change_percent)
     return SheetReading(
         since_move_s=since_move_s,

@@ -15,7 +15,7 @@ from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.calibration import BlockPairs, Calibration
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -77,6 +77,42 @@ def test_measure_rest_faulty_sensor_is_device_error(readings: tuple[int, int], w
     with pytest.raises(DeviceError, match=words) as raised:
         measure_rest(open_bench(world, Broken(world)))
     assert raised.value.exit_status == 3
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_measure_force_pixel_open_under_load_is_no_weaker_reading(every: int) -> None:
+    class Loose(TwinArray):
+        """An array whose first pixel loses contact under load, in one of `every` frames."""
+
+        def read(self, *, timeout_s: float) -> Any:
+            frame = super().read(timeout_s=timeout_s)
+            counts = frame.counts.copy()
+            force_n = self.world.force_n(self.world.clock.now_s())
+            if force_n > 0.5 and frame.sequence % every == 0:
+                counts[0, 0] = 0
+            return replace(frame, counts=counts)
+
+        def __init__(self, world: World) -> None:
+            super().__init__(world)
+            self.world = world
+
+    def measure(make: type[TwinArray]) -> ForcePairs:
+        world = World(None, seed=3)
+        obj = draw_object(np.random.default_rng(1), "springs-8")
+        return measure_force(
+            open_bench(world, make(world)),
+            holds_n=((2.0,),),
+            reseat=lambda _: world.place(obj),
+            dwell_s=0.4,
+            horizon_s=2.0,
+        )
+
+    if every == 1:
+        with pytest.raises(DeviceError, match=r"no signal from R0 C0 at .* N"):
+            measure(Loose)
+        return
+    sound, loose = measure(TwinArray), measure(Loose)
+    assert loose.excess[-1] == pytest.approx(sound.excess[-1], rel=0.01)
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
