@@ -41,8 +41,8 @@ def firmness_index(stiffness: Measurement) -> Measurement:
 
 
 def _index(n_per_mm: float) -> float:
-    ratio = math.log(n_per_mm / _SOFTEST) / math.log(_FIRMEST / _SOFTEST)
-    return min(max(100.0 * ratio, 0.0), 100.0)
+    index = 100.0 * math.log(n_per_mm / _SOFTEST) / math.log(_FIRMEST / _SOFTEST)
+    return min(max(index, 0.0), 100.0)
 
 
 def is_determined(firmness: Measurement) -> bool:

@@ -131,16 +131,18 @@ class SampleReader:
     def _convert(self, ohm: FloatArray) -> dict[str, NDArray[Any]]:
         rest = np.asarray(np.nan if self.rest_ohm is None else self.rest_ohm, dtype=float)
         least_ohm = self.layout.divider.least_ohm
-        known = (rest > 0) & np.isfinite(rest)
+        known = np.isfinite(rest) & (rest > 0)
+        readable = known & np.isfinite(ohm)
+        clipped = np.maximum(np.where(readable, ohm, 1.0), least_ohm)
+        missing = ~known
         return {
             "resistance_ohm": ohm,
             "change_percent": relative_change_percent(ohm, rest_ohm=rest),
-            "excess": excess_conductance(
-                np.maximum(ohm, least_ohm), rest_ohm=np.where(known, rest, np.nan)
-            ),
-            "saturated": known & (ohm <= least_ohm),
-            "open": known & ~np.isfinite(ohm),
-            "missing": np.array(np.broadcast_to(~known, ohm.shape)),
+            "excess": np.where(readable, rest / clipped - 1.0, np.nan),
+            "saturated": readable & (ohm <= least_ohm),
+            "open": known & ~readable,
+            # A copy, because the frames of a batch share the rest values.
+            "missing": missing if missing.shape == ohm.shape else np.full(ohm.shape, missing),
         }
 
 
@@ -203,25 +205,6 @@ def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -
     usable = np.isfinite(resistance) & (rest > 0)
     ratio = np.where(usable, resistance, 1.0) / np.where(rest > 0, rest, 1.0)
     return np.where(usable, 100.0 * (ratio - 1.0), np.nan)
-
-
-def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
-    """Return G / G_rest - 1 = R_rest / R - 1, a ratio.
-
-    The excess conductance still rises with load where the relative change approaches -100 %.
-
-    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) yields NaN, zero (short)
-        infinity.
-    `rest_ohm`, shape (rows, cols): rest values; NaN or zero yields NaN.
-
-    >>> excess_conductance([[500.0, 1000.0, 0.0]], rest_ohm=[[1000.0, 1000.0, 1000.0]]).tolist()
-    [[1.0, 0.0, inf]]
-    """
-    resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
-    usable = np.isfinite(resistance) & (resistance >= 0) & (rest > 0)
-    short = usable & (resistance == 0)
-    excess = rest / np.where(usable & ~short, resistance, 1.0) - 1.0
-    return np.where(short, np.inf, np.where(usable, excess, np.nan))
 
 
 def excess_of_change(change_percent: ArrayLike) -> FloatArray:

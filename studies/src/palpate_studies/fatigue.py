@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
-from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Environment
 from palpate_studies.report import StudyReport, Table, as_command
@@ -125,14 +125,15 @@ def run_cycles(sensor: int, *, level: str, cycles: int) -> WearRun:
         width_mm = obj.size_mm - closure_mm
         readings.append(session.grasp(obj.size_mm, width_mm=width_mm, hold_s=CLOSED_S))
     law = PowerForceLaw.fit([r.excess for r in readings], force_n=[r.force_n for r in readings])
-    rest_ohm, rows = session.mean_ohm(), []
+    reader, rows = SampleReader(session.world.layout, session.mean_ohm()), []
     for _ in range(cycles):
         surround()
         session.close_to(obj.size_mm - CLOSURE_MM)
         clock.sleep_s(CLOSED_S - SETTLED_MEAN_S)
         ohm = session.mean_ohm()
-        excess = float(np.nansum(excess_conductance(ohm, rest_ohm=rest_ohm)))
-        change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+        pixels = reader.read_ohm(ohm)
+        excess = float(np.nansum(pixels.excess))
+        change = mean_change(pixels.change_percent)
         force_n = law.force_n(excess).value
         rows.append((ohm.mean(), float(change), float(force_n), session.cell.read_n()))
         session.close_to(obj.size_mm + OPENED_MM)

@@ -17,7 +17,7 @@ from palpate.arrays import FloatArray
 from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.scoring.predictions import predict_holds
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.sample import excess_conductance
+from palpate.sensor.sample import SampleReader
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
@@ -254,8 +254,8 @@ def _press(session: Session, size_mm: float) -> tuple[FloatArray, FloatArray, Fl
         ohm.append(session.read(1 / session.world.frame_rate_hz)[-1])
         cell.append(session.cell.read_n())
         clock_s.append(session.world.clock.now_s())
-    excess = excess_conductance(ohm, rest_ohm=rest_ohm).reshape(len(ohm), -1)
-    return np.array(clock_s), excess, np.array(cell)
+    pixels = SampleReader(session.world.layout, rest_ohm).read_ohm(ohm)
+    return np.array(clock_s), pixels.excess.reshape(len(ohm), -1), np.array(cell)
 
 
 def simulate_holds(sensor: int, *, level: str, count: int) -> list[Hold]:

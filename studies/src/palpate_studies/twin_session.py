@@ -13,7 +13,8 @@ from palpate.holds import Hold
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import (
-    excess_conductance,
+    PixelSignals,
+    SampleReader,
     pixel_resistance_ohm,
     relative_change_percent,
 )
@@ -38,20 +39,24 @@ class Reading:
 
     Attributes
     ----------
-    ohm, rest_ohm : ndarray
-        Resistances, and resistances at rest just before the grasp.
+    pixels : PixelSignals
+        Signals relative to rest just before the grasp.
     force_n : float
         Force of the load cell.
     """
 
-    ohm: FloatArray
-    rest_ohm: FloatArray
+    pixels: PixelSignals
     force_n: float
+
+    @property
+    def ohm(self) -> FloatArray:
+        """Resistance of each pixel."""
+        return self.pixels.resistance_ohm
 
     @property
     def change_percent(self) -> FloatArray:
         """Relative change of each pixel."""
-        return relative_change_percent(self.ohm, rest_ohm=self.rest_ohm)
+        return self.pixels.change_percent
 
     @property
     def mean_percent(self) -> float:
@@ -66,7 +71,7 @@ class Reading:
     @property
     def excess(self) -> float:
         """Excess conductance summed over pixels."""
-        return float(total_excess(excess_conductance(self.ohm, rest_ohm=self.rest_ohm)))
+        return float(total_excess(self.pixels.excess))
 
 
 class Session:
@@ -136,8 +141,8 @@ class Session:
         """Measure rest values, close to a width, hold, read settled values, open and pause."""
         rest_ohm = self._close_from_rest(obj_size_mm, width_mm=width_mm)
         self.world.clock.sleep_s(hold_s - SETTLED_MEAN_S)
-        ohm = self.mean_ohm()
-        reading = Reading(ohm=ohm, rest_ohm=rest_ohm, force_n=self.cell.read_n())
+        pixels = SampleReader(self.world.layout, rest_ohm).read_ohm(self.mean_ohm())
+        reading = Reading(pixels=pixels, force_n=self.cell.read_n())
         self._open()
         return reading
 

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
+from palpate.sensor.array import ArrayLayout
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.sensor.sample import (
+    SampleReader,
+    change_of_excess,
+    excess_of_change,
+    relative_change_percent,
+)
 from palpate.signal.relative import largest_change, mean_change, total_excess
 
 PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
+PAD = ArrayLayout(name="pad", rows=2, cols=2, finger_of_row=(0, 0))
 
 
 def make_quiet_frames(frames: int = 60, *, seed: int = 0) -> np.ndarray:
@@ -72,15 +79,16 @@ def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:
     change = relative_change_percent(PIXELS / 2, rest_ohm=rest.rest_ohm)
     assert np.isnan(change[0, 0])
     assert mean_change(change) == pytest.approx(-50.0, abs=0.1)
-    excess = excess_conductance(PIXELS / 2, rest_ohm=rest.rest_ohm)
+    excess = SampleReader(PAD, rest.rest_ohm).read_ohm(PIXELS / 2).excess
     assert total_excess(excess) == pytest.approx(3.0, abs=0.02)
 
 
 def test_excess_conductance_is_consistent_with_relative_change() -> None:
-    ohm = PIXELS * np.array([[0.1, 0.5], [0.9, 1.2]])
-    change = relative_change_percent(ohm, rest_ohm=PIXELS)
-    excess = excess_conductance(ohm, rest_ohm=PIXELS)
-    np.testing.assert_allclose(1 / (1 + excess), 1 + change / 100)
+    pixels = SampleReader(PAD, PIXELS).read_ohm(PIXELS * np.array([[0.1, 0.5], [0.9, 1.2]]))
+    np.testing.assert_allclose(1 / (1 + pixels.excess), 1 + pixels.change_percent / 100)
+    np.testing.assert_allclose(excess_of_change(pixels.change_percent), pixels.excess)
+    np.testing.assert_allclose(change_of_excess(pixels.excess), pixels.change_percent)
+    assert np.isfinite(excess_of_change(-100.0))
 
 
 def test_sums_over_only_nan_pixels_are_nan() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.sample import excess_conductance, relative_change_percent
+from palpate.sensor.sample import SampleReader, relative_change_percent
 from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import FAMILIES, Environment
@@ -169,6 +169,6 @@ def test_world_naive_readings_have_large_errors() -> None:
     for seed in range(12):
         other = make_held_world(2.0, seed=seed, sheet_seed=5, level="field")
         rest = other.sheet.rest_ohm.reshape(other.layout.rows, other.layout.cols)
-        at_hold = excess_conductance(other.pixel_resistance_ohm(20.0), rest_ohm=rest)
-        excess.append(np.log(at_hold.sum()))
+        at_hold = SampleReader(other.layout, rest).read_ohm(other.pixel_resistance_ohm(20.0))
+        excess.append(np.log(at_hold.excess.sum()))
     assert np.std(excess) > 0.2
