@@ -43,7 +43,7 @@ test-system: $(VENV)/.dev
 
 # What failed last, one test after another.
 test-again: $(VENV)/.dev
-	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none
+	$(BIN)/python -m pytest -m "" --last-failed --last-failed-no-failures none
 
 # 400 seeded grasps of the present code and of the stored baseline; some minutes on two processors.
 acceptance: $(VENV)/.dev

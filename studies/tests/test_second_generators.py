@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.twin.velostat import draw_sheet
+from palpate.twin.velostat import FAMILIES, draw_sheet
 from palpate_studies.grasp_cycle import Sample
 from palpate_studies.second.fruit import COURSES, other_avocado
 from palpate_studies.second.sheets import other_sheet
@@ -24,6 +24,20 @@ def test_other_avocado_softens_between_same_limits(course: str) -> None:
     at = np.arange(-2.0, 6.0)
     first = np.log([fruit.force_at_1mm_n(day) for day in at])
     assert np.max(np.abs(first - np.log([other.force_at_1mm_n(day) for day in at]))) > 0.2
+
+
+@pytest.mark.parametrize("level", ["lab", "field"])
+def test_coordinate_of_creep_returns_to_its_excess_conductance(level: str) -> None:
+    """In every family, of both generators."""
+    drawn = [
+        draw_sheet(np.random.default_rng(seed), layout=RIGID_LAYOUT, level=level).family
+        for seed in range(30)
+    ]
+    assert {family.name for family in drawn} == set(FAMILIES)
+    sheet = draw_sheet(np.random.default_rng(0), layout=RIGID_LAYOUT, level=level)
+    excess = np.geomspace(1e-4, 300.0, 50)
+    for family in (*drawn, other_sheet(sheet).family):
+        assert family.excess_conductance(family.coordinate(excess)) == pytest.approx(excess)
 
 
 def test_other_sheet_follows_no_power_law() -> None:

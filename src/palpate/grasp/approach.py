@@ -96,7 +96,8 @@ def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Confirm the contact with new frames, to exclude noise."""
     estimate = state.estimate
-    if state.phase_time_s < plan.confirm_s:
+    # A gripper may report a movement for a moment without a command.
+    if state.phase_time_s < plan.confirm_s or not estimate.touches:
         return None
     is_weak = estimate.now.strongest_percent > 0.5 * plan.epsilon_percent
     if is_weak and not _has_grip_force(estimate, plan):

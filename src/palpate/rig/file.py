@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -272,6 +273,7 @@ def _calibration_path(path: Path, stated: Mapping[str, Any]) -> Path:
 def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
     """Call the opener of a table with its options and any matching `shared` objects.
 
+    The opener's module is installed, or beside the rig file.
     Raises `InputError` if the table is missing (None), or its opener doesn't exist or rejects the
     options.
     """
@@ -279,6 +281,10 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
         found = ", ".join(sorted(read_rig_table(path))) or "nothing"
         raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_INIT_HINT}")
     where = table.get("open") if isinstance(table, dict) else None
+    # Last, so that a file there hides no installed module. It stays for the module's own imports.
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
     opener = _import_opener(where, place=f"rig file {path}: [{part}]")
     stated = {key: value for key, value in table.items() if key != "open"}
     if fault := find_option_fault(stated, opener):

@@ -90,10 +90,11 @@ class LogLaw:
             first = window.first[rows[0]]
             if time_s.size - first < _MIN_SAMPLES:
                 continue
-            log_time = np.log(time_s[first:] - time_s[peak] + self.from_s)
-            centred = log_time - log_time.mean()
-            distance = np.log(horizon_s - time_s[peak] + self.from_s) - log_time.mean()
-            weights = 1 / len(centred) + centred * distance / (centred @ centred)
+            weights = log_law_weights(
+                time_s[first:] - time_s[peak],
+                after_s=horizon_s - time_s[peak],
+                from_s=self.from_s,
+            )
             last = values[rows, -1]
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]
@@ -109,3 +110,17 @@ class LogLaw:
             window_s=window_s,
             status=status,
         )
+
+
+def log_law_weights(since_s: FloatArray, *, after_s: float, from_s: float) -> FloatArray:
+    """Return the weights of samples in the least-squares line over ln(time + t_0).
+
+    `since_s`, shape (n_times,): times of the samples after the peak, seconds.
+    `after_s`: time after the peak at which the line is evaluated.
+    `from_s`: t_0.
+    """
+    log_time = np.log(since_s + from_s)
+    middle = log_time.mean()
+    centred = log_time - middle
+    distance = np.log(after_s + from_s) - middle
+    return np.asarray(1 / centred.size + centred * distance / (centred @ centred))

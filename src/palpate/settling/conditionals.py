@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.settling.baselines import log_law_weights
 from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
 from palpate.signal.transient import WAIT_S
 
@@ -124,6 +125,11 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     degrees = last + noise_samples + scaled * SCALE_DEGREES
     log_prior = log_weight - noise_samples * np.log(NOISE)[DEVIATION_OF]
     handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
+    is_line = samples_s >= WAIT_S - 1e-9
+    if is_line.sum() < _MIN_LINE_SAMPLES:
+        is_line[:] = True
+    log_law = np.zeros(samples_s.size)
+    log_law[is_line] = log_law_weights(samples_s[is_line], after_s=after_s, from_s=WALK_FROM_S)
     back = whitening.transpose(0, 2, 1)
     whitening_back, along, ahead_of = (
         np.ascontiguousarray(part.transpose(1, 0, 2)).reshape(last, -1)
@@ -141,20 +147,8 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
         variance=variance / handicap / max(degrees - 2, 1),
         pace_from=pace_from,
         pace=float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0])),
-        log_law=_log_law_weights(samples_s, after_s=after_s),
+        log_law=log_law,
     )
-
-
-def _log_law_weights(time_s: FloatArray, *, after_s: float) -> FloatArray:
-    """Return the weights of samples in the least squares line over ln(time + `WALK_FROM_S`)."""
-    used = time_s >= WAIT_S - 1e-9
-    if used.sum() < _MIN_LINE_SAMPLES:
-        used[:] = True
-    log_time = np.log(time_s + WALK_FROM_S)
-    middle = log_time[used].mean()
-    centred = np.where(used, log_time - middle, 0.0)
-    slope = centred / (centred @ centred)
-    return np.asarray(used / used.sum() + (np.log(after_s + WALK_FROM_S) - middle) * slope)
 
 
 def _covariances(

@@ -183,6 +183,15 @@ def test_run_grasp_stop_signal_stops_the_hand_and_keeps_the_grip(
     assert signal.getsignal(number) == before
 
 
+@pytest.mark.parametrize("seed", range(4, 9))
+def test_grasp_holds_with_a_gripper_whose_moving_flag_flickers(
+    plan: Plan, bench: Any, seed: int
+) -> None:
+    rng, state = np.random.default_rng(seed), bench.state
+    bench.state = lambda: replace(state(), moving=bool(rng.random() < 0.3))
+    assert bench.grasp(plan).outcome is Outcome.HELD
+
+
 def test_lost_gripper_is_stopped_and_reported(plan: Plan, bench: Any) -> None:
     def state() -> Any:
         raise DeviceError("servo 1 doesn't answer; check its power")

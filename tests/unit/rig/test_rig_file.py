@@ -64,6 +64,22 @@ def test_opener_with_a_fault_of_its_own_is_named(
         assert "\n" not in str(caught.value)
 
 
+def test_opener_is_found_beside_the_rig_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "hand_of_mine.py").write_text(
+        "from own_bus import Hand\ndef open_hand():\n    return Hand()\n"
+    )
+    names = ("limits", "state", "command", "stop", "release", "close")
+    lines = ["class Hand:", *(f"    {name} = None" for name in names)]
+    (tmp_path / "own_bus.py").write_text("\n".join(lines))
+    (tmp_path / "rig.toml").write_text('[gripper]\nopen = "hand_of_mine:open_hand"\n')
+    path = tmp_path / "rig.toml"
+    hand = open_device(path, "gripper", read_rig_table(path)["gripper"])
+    assert type(hand).__name__ == "Hand"
+
+
 @pytest.mark.parametrize("value", [1, [], {}, "", "a\0b"])
 @pytest.mark.parametrize("key", ["use", "calibration", "array", "gripper", "load_cells"])
 def test_value_of_another_kind_is_refused_in_one_line(

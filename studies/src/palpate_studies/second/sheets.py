@@ -36,9 +36,9 @@ class RootFamily(Family):
         """Return the square root of an excess conductance."""
         return np.sqrt(excess)
 
-    def excess(self, v: FloatArray) -> FloatArray:
+    def excess_conductance(self, coordinate: FloatArray) -> FloatArray:
         """Return the excess conductance of a square root; negative roots give 0."""
-        return np.maximum(v, 0.0) ** 2
+        return np.maximum(coordinate, 0.0) ** 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
