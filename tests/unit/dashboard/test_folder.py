@@ -8,8 +8,8 @@ import pytest
 
 from palpate.dashboard.folder import (
     delete_recording,
-    find_recording,
     describe_damage,
+    find_recording,
     is_simulated,
     rename_recording,
 )
