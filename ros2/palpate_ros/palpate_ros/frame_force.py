@@ -32,11 +32,13 @@ class FrameForce:
     def limits_n(self, time_s: float, ohm: np.ndarray) -> tuple[float, ...]:
         """Return force, lower and upper limit; empty without a law or a readable pixel.
 
-        With a saturated pixel the force is its lower limit, and the upper limit is infinite.
+        With a saturated or lost pixel the force is its lower limit, and the upper limit infinite.
         """
         pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=self._layout)
         if self._follower is not None:
-            now = self._follower.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+            now = self._follower.step(
+                time_s, pixels.excess, saturated=pixels.has_saturated, lost=pixels.has_lost
+            )
             if now.status is Status.NOT_MEASURED:
                 return ()
             value, low, high = now.value, now.low, now.high
@@ -45,6 +47,6 @@ class FrameForce:
             value, low, high = (float(one) for one in (found.value, found.low, found.high))
         else:
             return ()
-        if pixels.has_saturated or value is None:
+        if pixels.has_saturated or pixels.has_lost or value is None:
             return low, low, np.inf
         return value, low, high

@@ -98,7 +98,7 @@ class LiveReading:
         if self._force is not None:
             pixels = pixel_excess(self.ohm, rest_ohm=self._rest_ohm, layout=self._layout)
             self.force_n = self._force.step(
-                frame.time_s, pixels.excess, saturated=pixels.has_saturated
+                frame.time_s, pixels.excess, saturated=pixels.has_saturated, lost=pixels.has_lost
             )
 
     @property

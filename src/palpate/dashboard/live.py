@@ -295,7 +295,9 @@ class Live:
         if self._force is None or source is None or rest_ohm is None:
             return None
         pixels = pixel_excess(ohm, rest_ohm=rest_ohm, layout=source.layout)
-        force = self._force.step(time_s, pixels.excess, saturated=pixels.has_saturated)
+        force = self._force.step(
+            time_s, pixels.excess, saturated=pixels.has_saturated, lost=pixels.has_lost
+        )
         return None if force.status is Status.NOT_MEASURED else force
 
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:

@@ -54,6 +54,10 @@ def pixel_resistance_ohm(
     return ohm
 
 
+#: A pixel whose rest value is this many steps of the converter above zero is never open.
+_REST_STEPS = 5
+
+
 class PixelExcess(NamedTuple):
     """Excess conductance of the pixels, never infinite.
 
@@ -65,11 +69,20 @@ class PixelExcess(NamedTuple):
     saturated, open : ndarray of bool, shape (..., rows, cols)
         Pixels with a rest value whose conductance is beyond the converter's last step, and pixels
         with a rest value without a reading.
+    lost : ndarray of bool, shape (..., rows, cols)
+        Pixels without a reading that have one at rest: a broken line, not a weak contact. Their
+        load is unknown.
     """
 
     excess: FloatArray
     saturated: NDArray[np.bool_]
     open: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+
+    @property
+    def has_lost(self) -> bool:
+        """Whether any pixel has lost its reading; a force is then a lower bound."""
+        return bool(self.lost.any())
 
     @property
     def has_saturated(self) -> bool:
@@ -92,9 +105,12 @@ def pixel_excess(ohm: ArrayLike, *, rest_ohm: ArrayLike, layout: ArrayLayout) ->
     """
     read = np.asarray(ohm, dtype=float)
     least_ohm = layout.divider.least_ohm
-    known = np.asarray(rest_ohm, dtype=float) > 0
+    rest = np.asarray(rest_ohm, dtype=float)
+    known = rest > 0
+    is_open = known & ~np.isfinite(read)
     return PixelExcess(
         excess=excess_conductance(np.maximum(read, least_ohm), rest_ohm=rest_ohm),
         saturated=known & (read <= least_ohm),
-        open=known & ~np.isfinite(read),
+        open=is_open,
+        lost=is_open & (np.isnan(read) | (rest * _REST_STEPS < layout.divider.most_ohm)),
     )

@@ -182,7 +182,9 @@ def _build_track(
             frame.counts, layout=info.layout, oversampling=frame.oversampling
         )
         pixels = pixel_excess(ohm, rest_ohm=recorder.rest_ohm, layout=info.layout)
-        force = following.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
+        force = following.step(
+            frame.time_s, pixels.excess, saturated=pixels.has_saturated, lost=pixels.has_lost
+        )
         change = relative_change_percent(ohm, rest_ohm=recorder.rest_ohm)
         position = info.gripper.drive_reading(seen.gripper)
         state.append([position, force.middle, force.low, force.high, *change.ravel()])

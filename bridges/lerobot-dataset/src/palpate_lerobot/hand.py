@@ -127,7 +127,9 @@ class PolicyHand:
             raise
         ohm = self._ohm(frame)
         pixels = pixel_excess(ohm, rest_ohm=self._rest_ohm, layout=self._array.layout)
-        force = self._force.step(frame.time_s, pixels.excess, saturated=pixels.has_saturated)
+        force = self._force.step(
+            frame.time_s, pixels.excess, saturated=pixels.has_saturated, lost=pixels.has_lost
+        )
         change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
