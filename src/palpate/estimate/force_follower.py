@@ -33,9 +33,9 @@ class ForceSource(ABC):
     """Converts frames to the present force.
 
     A frame without a readable pixel is not measured. With a saturated pixel, or one that has lost
-    its reading, the force is a lower bound. A single saturated frame may be a disturbance. It enters
-    the history only if the next frame is saturated too, so that the force of the next good frame is
-    right.
+    its reading, the force is a lower bound. A single saturated frame may be a disturbance: it
+    enters the history only if the next frame is saturated too, so that the force of the next good
+    frame is right.
     """
 
     def __init__(self) -> None:
