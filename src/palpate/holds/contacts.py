@@ -336,7 +336,8 @@ def _move_to_peak(
     one: SlowContact, time_s: FloatArray, load: FloatArray, *, near_s: float
 ) -> SlowContact:
     """Return a contact whose hold begins at the largest reading, or knee, which smoothing moves."""
-    near = np.flatnonzero(np.abs(time_s - one.start_s) <= near_s)
+    is_near = np.abs(time_s - one.start_s) <= near_s
+    near = np.flatnonzero(is_near & (time_s >= one.onset_s) & (time_s <= one.end_s))
     if near.size < 3:
         return one
     at_s, height = time_s[near], load[near]

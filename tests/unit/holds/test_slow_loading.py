@@ -88,3 +88,17 @@ def test_real_slow_tests_begin_at_the_peak_of_the_force(real_data: Path) -> None
         starts.append(hold.start_s - one["time_s"][np.argmax(one["force_n"])])
     assert len(starts) == 92
     assert np.abs(starts).max() < 0.05
+
+
+@pytest.mark.parametrize("step_s", [3.0, 5.0, 8.0])
+def test_holds_of_a_slow_logger_stay_within_their_contacts(step_s: float) -> None:
+    time_s = np.arange(0.0, 260.0, step_s)
+    ohm, contacts_s = np.full(time_s.size, 40_000.0), (10.2, 90.7, 170.4)
+    for contact_s in contacts_s:
+        held = (time_s >= contact_s) & (time_s < contact_s + 60.0)
+        ohm[held] = 4000.0 - 210.0 * np.log1p((time_s[held] - contact_s) / 0.3)
+    holds = find_contacts(time_s, ohm, unit="ohm").holds
+    assert len(holds) == 3
+    for hold, contact_s in zip(holds, contacts_s, strict=True):
+        assert contact_s <= hold.start_s < contact_s + 2.0 * step_s
+        assert hold.end_s <= contact_s + 60.0
