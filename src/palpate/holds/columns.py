@@ -343,7 +343,7 @@ def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str
     elif _MAX_INTERVAL_S < step < 1000.0:
         return "ms"
     elif step >= 1000.0:
-        return "us"
+        return "us" if step <= _MAX_INTERVAL_S * 1e6 else "ns"
     raise InputError(
         f"{file}: column {name} has an interval of {step:g}, which could be seconds or "
         "milliseconds; specify the unit with --time-unit"

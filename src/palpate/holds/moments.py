@@ -17,7 +17,8 @@ _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*\.?"
 _DATE = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}|\d{1,2}[./-]\d{1,2}[./-]\d{2}"
-    rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
+    rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|\d{{1,2}}-{_MONTH}-\d{{2}}(?!\d)"
+    rf"|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
     rf"|{_MONTH}[ _]{{1,2}}\d{{1,2}})"
 )
 _TIME = r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
@@ -190,6 +191,8 @@ def _count_days(date: str | None, *, month_first: bool) -> float:
     if word:
         month = _MONTHS.index(word[0]) + 1
         year = next((number for number in numbers if number > 31), 2000)
+        if len(numbers) == 2 and year == 2000:
+            year += numbers[1]
         day = next(number for number in numbers if number <= 31)
     elif numbers[0] > 31:
         year, month, day = numbers

@@ -441,12 +441,19 @@ def _never_decreases(numbers: NDArray[np.float64]) -> bool:
     return not (numbers[1:] < numbers[:-1]).any() and bool(numbers[-1] > numbers[0])
 
 
-def _counts(table: Table, name: str) -> bool:
-    """Return whether a column always increases, as a clock or counter does."""
+def _counts(table: Table, name: str, *, restarts: bool = False) -> bool:
+    """Return whether a column always increases, as a clock or counter does.
+
+    `restarts`: whether it may seldom fall to a fraction of its last value.
+    """
     numbers = table.columns[name]
     if numbers.dtype != np.float64 or numbers.size < _FEWEST_COUNTED:
         return False
-    return bool((numbers[1:] > numbers[:-1]).all())
+    before, after = numbers[:-1], numbers[1:]
+    falls = ~(after > before)
+    if not (restarts and falls.mean() <= 1.0 / _FEWEST_COUNTED):
+        return not falls.any()
+    return bool((after[falls] <= _RESTART_FRACTION * before[falls]).all())
 
 
 def _is_row_number(table: Table, name: str) -> bool:
@@ -503,7 +510,7 @@ def _find_value_columns(
     if rows and len(rows) < len(numeric):
         remarks.append(f"column {', '.join(rows)} counts the rows and is not read as a sensor")
         numeric = [name for name in numeric if name not in rows]
-    counters = [name for name in numeric if name.isdigit() and _counts(table, name)]
+    counters = [n for n in numeric if n.isdigit() and _counts(table, n, restarts=True)]
     if counters and len(counters) < len(numeric):
         remarks.append(f"column {', '.join(counters)} always increases and is not read as a sensor")
         numeric = [name for name in numeric if name not in counters]

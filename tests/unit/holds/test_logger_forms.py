@@ -198,6 +198,10 @@ def test_each_restart_of_a_clock_begins_a_recording(tmp_path: Path) -> None:
             lambda r: stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ") + f",ns=2;s=P1,{ONE[r]},Good",
             ["Value"],
         ),
+        ("t,adc\n", lambda r: stamp(r, "%d-%b-%y %H:%M:%S.%f,") + f"{ONE[r]}", ["adc"]),
+        ("t,adc\n", lambda r: f"{round(1e9 * TIME_S[r])},{ONE[r]}", ["adc"]),
+        # The board's own clock restarts; that of the terminal doesn't.
+        ("", lambda r: stamp(r, "%H:%M:%S.%f -> ") + f"{100 * (r % 90)};{ONE[r]}", ["3"]),
         # A board that restarts prints its header again.
         (
             "ms,adc\n",
