@@ -70,8 +70,10 @@ class LineForm:
             return None
         # ESP-IDF writes a letter and milliseconds.
         stamp = (found["ticks"] or found["inside"] or found["bare"]).strip()
-        joined = join_spaced(re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp))
-        return joined.replace(" ", ""), found["body"].rstrip()
+        stamp = re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp)
+        if " " in stamp:
+            stamp = join_spaced(stamp).replace(" ", "")
+        return stamp, found["body"].rstrip()
 
     def rewrite(self, line: str, *, separator: str | None) -> str:
         """Return a line as fields with the separator (None: a space) between them."""
