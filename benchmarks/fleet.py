@@ -69,7 +69,9 @@ def main() -> None:
     reader = SampleReader(array.layout, calibration.rest.ohm)
     for frame in frames:
         sample = reader.read(frame)
-        follow.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+        follow.step(
+            sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+        )
     force_s = time.perf_counter() - started_s
     rows = {
         "on the wire": (wire, None),

@@ -247,7 +247,12 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
                 if (frame["rows"], frame["cols"]) == shape:
                     ohm = np.array(frame["ohm"], dtype=float).reshape(shape)
                     pixels = reader.read_ohm(ohm)
-                    force = now.step(frame["time_s"], pixels.excess, saturated=pixels.has_saturated)
+                    force = now.step(
+                        frame["time_s"],
+                        pixels.excess,
+                        saturated=pixels.has_saturated,
+                        lost=pixels.has_lost,
+                    )
                     row |= dict(zip(names[1:], (force.value, force.low, force.high), strict=True))
                 rows.append(row)
             yield pa.Table.from_pylist(rows, schema=schema)

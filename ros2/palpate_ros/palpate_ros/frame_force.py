@@ -30,10 +30,12 @@ class FrameForce:
     def limits_n(self, sample: Sample) -> tuple[float, ...]:
         """Return force, lower and upper limit; empty without a law or a readable pixel.
 
-        With a saturated pixel the force is its lower limit, and the upper limit is infinite.
+        With a saturated or lost pixel the force is its lower limit, and the upper limit infinite.
         """
         if self._follower is not None:
-            now = self._follower.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+            now = self._follower.step(
+                sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+            )
             if now.status is Status.NOT_MEASURED:
                 return ()
             value, low, high = now.value, now.low, now.high
@@ -42,6 +44,6 @@ class FrameForce:
             value, low, high = (float(one) for one in (found.value, found.low, found.high))
         else:
             return ()
-        if sample.has_saturated or value is None:
+        if sample.has_saturated or sample.has_lost or value is None:
             return low, low, np.inf
         return value, low, high

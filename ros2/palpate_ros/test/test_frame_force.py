@@ -36,9 +36,10 @@ def with_pixel(counts: int) -> np.ndarray:
 def test_bad_pixel_leaves_force_finite_and_next_frame_right(law: str) -> None:
     force = FrameForce(SimpleNamespace(force_law=LAWS[law].as_dict()))
     before = [force.limits_n(sample(0.1 * frame, PRESSED)) for frame in range(5)][-1]
-    value, low, high = force.limits_n(sample(0.5, with_pixel(1023)))
-    assert 0 < value == low < math.inf == high
-    assert force.limits_n(sample(0.6, PRESSED)) == pytest.approx(before)
-    assert np.isfinite(force.limits_n(sample(0.7, with_pixel(0)))).all()
+    for time_s, counts, within in ((0.5, 1023, 1e-6), (0.7, 0, 0.1)):
+        value, low, high = force.limits_n(sample(time_s, with_pixel(counts)))
+        assert 0 < value == low < math.inf == high
+        after = force.limits_n(sample(time_s + 0.1, PRESSED))
+        assert after == pytest.approx(before, rel=within)
     assert force.limits_n(sample(0.9, np.zeros((4, 2)))) == ()
     assert force.limits_n(sample(1.0, PRESSED)) == pytest.approx(before, rel=0.1)

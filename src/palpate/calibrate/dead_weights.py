@@ -28,6 +28,9 @@ _NEGLIGIBLE_EXCESS = 0.1
 #: Excess of every pixel below which nothing is on the sheet: twice the trend of 1 % that a rest
 #: measurement may have.
 _AT_REST_EXCESS = 0.02
+#: The mean reading of a load must exceed this many standard deviations of a frame at rest: the
+#: noise of Velostat is slow, and averages out less than that of an amplifier.
+_NOISE_SIGMAS = 3.0
 #: Ratio of two loads whose readings must differ by more than the settled fraction.
 _OTHER_LOAD_RATIO = 1.2
 #: Ratio of two readings of one load that is reported.
@@ -141,7 +144,10 @@ def measure_loads(
     have a usable reading.
     """
     tell = tell or (lambda _: None)
-    rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
+    rest = rest_baseline(_ohm(array, _REST_S))
+    rest_ohm = rest.rest_ohm
+    # Excess of each pixel that may be the reading at rest.
+    noise = np.maximum(_AT_REST_EXCESS, 0.01 * _NOISE_SIGMAS * rest.spread_percent)
     settled_n, excess, relative = list[float](), list[float](), list[float]()
     refused: list[float] = []
     previous: tuple[float, float] | None = None
@@ -153,7 +159,7 @@ def measure_loads(
         try:
             reading = _measure_settled(array, rest_ohm, load_n)
             if load_n > 0:
-                _check_reading(reading, load_n, previous=previous)
+                _check_reading(reading, load_n, noise=noise, previous=previous)
         except _UnusableReadingError as error:
             refused.append(load_n)
             tell(f"excluded: {load_n:g} N {error}")
@@ -195,10 +201,11 @@ def has_unloading(force_n: Sequence[float]) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LoadReading:
-    """Excess conductance of all pixels and of the highest one, and mean relative change."""
+    """Excess conductance of all pixels and of each one, and mean relative change."""
 
     excess: float
-    highest: float
+    #: Shape (rows, cols).
+    by_pixel: FloatArray
     relative_percent: float
 
 
@@ -218,10 +225,17 @@ def _measure_settled(array: PressureArray, rest_ohm: FloatArray, load_n: float) 
 
 
 def _check_reading(
-    reading: _LoadReading, load_n: float, *, previous: tuple[float, float] | None
+    reading: _LoadReading,
+    load_n: float,
+    *,
+    noise: FloatArray,
+    previous: tuple[float, float] | None,
 ) -> None:
-    """Raise `_UnusableReadingError` for the reading at rest, or that of another load before."""
-    if reading.highest < _AT_REST_EXCESS or reading.excess <= 0:
+    """Raise `_UnusableReadingError` for the reading at rest, or that of another load before.
+
+    `noise`, shape (rows, cols): excess of each pixel that may be the reading at rest.
+    """
+    if reading.excess <= 0 or not (reading.by_pixel > noise).any():
         raise _UnusableReadingError(
             "has the reading at rest; place the weight on the pixels, then repeat it"
         )
@@ -252,7 +266,7 @@ def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> 
     change, excess = pixels.change_percent[usable], pixels.excess[usable]
     return _LoadReading(
         excess=float(np.mean(total_excess(excess))),
-        highest=float(np.max(np.nan_to_num(excess.mean(axis=0)))),
+        by_pixel=excess.mean(axis=0),
         relative_percent=float(np.mean(mean_change(change))),
     )
 

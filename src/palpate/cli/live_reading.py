@@ -92,7 +92,7 @@ class LiveReading:
         )
         if self._force is not None:
             self.force_n = self._force.step(
-                sample.time_s, sample.excess, saturated=sample.has_saturated
+                sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
             )
 
     @property

@@ -466,14 +466,20 @@ def delete_recording(folder: Path, name: str) -> None:
 
 def is_simulated(file: Path, status: os.stat_result) -> bool:
     """Return whether a recording is simulated; False if it is unreadable."""
-    return _origin(file, status.st_mtime_ns) not in ("hardware", "")
+    return _read_state(file, status.st_mtime_ns)[0] not in ("hardware", "")
+
+
+def describe_damage(file: Path, status: os.stat_result) -> str:
+    """Return what is missing or damaged in a recording, or why it can't be read; else empty."""
+    return _read_state(file, status.st_mtime_ns)[1]
 
 
 @lru_cache(maxsize=1000)
-def _origin(file: Path, changed_ns: int) -> str:
+def _read_state(file: Path, changed_ns: int) -> tuple[str, str]:
+    """Return the origin and the damage of a recording."""
     del changed_ns  # only part of the cache key: a file that has grown may have become readable
     try:
         with RecordingReader(file) as reader:
-            return reader.info.origin
-    except (PalpateError, OSError):
-        return ""
+            return reader.info.origin, reader.state.describe()
+    except (PalpateError, OSError) as error:
+        return "", str(error).removeprefix(f"{file}: ")

@@ -272,7 +272,10 @@ class Live:
             if slot > self._last_slot:
                 self._last_slot = slot
                 force = self._force_at(
-                    time_s, pixels.excess[at], saturated=bool(pixels.saturated[at].any())
+                    time_s,
+                    pixels.excess[at],
+                    saturated=bool(pixels.saturated[at].any()),
+                    lost=bool(pixels.lost[at].any()),
                 )
                 self.curve.append(
                     Point(
@@ -291,11 +294,11 @@ class Live:
                     self.curve.append(self.frozen.pop())
 
     def _force_at(
-        self, time_s: float, excess: FloatArray, *, saturated: bool
+        self, time_s: float, excess: FloatArray, *, saturated: bool, lost: bool
     ) -> Measurement | None:
         if self._force is None:
             return None
-        force = self._force.step(time_s, excess, saturated=saturated)
+        force = self._force.step(time_s, excess, saturated=saturated, lost=lost)
         return None if force.status is Status.NOT_MEASURED else force
 
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:

@@ -13,7 +13,12 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import GraspSummary, find_recording, is_simulated
+from palpate.dashboard.folder import (
+    GraspSummary,
+    describe_damage,
+    find_recording,
+    is_simulated,
+)
 from palpate.dashboard.messages import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.panel_html import day_text
@@ -76,15 +81,20 @@ class _ListedRecording:
     status: os.stat_result
     grasp: GraspSummary | None
     simulated: bool
+    #: What is missing or damaged; empty for an intact recording.
+    damage: str
 
 
 def _list_recordings(app_state: AppState) -> list[_ListedRecording]:
     """Return the newest recordings; called in a thread, because a disk may be slow."""
     listed = []
+    in_use = app_state.session.devices.files_in_use
     for file, status in app_state.recordings.newest():
         grasp = app_state.history.find_grasp(file.name)
         simulated = is_simulated(file, status) if grasp is None else grasp.simulated
-        listed.append(_ListedRecording(file, status, grasp, simulated))
+        # A recording that is being written is not finished.
+        damage = "" if file.name in in_use else describe_damage(file, status)
+        listed.append(_ListedRecording(file, status, grasp, simulated, damage))
     return listed
 
 
@@ -102,6 +112,7 @@ class _Row(ui.element):
                 ui.label(file.stem)
                 self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
+                self._damage = ui.label().classes("note")
             viewer.button(
                 "Replay",
                 lambda: viewer.order(Play(file=file, speed=speed.value)),
@@ -115,7 +126,7 @@ class _Row(ui.element):
             menu_button.props["aria-label"] = f"More about {file.stem}"
 
     def show(self, one: _ListedRecording) -> None:
-        """Show the grasp outcome, modification time and file size."""
+        """Show the grasp outcome, modification time, file size and damage."""
         grasp = one.grasp
         when = day_text(datetime.fromtimestamp(one.status.st_mtime))
         self._about.set_text(f"{when} · {one.status.st_size / 1024:.0f} kB")
@@ -123,6 +134,8 @@ class _Row(ui.element):
         words = "" if grasp is None else grasp.outcome.replace("_", " ")
         item = f" <b>{html.escape(grasp.item_id)}</b>" if grasp and grasp.item_id else ""
         self._ended.set_content(f"{words}{item} {badge}")
+        self._damage.set_text(one.damage)
+        self._damage.set_visibility(bool(one.damage))
 
 
 class _RecordingDialog:

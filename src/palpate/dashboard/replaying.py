@@ -22,6 +22,7 @@ from palpate.dashboard.messages import (
     RecordedSegment,
     ReplayPosition,
     Timeline,
+    Trouble,
 )
 from palpate.dashboard.telemetry import Telemetry, frame_columns
 from palpate.errors import RecordingError
@@ -128,7 +129,7 @@ def play(
     """Replay a recording, with the controller's decisions if it contains a grasp.
 
     The replay continues until the user confirms its end or stops it. `playback` controls pause,
-    position and speed.
+    position and speed. Damage of the file is a `Trouble` for the page.
 
     Raises
     ------
@@ -136,6 +137,7 @@ def play(
         If the recording can't be read or contains no frames.
     """
     with RecordingReader(file) as reader:
+        damage = reader.state.describe()
         frames = list(observations(reader))
     if not frames:
         raise RecordingError(f"{file}: the recording contains no frames")
@@ -144,6 +146,8 @@ def play(
         controller, source = _open_replay(replay, name=file.name)
     telemetry.begin(source)
     telemetry.set_plan(None)
+    if damage:
+        telemetry.note(Trouble(f"{file.name}: {damage}; the replay shows what can be read"))
     decided = _recompute_decisions(
         frames, controller=controller, source=source, telemetry=telemetry, requests=requests
     )

@@ -31,9 +31,10 @@ _READINGS = np.geomspace(0.2, 2e4, 400)
 class ForceSource(ABC):
     """Converts frames to the present force.
 
-    A frame without a readable pixel is not measured. With a saturated pixel, the force is a lower
-    bound. A single saturated frame may be a disturbance. It enters the history only if the next
-    frame is saturated too, so that the force of the next good frame is right.
+    A frame without a readable pixel is not measured. With a saturated pixel, or one that has lost
+    its reading, the force is a lower bound. A single saturated frame may be a disturbance: it
+    enters the history only if the next frame is saturated too, so that the force of the next good
+    frame is right.
     """
 
     def __init__(self) -> None:
@@ -41,13 +42,16 @@ class ForceSource(ABC):
         self._single: tuple[float, FloatArray] | None = None
         self._stays_saturated = False
 
-    def step(self, time_s: float, excess: ArrayLike, *, saturated: bool = False) -> Measurement:
+    def step(
+        self, time_s: float, excess: ArrayLike, *, saturated: bool = False, lost: bool = False
+    ) -> Measurement:
         """Process a frame and return the present force; without contact, 0 with an upper limit.
 
         `time_s`: not earlier than that of the last frame.
         `excess`, shape (rows, cols): excess conductance, as in a `Sample`; NaN for pixels
             without a reading. Of an infinite excess nothing is known, and its pixel is saturated.
         `saturated`: whether a pixel is saturated.
+        `lost`: whether a pixel with a reading at rest has none.
         """
         grid = np.asarray(excess, dtype=float)
         short = np.isposinf(grid)
@@ -64,7 +68,10 @@ class ForceSource(ABC):
             )
         if not saturated:
             self._single, self._stays_saturated = None, False
-            return self._follow(time_s, grid)
+            force = self._follow(time_s, grid)
+            if lost:
+                force = replace(force, status=Status.AT_LEAST, reason="a pixel has no reading")
+            return force
         if self._stays_saturated or self._single is not None:
             if self._single is not None:
                 self._follow(*self._single)

@@ -535,4 +535,10 @@ def _samples(readings: Any, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]
         raise CalibrationError(f"{len(readings)} readings for {force.size} measured forces")
     if not (np.isfinite(force).all() and (force > 0).all()):
         raise CalibrationError("force calibration: a measured force is not above 0; omit it")
-    return np.concatenate([_inputs(reading) for reading in readings]), np.log(force)
+    inputs = np.concatenate([_inputs(reading) for reading in readings])
+    if not np.isfinite(inputs).all():
+        raise CalibrationError(
+            "force calibration: a reading is infinite, as of a saturated pixel; omit it, or use a "
+            "smaller reference resistor"
+        )
+    return inputs, np.log(force)

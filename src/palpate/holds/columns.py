@@ -11,11 +11,32 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.moments import parse_datetimes, parse_moments
-from palpate.holds.units import TIME_UNITS, UNITS, NamedUnit, Unit, find_bracketed_unit, find_unit
+from palpate.holds.units import (
+    TIME_UNITS,
+    UNITS,
+    NamedUnit,
+    Unit,
+    find_bracketed_unit,
+    find_brackets,
+    find_multiple,
+    find_unit,
+)
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns", "unix"]
 
-_CLOCKS = {"time", "t", "timestamp", "datetime", "date", "elapsed", "clock", "zeit", "zeitstempel"}
+_CLOCKS = {
+    "time",
+    "t",
+    "timestamp",
+    "ts",
+    "stamp",
+    "datetime",
+    "date",
+    "elapsed",
+    "clock",
+    "zeit",
+    "zeitstempel",
+}
 _CLOCKS |= {"x_value", "prüfzeit", "testzeit", "uhrzeit", "datum", "timecode"}
 #: Words of a clock's name besides the word for time: at most this many.
 _MOST_CLOCK_WORDS = 4
@@ -28,11 +49,12 @@ _UNIT_WORDS: dict[Unit, set[str]] = {
     "pascal": {"pa", "pascal", "pascals"},
 }
 _PREFIXED = re.compile(
-    r"(?<![^\W\d_])([GMKkmuµμ])(?: )?(?i:(ohms?|Ω|\u2126)|(v|volts?)|(n|newtons?)|(pa|pascals?))"
+    r"(?<![^\W\d_])(?:([GMKkmuµμ])(?: )?(?i:(ohms?|Ω|\u2126)|(v|volts?)|(n|newtons?)|(pa|pascals?))"
+    r"|(c ?N|da ?N|d ?N|h ?Pa))"
     r"(?![^\W\d_])"
 )
 #: Last word of a name that is a unit of weight, such as load_g.
-_WEIGHT = re.compile(r"[ _](g|gf|kg|kgf|lbf?|lbs)$")
+_WEIGHT = re.compile(r"[ _](mg|g|gf|kg|kgf|lbf?|lbs|oz)$")
 _READINGS = {"value", "values", "reading", "readings", "sensor", "signal", "fsr", "velostat"}
 _READINGS |= {"pixel", "taxel", "pressure", "conductance", "ch", "channel", "s", "p", "wert"}
 #: Columns that often accompany sensor readings but are not sensor readings.
@@ -56,7 +78,15 @@ _SENSORS |= {"signal", "name", "label", "variable", "topic", "measurement", "dev
 _NUMBERED = {"id", "no", "nr", "number", "index", "name", "address"}
 _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
-_PER_SECOND = {"h": 1 / 3600, "min": 1 / 60, "s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_PER_SECOND = {
+    "d": 1 / 86400,
+    "h": 1 / 3600,
+    "min": 1 / 60,
+    "s": 1.0,
+    "ms": 1e3,
+    "us": 1e6,
+    "ns": 1e9,
+}
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
 _EARLIEST_UNIX_S = 1e8
 #: A board's 32-bit clock wraps to 0 after 71 min in microseconds, 49 days in milliseconds.
@@ -65,6 +95,14 @@ _WRAP = 2.0**32
 _SHORT_WRAP = 2.0**16
 #: Longest interval between readings at which holds are recorded, seconds.
 _MAX_INTERVAL_S = 4.0
+#: Shortest interval that may be in seconds: no logger of a sensor is faster.
+_MIN_INTERVAL_S = 5e-5
+#: Days since 1900 (spreadsheets) and since the year 0 (MATLAB) of the years 1954 to 2119.
+_DAY_NUMBERS = ((2e4, 8e4), (7.137e5, 7.74e5))
+#: Units of clocks that can't be converted.
+_UNKNOWN_TIMES = re.compile(r"[cd]s|ticks?|frames?|samples?|counts?|cycles?", re.IGNORECASE)
+#: A date and time of day as one number, such as 20240531123000.
+_DIGITS_OF_DATE = (1.9e13, 2.1e13)
 
 
 def split_words(name: str) -> list[str]:
@@ -83,6 +121,8 @@ def time_unit_of(name: str) -> str | None:
     >>> [time_unit_of(name) for name in ("time_s", "millis", "Time [ms]", "timestamp", "force_n")]
     ['s', 'ms', 'ms', '', None]
     """
+    # A second column of this name has its place appended.
+    name = re.sub(r" \(\d+\)$", "", name)
     words = split_words(name)
     if not words or find_bracketed_unit(name) is not None:
         return None
@@ -90,7 +130,7 @@ def time_unit_of(name: str) -> str | None:
     words_after = {*words[1:]} - _CLOCKS
     unit = next((TIME_UNITS[word] for word in reversed(words) if word in TIME_UNITS), None)
     # A column named min is likely to be a minimum.
-    if unit is not None and (clock or (len(words) == 1 and unit not in ("min", "h"))):
+    if unit is not None and (clock or (len(words) == 1 and unit not in ("min", "h", "d"))):
         return unit
     return "" if clock and len(words) <= _MOST_CLOCK_WORDS and not words_after & _OTHERS else None
 
@@ -145,7 +185,9 @@ def _find_named_unit(name: str) -> NamedUnit | None:
         return bracketed
     found = _PREFIXED.findall(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
     if found:
-        prefix, *words = found[-1]
+        prefix, *words, whole = found[-1]
+        if whole:
+            return find_unit(whole.replace(" ", ""))
         return find_unit(
             prefix + ("ohm", "V", "N", "Pa")[[bool(word) for word in words].index(True)]
         )
@@ -245,6 +287,8 @@ def convert_to_seconds(
     known = column[np.isfinite(column)]
     if known.size == 0:
         raise InputError(f"{file}: column {name} contains no times; choose another --time-column")
+    if unit is None:
+        _check_clock(known, name=name, file=file)
     found = unit or time_unit_of(name) or _infer_time_unit(known, name=name, file=file)
     absolute = float(known[0]) >= _EARLIEST_UNIX_S
     if found == "unix" or (found == "s" and absolute and unit is None):
@@ -253,10 +297,29 @@ def convert_to_seconds(
             u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * _PER_SECOND[u]
         )
     per_second = _PER_SECOND[found]
-    counts = column - known[0] if absolute and known[0] / per_second >= _EARLIEST_UNIX_S else column
+    counts = column - known[0] if known[0] / per_second >= _EARLIEST_UNIX_S else column
     if found in ("ms", "us"):
         counts = _unwrap_counter(counts)
     return counts / per_second, found
+
+
+def _check_clock(known: NDArray[np.float64], *, name: str, file: str) -> None:
+    """Raise `InputError` if a clock's unit can't be converted, or it isn't a count."""
+    bracketed = [text for text in find_brackets(name) if _UNKNOWN_TIMES.fullmatch(text)]
+    multiple = find_multiple(name) or next(iter(bracketed), None)
+    if multiple is not None:
+        raise InputError(
+            f"{file}: column {name}: times in {multiple!a} can't be converted; convert them to "
+            "seconds, or choose another --time-column"
+        )
+    low, high = _DIGITS_OF_DATE
+    parts = known[:50] % 1e10
+    is_date = bool((known >= low).all() and (known < high).all() and (parts % 100 < 60).all())
+    if is_date and (parts // 1e8 <= 12).all() and (parts % 1e4 < 6e3).all():
+        raise InputError(
+            f"{file}: column {name}: {known[0]:.0f} seems to be a date and a time of day; write "
+            "it in the form 2024-05-31 12:30:00.5"
+        )
 
 
 def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str:
@@ -267,13 +330,20 @@ def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str
     steps = steps[steps > 0]
     step = float(np.median(steps)) if steps.size else 0.0
     is_integer = bool(np.all(known == np.rint(known)))
+    if 0.0 < step < _MIN_INTERVAL_S:
+        if any(low <= known[0] < high for low, high in _DAY_NUMBERS):
+            return "d"
+        raise InputError(
+            f"{file}: column {name} has an interval of {step:g}, which is too short for seconds; "
+            "it may be in hours or days: convert the times to seconds"
+        )
     if not is_integer or step < 1.0:
         if step <= _MAX_INTERVAL_S:
             return "s"
     elif _MAX_INTERVAL_S < step < 1000.0:
         return "ms"
     elif step >= 1000.0:
-        return "us"
+        return "us" if step <= _MAX_INTERVAL_S * 1e6 else "ns"
     raise InputError(
         f"{file}: column {name} has an interval of {step:g}, which could be seconds or "
         "milliseconds; specify the unit with --time-unit"

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
-from palpate.holds.slow_loading import SlowContact, estimate_load, find_slow_contacts
+from palpate.holds.slow_loading import (
+    SlowContact,
+    estimate_load,
+    find_full_scale,
+    find_slow_contacts,
+)
 
 #: Smallest change of a movement, as a fraction of the range.
 MOVED_FRACTION = 0.1
@@ -29,6 +34,8 @@ MOVED_SIGMAS = 8.0
 BOUNCE_S = 0.4
 #: Shortest cell, seconds. Contacts are found in the median readings of the cells.
 CELL_S = 0.02
+#: Length of the running median above which it moves a knee by more than the loading's uncertainty.
+COARSE_S = 1.0
 #: Cells in the running median, which removes single outliers and preserves edges.
 MEDIAN_CELLS = 5
 #: Positive readings that span more than this ratio are compared on a logarithmic scale.
@@ -316,22 +323,29 @@ def _find_slow(
     smooth = median_filter(height, size=MEDIAN_CELLS, mode="nearest")
     first = float(np.median(smooth[at_s <= at_s[0] + MOVED_WITHIN_S]))
     rises = bool(smooth.max() - first > first - smooth.min())
-    load = estimate_load(smooth, rises=rises, unit=unit)
+    full = find_full_scale(values, unit=unit) if rises else None
+    load = estimate_load(smooth, rises=rises, unit=unit, full_scale=full)
     if np.ptp(load) == 0:
         return [], rises
     found = [one for one in find_slow_contacts(at_s, load) if not _explain_course(at_s, load, one)]
-    raw = estimate_load(values, rises=rises, unit=unit)
+    raw = estimate_load(values, rises=rises, unit=unit, full_scale=full)
     return [_move_to_peak(one, time_s, raw, near_s=MEDIAN_CELLS * cell_s) for one in found], rises
 
 
 def _move_to_peak(
     one: SlowContact, time_s: FloatArray, load: FloatArray, *, near_s: float
 ) -> SlowContact:
-    """Return a contact whose hold begins at the largest reading, which smoothing moves."""
-    near = np.flatnonzero(np.abs(time_s - one.start_s) <= near_s)
-    if not one.relaxes or not near.size:
+    """Return a contact whose hold begins at the largest reading, or knee, which smoothing moves."""
+    is_near = np.abs(time_s - one.start_s) <= near_s
+    near = np.flatnonzero(is_near & (time_s >= one.onset_s) & (time_s <= one.end_s))
+    if near.size < 3:
         return one
-    return replace(one, start_s=float(time_s[near[np.argmax(load[near])]]))
+    at_s, height = time_s[near], load[near]
+    if not one.relaxes:
+        if near_s < COARSE_S:
+            return one
+        height = height - np.interp(at_s, at_s[[0, -1]], height[[0, -1]])
+    return replace(one, start_s=float(at_s[np.argmax(height)]))
 
 
 def _explain_course(at_s: FloatArray, load: FloatArray, one: SlowContact) -> str:

@@ -124,6 +124,10 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
     for begin_s, end_s in spans:
         rows = (time_s >= begin_s) & (time_s <= end_s)
         in_range = ~np.isin(values[rows], ends)
+        if rows.sum() < _MIN_READINGS:
+            reason = f"at {begin_s:.4g} s the hold has fewer than {_MIN_READINGS} readings"
+            remarks.append(f"one hold was omitted: {reason}")
+            continue
         if np.mean(~in_range) > _MAX_SATURATED_FRACTION or in_range.sum() < _MIN_READINGS:
             reason = (
                 f"at {begin_s:.4g} s {np.mean(~in_range):.0%} of the readings are at the end of "

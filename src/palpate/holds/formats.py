@@ -15,13 +15,17 @@ MCAP_MAGIC = b"\x89MCA"
 _ZIPPED = {
     b".npy": ("a NumPy archive", "save the arrays as columns of a CSV file, with numpy.savetxt"),
     b"mimetypeapplication/vnd.oasis": ("an OpenDocument file", "save it as .xlsx or CSV"),
+    b"ppt/": ("a presentation", "save its table as CSV"),
     b"word/": ("a Word document", "save its table as CSV"),
-    **dict.fromkeys((b".csv", b".txt", b".tsv", b".log"), ("a zip archive", "unpack it first")),
 }
+#: Names of the first entry of workbooks.
+_WORKBOOK = (b"[Content_Types].xml", b"xl/", b"_rels/", b"docProps/", b"customXml/")
 #: First bytes -> what the file is and the remedy.
 _OTHERS = {
     b"\xd0\xcf\x11\xe0": ("an old Excel file", "save it as .xlsx or CSV"),
     b"\x93NUMPY": ("a NumPy array", "save it as a CSV file, with numpy.savetxt"),
+    b"#ROSRECORD": ("a ROS 1 bag of an old version", "convert it with `rosbag fix` first"),
+    b"MATLAB 7.3 MAT": ("a MATLAB 7.3 file", "save the variables as CSV, with writetable"),
     b"MATLAB 5.0 MAT": ("a MATLAB file", "save the variables as CSV, with writetable"),
     b"\x89HDF\r\n\x1a\n": (
         "an HDF5 file (MATLAB 7.3 files too)",
@@ -45,6 +49,10 @@ _OTHERS = {
     b"<?xml": ("an XML file", "save its table as CSV"),
     b"<!DOCTYPE": ("a web page", "save its table as CSV"),
     b"<html": ("a web page", "save its table as CSV"),
+    b"\x80\x02": ("a Python pickle", "save its columns as CSV or Parquet"),
+    b"\x80\x03": ("a Python pickle", "save its columns as CSV or Parquet"),
+    b"\x89PNG": ("an image", "give the table from which it was drawn"),
+    b"\xff\xd8\xff": ("an image", "give the table from which it was drawn"),
     b"\x80\x04": ("a Python pickle", "save its columns as CSV or Parquet"),
     b"\x80\x05": ("a Python pickle", "save its columns as CSV or Parquet"),
     b"BZh": ("a bzip2 archive", "unpack it first"),
@@ -78,9 +86,9 @@ def name_format(start: bytes, *, name: str) -> FileFormat:
     if start.startswith(b"PK\x03\x04"):
         entry = start[26:200]
         found = [text for mark, text in _ZIPPED.items() if mark in entry]
-        if not found:
+        if not found and start[30:].startswith(_WORKBOOK):
             return "spreadsheet"
-        known = {b"PK": found[0]}
+        known = {b"PK": (found or [("a zip archive", "unpack it first")])[0]}
     for mark, (what, remedy) in known.items():
         if start.startswith(mark):
             raise InputError(f"{name}: {what}; {remedy}")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.holds.contacts import find_contacts, log_if_wide
+from palpate.holds.contacts import ColumnContacts, find_contacts, log_if_wide
 from palpate.holds.table import find_runs
 
 #: Shortest gap that may be rest, seconds.
@@ -53,13 +53,22 @@ def split_at_open(
             continue
         piece = time_s[inside], values[inside]
         # A stretch with its own rest before a contact needs none filled in.
-        contacts = find_contacts(*piece, unit=unit).contacts
-        if not contacts or contacts[0].onset_s - piece[0][0] < SHORTEST_GAP_S:
-            piece = _fill(
-                time_s, values, inside, lead=(before, begin), tail=(end, after), unit=unit
-            )
+        own = find_contacts(*piece, unit=unit)
+        has_rest = bool(own.contacts) and own.contacts[0].onset_s - piece[0][0] >= SHORTEST_GAP_S
+        filled = _fill(time_s, values, inside, lead=(before, begin), tail=(end, after), unit=unit)
+        # A few readings of the open sensor after a contact look like a contact after rest.
+        is_short = not own.began_loaded and _held_s(own) < _held_s(
+            find_contacts(*filled, unit=unit)
+        )
+        if not has_rest or is_short:
+            piece = filled
         found.append(piece)
     return found or plain
+
+
+def _held_s(found: ColumnContacts) -> float:
+    """Return the total length of the holds."""
+    return sum(one.end_s - one.start_s for one in found.holds)
 
 
 def _find_gaps(

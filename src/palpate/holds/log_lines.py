@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.holds.decimals import MISSING, OPEN
-from palpate.holds.moments import MOMENT, mask_dates
+from palpate.holds.moments import MOMENT, join_spaced, mask_dates
 from palpate.holds.units import TIME_UNITS, find_unit
 
 #: Name of the column with the terminal's times.
@@ -25,7 +25,8 @@ STAMP = "terminal time"
 _MOST = 0.8
 _FEWEST = 3
 _STAMP = re.compile(
-    rf"\s*(?:[\[(<] *(?P<inside>{MOMENT}|\d+\.\d+) *[\])>] ?(?:-+>|→|=>|>>?|[:|-](?=\s))?"
+    r"\s*(?:[EWIDV] \((?P<ticks>\d+)\)(?=\s)"
+    rf"|[\[(<] *(?P<inside>{MOMENT}|\d+\.\d+) *[\])>] ?(?:-+>|→|=>|>>?|[:|-](?=\s))?"
     rf"|(?P<bare>{MOMENT}) ?(?:-+>|→|=>|>>?|[:-](?=\s)))"
     r"[ ]?(?P<body>.*)",
     re.IGNORECASE,
@@ -37,6 +38,7 @@ _LABELLED = re.compile(
     r"(?:[ ]?(?P<unit>[^\s,;|:=\d]{1,6}))?(?=$|[\s,;|])(?!\s*[:=])",
     re.IGNORECASE,
 )
+_IN_BRACKETS = re.compile(r"\([^()\[\]]+\)|\[[^()\[\]]+\]")
 _OWN_CLOCK = re.compile(r"\s*(?P<value>[-+]?\d+(?:[.,]\d+)?)[\s,;|:]+")
 
 
@@ -51,6 +53,8 @@ class LineForm:
     own_clock: bool = False
     #: Whether the lines are JSON objects.
     is_json: bool = False
+    #: Whether each line is in brackets, as Python prints a list.
+    in_brackets: bool = False
 
     @property
     def names(self) -> list[str] | None:
@@ -64,10 +68,12 @@ class LineForm:
         found = _STAMP.fullmatch(line.strip("\r\n"))
         if found is None:
             return None
-        stamp = (found["inside"] or found["bare"]).strip()
-        return re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp).replace(" ", "T", 1), found[
-            "body"
-        ].rstrip()
+        # ESP-IDF writes a letter and milliseconds.
+        stamp = (found["ticks"] or found["inside"] or found["bare"]).strip()
+        stamp = re.sub(r"(?<=\d),(?=\d{1,9}$)", ".", stamp)
+        if " " in stamp:
+            stamp = join_spaced(stamp).replace(" ", "")
+        return stamp, found["body"].rstrip()
 
     def rewrite(self, line: str, *, separator: str | None) -> str:
         """Return a line as fields with the separator (None: a space) between them."""
@@ -77,7 +83,9 @@ class LineForm:
             parts = self.split(line)
             if parts is None:
                 return line
-            head, body = parts[0].replace(" ", "") + mark, parts[1] + "\n"
+            head, body = parts[0] + mark, parts[1] + "\n"
+        if self.in_brackets:
+            body = body.strip().strip("()[]") + "\n"
         if not self.labels:
             return head + body
         row = self._json_row(body) if self.is_json else self._row_of_labels(body)
@@ -123,7 +131,8 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
     pairs = [_find_pairs(body) for body in bodies]
     labelled = [index for index, one in enumerate(pairs) if one]
     if not _is_most(len(labelled), len(bodies)):
-        return LineForm(stamped=stamped)
+        wrapped = sum(_IN_BRACKETS.fullmatch(body.strip()) is not None for body in bodies)
+        return LineForm(stamped=stamped, in_brackets=_is_most(wrapped, len(bodies)))
     counts = Counter(_name(pair) for index in labelled for pair in pairs[index])
     # A note such as "baud: 9600" is not repeated.
     names = tuple(name for name, count in counts.items() if count > 0.02 * len(labelled) + 1)

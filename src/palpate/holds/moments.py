@@ -17,14 +17,29 @@ _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*\.?"
 _DATE = (
     r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}|\d{1,2}[./-]\d{1,2}[./-]\d{2}"
-    rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
+    rf"|\d{{1,2}}[- _]{_MONTH}[- _]\d{{4}}|\d{{1,2}}-{_MONTH}-\d{{2}}(?!\d)"
+    rf"|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
     rf"|{_MONTH}[ _]{{1,2}}\d{{1,2}})"
 )
 _TIME = r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
 _ZONE = r"(?: ?(?:z\b|utc\b|gmt\b|[+-]\d\d:?\d\d\b))?"
+_WEEKDAY = r"(?:(?:mon|tue|wed|thu|fri|sat|sun)[a-z]*\.?,? +)?"
+#: The form of C's `ctime`, with the year last, and ISO 8601 without separators.
+_YEAR_LAST = rf"{_MONTH} +\d{{1,2}} +{_TIME} +\d{{4}}"
+_BASIC = r"(?:19|20)\d{6}[t_]\d{6}(?:[.,]\d{1,9})?"
 #: A date, a time of day, or both.
-MOMENT = rf"(?:{_DATE}(?:(?:t| +|, *|_|;){_TIME}{_ZONE})?|{_TIME}{_ZONE})"
+MOMENT = (
+    rf"(?:{_WEEKDAY}(?:{_YEAR_LAST}|{_BASIC}{_ZONE}|{_DATE}(?:(?:t| +|, *|_|;){_TIME}{_ZONE})?)"
+    rf"|{_TIME}{_ZONE})"
+)
 _MOMENT = re.compile(MOMENT, re.IGNORECASE)
+_RARE = re.compile(
+    rf"(?<!\w)(?P<weekday>{_WEEKDAY})(?:(?P<month>{_MONTH}) +(?P<day>\d{{1,2}}) +"
+    rf"(?P<time>{_TIME}) +(?P<year>\d{{4}})|(?P<basic>{_BASIC})|(?={_DATE}))",
+    re.IGNORECASE,
+)
+#: Weekday, month or ISO 8601 without separators.
+_RARE_HINT = re.compile(r"[^\W\d_]{3}|\d{8}[t_]\d{6}", re.IGNORECASE)
 _SPACED = re.compile(rf"(?<!\w)({_DATE})[ t_]+({_TIME})({_ZONE})", re.IGNORECASE)
 _PARTS = re.compile(
     rf"(?P<date>{_DATE})?[t ,_;]*(?P<time>{_TIME})?(?P<zone>{_ZONE})", re.IGNORECASE
@@ -47,8 +62,27 @@ def join_spaced(line: str) -> str:
     '2024-05-31T12:30:00.5PM 620'
     """
     return _SPACED.sub(
-        lambda m: f"{m[1].replace(' ', '_')}T{m[2].replace(' ', '')}{m[3].strip()}", line
+        lambda m: f"{m[1].replace(' ', '_')}T{m[2].replace(' ', '')}{m[3].strip()}",
+        _rewrite_rare(line),
     )
+
+
+def _rewrite_rare(text: str) -> str:
+    """Return a text without weekdays, and with rare forms of dates in the common one.
+
+    >>> _rewrite_rare("Mon Feb 13 09:58:07 2023 620"), _rewrite_rare("20230213T095807.5")
+    ('Feb 13, 2023 09:58:07 620', '2023-02-13T09:58:07.5')
+    """
+    return _RARE.sub(_common_form, text) if _RARE_HINT.search(text) else text
+
+
+def _common_form(found: re.Match[str]) -> str:
+    if found["month"]:
+        return f"{found['month']} {found['day']}, {found['year']} {found['time']}"
+    if found["basic"]:
+        one = found["basic"]
+        return f"{one[:4]}-{one[4:6]}-{one[6:8]}T{one[9:11]}:{one[11:13]}:{one[13:]}"
+    return ""
 
 
 def mask_dates(line: str) -> str:
@@ -63,15 +97,15 @@ def mask_dates(line: str) -> str:
 def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[np.float64] | None:
     """Return seconds since the first moment (NaN for other texts); None if few are moments.
 
-    Times of day may pass midnight. A time without a zone is used as written; daylight saving time
-    is ignored.
+    Times of day may pass midnight, and one o'clock on a clock of 12 hours. A time without a zone is
+    used as written; daylight saving time is ignored.
 
     Raises `InputError` if day and month can't be distinguished.
 
     >>> parse_moments(["12/31/2024 11:59:59 PM", "01/01/2025 12:00:01 AM"], name="", file="")
     array([0., 2.])
     """
-    found = [_PARTS.fullmatch(str(text).strip()) for text in texts]
+    found = [_PARTS.fullmatch(_rewrite_rare(str(text).strip())) for text in texts]
     parts = [m if m and (m["date"] or m["time"]) else None for m in found]
     if not texts or sum(m is not None for m in parts) <= 0.5 * len(texts):
         return None
@@ -81,9 +115,13 @@ def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[n
         return _add_days(clock_s, dates, name=name, file=file)
     known = np.flatnonzero(np.isfinite(clock_s))
     since = clock_s - clock_s[known[0]]
-    passed = np.zeros(since.size)
-    passed[known[1:]] = np.diff(since[known]) < -0.5 * _DAY_S
-    return np.asarray(since + _DAY_S * np.cumsum(passed))
+    steps = np.diff(since[known])
+    passed_s = np.zeros(since.size)
+    passed_s[known[1:]] = np.where(steps < -0.5 * _DAY_S, _DAY_S, 0.0)
+    # A clock of 12 hours without AM and PM continues with 1:00 after 12:59.
+    hour = clock_s[known] // 3600.0
+    passed_s[known[1:]] += np.where((hour[:-1] == 12) & (hour[1:] == 1), 0.5 * _DAY_S, 0.0)
+    return np.asarray(since + np.cumsum(passed_s))
 
 
 def _time_s(text: str | None, zone: str) -> float:
@@ -148,11 +186,13 @@ def _count_days(date: str | None, *, month_first: bool) -> float:
     """Return the days since a fixed day; NaN if there is no such date."""
     if date is None:
         return float("nan")
-    word = re.search(r"[a-z]{3}", date.lower())
+    word = re.search("|".join(_MONTHS), date.lower())
     numbers = [int(part) for part in re.findall(r"\d+", date)]
     if word:
         month = _MONTHS.index(word[0]) + 1
         year = next((number for number in numbers if number > 31), 2000)
+        if len(numbers) == 2 and year == 2000:
+            year += numbers[1]
         day = next(number for number in numbers if number <= 31)
     elif numbers[0] > 31:
         year, month, day = numbers

@@ -29,7 +29,7 @@ from palpate.holds.frames import Frames, find_sensor_column, split_by_label, spl
 from palpate.holds.moments import is_moment
 from palpate.holds.table import Table, find_runs, report_bad_rows
 from palpate.holds.table_files import read_table_file, table_of_arrays
-from palpate.holds.units import Unit
+from palpate.holds.units import Unit, find_multiple
 from palpate.signal.circuit import Divider, resistance_ohm
 from palpate.signal.relative import mean_change
 
@@ -40,6 +40,8 @@ _MIN_REST_READINGS = 3
 #: Name of the clock made from an interval, and most rows from which a column may be a counter.
 _COUNTED = "row"
 _FEWEST_COUNTED = 20
+#: Most lines of a frame that are recognised by the lines between frames.
+_MOST_BLOCK_ROWS = 64
 #: Ratio of two clocks that are taken for the same in other units, and its tolerance.
 _UNIT_RATIOS, _RATIO_TOLERANCE = (1.0, 1e3, 1e6), 0.02
 #: Rows of one time from which a clock is called coarse.
@@ -193,11 +195,16 @@ def read_recordings(
                 f"{table.name}: an interval replaces the time column; omit one of both"
             )
         clock, time_unit = _COUNTED, "s"
+        own = [name for name in find_clocks([*table.columns]) if _increases(table, name)]
+        if own:
+            remarks.append(f"--interval replaces the times in {', '.join(own)}")
         counted = interval_s * np.arange(table.rows, dtype=np.float64)
         table = replace(table, columns={**table.columns, clock: counted})
     else:
         clock = _find_clock_column(table, time_column, remarks=remarks)
     values = _find_value_columns(table, clock, value_columns, remarks=remarks)
+    if unit is None:
+        _check_units(values, file=table.name)
     if not value_columns:
         remarks += _name_unused(table, values, clock)
     found: list[Readings] = []
@@ -246,6 +253,8 @@ def read_recordings(
                 (part, split_frames(time_s[inside], _take(columns, inside), where=where))
                 for part, inside in stretches
             ]
+            if len(parts) == 1 and not parts[0][1].remarks and (np.diff(time_s) > 0).all():
+                _check_blocks(table)
         for part, frames in parts:
             names = ":".join(filter(None, (stem, label, part)))
             own = list(frames.remarks)
@@ -336,6 +345,7 @@ def _find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) 
     if not named:
         clocks += _find_counters(table, clocks)
     increasing = [name for name in clocks if _increases(table, name)]
+    _check_clock_pairs(table, increasing)
     if len(clocks) > 1 and increasing:
         if not named and len(increasing) > 1:
             # A board's own clock is finer than the terminal's.
@@ -343,6 +353,12 @@ def _find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) 
             if own is not None:
                 remarks.append(f"column {own} is used as the clock; --time-column overrides this")
                 return own
+        if len(increasing) > 1:
+            others = ", ".join(increasing[1:])
+            remarks.append(
+                f"{increasing[0]} is used as the clock, and not {others}; --time-column overrides "
+                "this"
+            )
         return increasing[0]
     if clocks:
         return clocks[0]
@@ -350,6 +366,56 @@ def _find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) 
         f"{table.name}: no time column recognised; specify it with --time-column (available: "
         f"{available}), or the time between rows with --interval"
     )
+
+
+def _check_clock_pairs(table: Table, clocks: Sequence[str]) -> None:
+    """Raise `InputError` if each clock precedes readings of its own."""
+    names = [*table.columns]
+    places = sorted(names.index(name) for name in clocks)
+    is_pair = all(place + 1 < len(names) and place + 1 not in places for place in places)
+    if len(places) < 2 or places[0] != 0 or not is_pair:
+        return
+    each = [
+        convert_to_seconds(table.columns[name], name=name, unit=None, file=table.name)[0]
+        for name in (names[place] for place in places)
+    ]
+    step_s = float(np.nanmedian(np.abs(np.diff(each[0]))))
+    if all(np.nanmax(np.abs(one - each[0])) <= step_s for one in each[1:]):
+        return
+    listed = ", ".join(names[place] for place in places)
+    raise InputError(
+        f"{table.name}: {listed} are clocks of different readings; choose one with --time-column, "
+        "and its readings with --value-column"
+    )
+
+
+def _check_blocks(table: Table) -> None:
+    """Raise `InputError` if empty lines separate frames of several lines."""
+    numbers = np.asarray(table.numbers)
+    if table.word != "line" or numbers.size < 2 * _FEWEST_COUNTED:
+        return
+    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 2) > 1)
+    sizes = np.diff(begins)
+    size = int(np.median(sizes)) if sizes.size else 0
+    if not 2 <= size <= _MOST_BLOCK_ROWS or sizes.size < _FEWEST_COUNTED // 2:
+        return
+    gaps = np.diff(numbers)[begins[1:] - 1]
+    if (sizes == size).mean() > 0.9 and (gaps == np.median(gaps)).mean() > 0.9:
+        raise InputError(
+            f"{table.name}: other lines separate blocks of {size} lines of readings, like frames; "
+            "write the readings of a frame in one line"
+        )
+
+
+def _check_units(values: Sequence[str], *, file: str) -> None:
+    """Raise `InputError` if a column is in a multiple of a unit."""
+    for name in values:
+        multiple = find_multiple(name)
+        if multiple is not None:
+            raise InputError(
+                f"{file}: column {name}: readings in {multiple!a} can't be converted; convert "
+                "them, or give their unit with --unit"
+            )
 
 
 def _is_moments(column: NDArray[Any]) -> bool:
@@ -372,15 +438,27 @@ def _find_counters(table: Table, clocks: Sequence[str]) -> list[str]:
 
 
 def _never_decreases(numbers: NDArray[np.float64]) -> bool:
-    return not (np.diff(numbers) < 0).any() and bool(numbers[-1] > numbers[0])
+    return not (numbers[1:] < numbers[:-1]).any() and bool(numbers[-1] > numbers[0])
 
 
-def _counts(table: Table, name: str) -> bool:
-    """Return whether a column always increases, as a clock or counter does."""
+def _counts(table: Table, name: str, *, restarts: bool = False) -> bool:
+    """Return whether a column always increases, as a clock or counter does.
+
+    `restarts`: whether it may seldom fall to a fraction of its last value.
+    """
     numbers = table.columns[name]
     if numbers.dtype != np.float64 or numbers.size < _FEWEST_COUNTED:
         return False
-    return bool((np.diff(numbers) > 0).all())
+    before, after = numbers[:-1], numbers[1:]
+    falls = ~(after > before)
+    if not (restarts and falls.mean() <= 1.0 / _FEWEST_COUNTED):
+        return not falls.any()
+    return bool((after[falls] <= _RESTART_FRACTION * before[falls]).all())
+
+
+def _is_row_number(table: Table, name: str) -> bool:
+    numbers = table.columns[name]
+    return bool((numbers[1:] == numbers[:-1] + 1.0).all())
 
 
 def _increases(table: Table, name: str) -> bool:
@@ -428,7 +506,11 @@ def _find_value_columns(
         for name in table.numeric()
         if name not in (clock, find_recording_column([name])) and time_unit_of(name) is None
     ]
-    counters = [name for name in numeric if name.isdigit() and _counts(table, name)]
+    rows = [name for name in numeric if _counts(table, name) and _is_row_number(table, name)]
+    if rows and len(rows) < len(numeric):
+        remarks.append(f"column {', '.join(rows)} counts the rows and is not read as a sensor")
+        numeric = [name for name in numeric if name not in rows]
+    counters = [n for n in numeric if n.isdigit() and _counts(table, n, restarts=True)]
     if counters and len(counters) < len(numeric):
         remarks.append(f"column {', '.join(counters)} always increases and is not read as a sensor")
         numeric = [name for name in numeric if name not in counters]

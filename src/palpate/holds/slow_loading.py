@@ -36,6 +36,10 @@ RELEASED_FRACTION = 0.8
 WAVE_FRACTION = 0.1
 #: Shortest hold after slow loading, seconds.
 SHORTEST_S = 3.0
+#: Usual ranges of converters, counts, and supplies, volts.
+_CONVERTERS, _SUPPLIES_V = (1024.0, 4096.0, 16384.0, 32768.0, 65536.0), (3.3, 5.0)
+#: Fraction of the range below which a divider is almost linear.
+NEAR_FRACTION = 0.4
 #: Duration at the beginning of a recording whose median is the level at rest, seconds.
 REST_S = 0.3
 
@@ -52,14 +56,43 @@ class SlowContact:
     relaxes: bool
 
 
-def estimate_load(values: FloatArray, *, rises: bool, unit: str | None) -> FloatArray:
+def find_full_scale(values: FloatArray, *, unit: str | None) -> float | None:
+    """Return the reading of a divider at zero resistance, or None if the reading isn't near it.
+
+    Readings of a fixed resistor in series with the sensor approach the supply under load. A
+    converter's range is recognised from counts or whole numbers.
+
+    >>> find_full_scale(np.array([12.0, 966.0]), unit="counts")
+    1024.0
+    >>> find_full_scale(np.array([0.2, 0.9]), unit="volt") is None
+    True
+    """
+    highest = float(values.max(initial=0.0))
+    is_counts = unit == "counts" or (unit is None and bool((values == np.rint(values)).all()))
+    ranges = _CONVERTERS if is_counts else _SUPPLIES_V if unit == "volt" else ()
+    full = next((one for one in ranges if highest < one), None)
+    return full if full is not None and highest > NEAR_FRACTION * full else None
+
+
+def estimate_load(
+    values: FloatArray, *, rises: bool, unit: str | None, full_scale: float | None = None
+) -> FloatArray:
     """Return a quantity roughly proportional to the load, in an arbitrary unit.
 
     A resistance is roughly inverse to the load; other readings that fall under load are reversed.
 
+    `full_scale`: of a divider (`find_full_scale`), whose readings rise ever more slowly with the
+        load.
+
     >>> estimate_load(np.array([2.0, 4.0]), rises=False, unit="ohm").tolist()
     [0.5, 0.25]
+    >>> estimate_load(np.array([256.0, 512.0]), rises=True, unit="counts", full_scale=1024).round(
+    ...     2
+    ... ).tolist()
+    [0.33, 1.0]
     """
+    if rises and full_scale is not None:
+        return np.asarray(values / (full_scale - values))
     if rises:
         return values
     ratio = 1.0 + values / 100.0 if unit == "percent" else values

@@ -26,6 +26,9 @@ _PAGE_BYTES = 1_000_000
 #: A column of a sheet with fewer cells than this fraction of the fullest column holds notes.
 _NOTE_FRACTION = 0.05
 
+#: A sheet with fewer rows than this fraction of the longest is a summary.
+_SUMMARY_FRACTION = 0.1
+
 
 def open_table(path: Path) -> BufferedReader:
     """Open a file for reading, with lookahead.
@@ -188,7 +191,13 @@ def _read_spreadsheet(path: Path, wanted: str | None, *, without_clock: bool) ->
         raise InputError(
             f"{name}: no sheet with rows of times and readings; add a sheet with a table"
         )
-    timed = [title for title, one in tables.items() if _has_clock(one)]
+    longest = max(one.rows for one in tables.values())
+    timed = [
+        title
+        for title, one in tables.items()
+        # A sheet of results has a row for each test.
+        if _has_clock(one) and one.rows >= _SUMMARY_FRACTION * longest
+    ]
     chosen = (timed or [*tables])[0]
     if len(names) == 1 or wanted is not None:
         return replace(tables[chosen], name=name)

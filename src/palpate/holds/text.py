@@ -26,7 +26,7 @@ from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_nu
 from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form
 from palpate.holds.moments import is_moment, join_spaced
 from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
-from palpate.holds.units import is_unit_field
+from palpate.holds.units import TIME_UNITS, find_unit, is_unit_field
 
 if TYPE_CHECKING:
     from _csv import Reader as CsvReader
@@ -46,6 +46,13 @@ _NOTE_FRACTION = 0.02
 _DATA_RUN = 3
 #: A field that is a number with a decimal comma or two numbers.
 _TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
+#: A name of a column, such as "A0" or "R (kOhm)", but no note with numbers.
+_COLUMN_NAME = re.compile(r"\D*|\s*[^\W\d_]+[ _]?\d{1,3}[^,\d]*")
+#: Codes of colors for a terminal.
+_COLORS = re.compile(r"\x1b\[[\d;]*[A-Za-z]")
+#: Fields of a row below the units that states how a logger reduced its samples.
+_REDUCTIONS = {"", "Smp", "Avg", "Max", "Min", "Std", "Tot", "Med"}
+_CELL_WITH_UNIT = re.compile(r"(?:^|[,;|\t]) *[-+]?\d[\d.]* ?([^\s\d,;|]{1,6}) *(?=$|[,;|\t\r\n])")
 _TIME_FRACTION = re.compile(r"[^,]*\d:\d\d,(\d{3}|\d{6}),")
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_ERRORS = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -74,7 +81,8 @@ def _encoding(start: bytes, *, name: str) -> str:
     """Return the encoding of a text from its first bytes."""
     if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return "utf-16"
-    if b"\0" in start:
+    # A logger that loses power leaves zeros at the end of its file.
+    if b"\0" in start.rstrip(b"\0"):
         raise InputError(
             f"{name}: not a text file; give CSV, TSV, Excel (.xlsx), Parquet or an .mcap recording"
         )
@@ -176,6 +184,20 @@ class Layout:
     form: LineForm = PLAIN
     #: One sentence for each assumption.
     remarks: tuple[str, ...] = ()
+    #: Fields of the header, which a board that restarts repeats, without a terminal's time.
+    header: tuple[list[str], ...] = ()
+
+    def has_others(self, rows: Sequence[Sequence[str]]) -> bool:
+        """Return whether some rows have no fields, or repeat the header."""
+        own = rows if not self.form.stamped else [row[1:] for row in rows]
+        return any(line in own for line in self.header) or "" in map("".join, rows)
+
+    def is_data(self, row: Sequence[str]) -> bool:
+        """Return whether a row has fields and doesn't repeat the header."""
+        own = [*row[self.form.stamped :]]
+        # A terminal's time without a reading is a row if there is one sensor, else an empty line.
+        filled = own if len(self.names) > 2 else row
+        return any(field.strip() for field in filled) and own not in self.header
 
 
 def read_text(
@@ -194,7 +216,8 @@ def read_text(
     """
     with open_text(file, name=name) as text:
         # Comments become empty lines to preserve the line numbers.
-        lines = ("\n" if line.startswith(("#", "%", "//")) else line for line in read_lines(text))
+        plain = (_COLORS.sub("", line) if "\x1b" in line else line for line in read_lines(text))
+        lines = ("\n" if line.startswith(("#", "%", "//")) else line for line in plain)
         sample = list(islice(lines, SAMPLE_ROWS))
         layout = find_layout(sample, name=name, decimal=decimal, without_clock=without_clock)
         rest = chain(sample[layout.first :], lines)
@@ -225,16 +248,18 @@ def find_layout(
     """
     form = find_line_form(lines)
     narrowest = 1 if without_clock else 2
-    found: list[Layout] = []
-    for separator in ["\t"] if form.labels else SEPARATORS:
-        # A comma that the user calls a decimal mark separates no fields.
-        if decimal is not None and separator == decimal and not form.labels:
-            continue
-        rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
-        layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
-        found += [layout] if layout else []
-    best = max(found, key=lambda layout: layout.score, default=None)
+    best = _find_best(lines, form, decimal=decimal, narrowest=narrowest)
+    if best is None and form.labels:
+        # The labels may be in a column of a table.
+        plain = replace(form, labels=(), own_clock=False, is_json=False)
+        best = _find_best(lines, plain, decimal=decimal, narrowest=narrowest)
     if best is None:
+        cell = next((text for line in lines if (text := _find_cell_with_unit(line))), None)
+        if cell is not None:
+            raise InputError(
+                f"{name}: fields such as {cell!a} are not numbers; write the unit in the header, "
+                "such as 'force [N]'"
+            )
         if lines and re.match(r"\s*(\[\s*([\[{]|$)|\{\s*(\"|$))", lines[0]):
             raise InputError(
                 f"{name}: a JSON document; write one object per line, or save the table as CSV"
@@ -252,6 +277,27 @@ def find_layout(
     return best
 
 
+def _find_best(
+    lines: Sequence[str], form: LineForm, *, decimal: str | None, narrowest: int
+) -> Layout | None:
+    found: list[Layout] = []
+    for separator in ["\t"] if form.labels else SEPARATORS:
+        # A comma that the user calls a decimal mark separates no fields.
+        if decimal is not None and separator == decimal and not form.labels:
+            continue
+        rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
+        layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
+        found += [layout] if layout else []
+    return max(found, key=lambda layout: layout.score, default=None)
+
+
+def _find_cell_with_unit(line: str) -> str | None:
+    """Return a field with a number and a unit, if any."""
+    found = _CELL_WITH_UNIT.search(line)
+    is_unit = found is not None and (found[1] in TIME_UNITS or find_unit(found[1]) is not None)
+    return found[0].strip(" ,;|\t") if found and is_unit else None
+
+
 def _check_commas(
     layout: Layout, lines: Sequence[str], *, name: str, without_clock: bool
 ) -> Layout:
@@ -267,7 +313,8 @@ def _check_commas(
     fields = len(split_line(bodies[0], ",")) if bodies else 0
     above = [line for line in lines[: layout.first] if line.strip()]
     head = above[-1:] if not form.stamped else [p[1] for p in map(form.split, above[-1:]) if p]
-    names = len(split_line(head[0], ",")) if head and not re.search(r"\d", head[0]) else 0
+    heads = split_line(head[0], ",") if head else []
+    names = len(heads) if all(map(_COLUMN_NAME.fullmatch, heads)) else 0
     pairs = [body for body in bodies if _TWO_PARTS.fullmatch(body.strip())]
     is_pair = bool(pairs) and len(pairs) > 0.5 * len(bodies)
     is_unclear = fields == 2 * names and not any("." in body for body in bodies)
@@ -318,7 +365,9 @@ def detect_layout(
         if len(row) >= narrowest and count
     )
     width = max(widths, key=lambda each: (widths[each], each), default=0)
-    filled = [index for index, row in enumerate(rows) if any(field.strip() for field in row)]
+    # An empty line from a terminal has the terminal's time.
+    skipped = form.stamped and width > 2
+    filled = [i for i, row in enumerate(rows) if any(field.strip() for field in row[skipped:])]
     data = {index for index in filled if len(rows[index]) == width and numbers[index]}
     starts = (
         k for place, k in enumerate(filled) if data.issuperset(filled[place : place + _DATA_RUN])
@@ -326,16 +375,20 @@ def detect_layout(
     first = next(starts, None)
     if first is None:
         return None
+    if sum(index < first for index in data) > _DATA_RUN + 0.2 * len(data):
+        # Other lines among the data leave no run of rows.
+        first = min(data)
     # Rows with a number above the first full row are data too, such as those of an open sensor.
     above = [index for index in filled if index < first]
     while above and len(rows[above[-1]]) == width and _has_number(rows[above[-1]], form):
         first = above.pop()
-    names = form.names
+    names, header = form.names, list[list[str]]()
     if names is None or len(names) != width:
-        names = _parse_header([rows[index] for index in above], width, stamped=form.stamped)
+        names, header = _parse_header([rows[index] for index in above], width, stamped=form.stamped)
     return Layout(
         separator=separator,
         names=names,
+        header=tuple(header),
         first=first,
         score=sum(numbers[index] for index in data),
         form=form,
@@ -344,40 +397,60 @@ def detect_layout(
 
 def _score_row(row: Sequence[str], *, narrowest: int) -> int:
     """Return the excess of number and time fields over text fields; 0 if not data."""
-    number = text = missing = 0
+    number = text = missing = moment = 0
     for field in row:
-        if is_number(field) or is_moment(field):
+        if is_number(field):
             number += 1
+        elif is_moment(field):
+            number, moment = number + 1, moment + 1
         elif is_missing(field):
             missing += 1
         else:
             text += 1
-    return max(0, number - text) if number and number + missing >= narrowest else 0
+    if not number or number + missing < narrowest:
+        return 0
+    # A row with a moment and a number may have names and states as well.
+    return max(0, number - text, int(bool(moment) and number > moment))
 
 
 def _has_number(row: Sequence[str], form: LineForm) -> bool:
     return any(is_number(field) or is_moment(field) for field in row[form.stamped :])
 
 
-def _parse_header(above: Sequence[Sequence[str]], width: int, *, stamped: bool) -> list[str]:
-    """Return the column names above the data, with units from a separate line if present."""
-    fitting = [row for row in above if not any(field.strip() for field in row[width:])]
+def _parse_header(
+    above: Sequence[Sequence[str]], width: int, *, stamped: bool
+) -> tuple[list[str], list[list[str]]]:
+    """Return the column names above the data, and the lines of the header.
+
+    The units may be in a line of their own, below or above the names.
+    """
+    fitting = [row for row in above if not any(map(_is_name, row[width:]))]
+    if fitting and not {*fitting[-1]} - _REDUCTIONS:
+        fitting = fitting[:-1]
     lines = [[field.strip() for field in row][:width] for row in fitting[-2:]]
     # The terminal's time in front of a header is no name.
     lines = [(["", *line[1:]] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
     units = [""] * width
-    has_units = len(lines) == 2 and any(lines[1]) and all(map(is_unit_field, lines[1]))
-    if has_units and _is_header(lines[0], stamped=stamped):
+    of_units = [any(line) and all(map(is_unit_field, line)) for line in lines]
+    if len(lines) == 2 and of_units[1] and _is_header(lines[0], stamped=stamped):
         units = [field.strip("[](){}<>-") for field in lines.pop()]
+    elif len(lines) == 2 and of_units[0] and 2 * sum(map(bool, lines[0])) >= width - stamped:
+        units = [field.strip("[](){}<>-") for field in lines[0]]
     if not lines or not _is_header(lines[-1], stamped=stamped):
-        return [STAMP] * stamped + [str(number) for number in range(1 + stamped, width + 1)]
+        plain = [STAMP] * stamped + [str(number) for number in range(1 + stamped, width + 1)]
+        return plain, []
     names: list[str] = []
     for name, unit in zip(lines[-1], units, strict=True):
         name = " ".join((f"{name} [{unit}]" if unit else name).split())
         name = name or (STAMP if stamped and not names else f"column {len(names) + 1}")
         names.append(name if name not in names else f"{name} ({len(names) + 1})")
-    return names
+    return names, [[*row[stamped:]] for row in fitting[-2:]]
+
+
+def _is_name(field: str) -> bool:
+    """Return whether a field beyond the data names a column; one of comments may be empty."""
+    return field.strip().lower() not in ("", "comment", "comments", "remark", "remarks")
 
 
 def _is_header(line: Sequence[str], *, stamped: bool) -> bool:
@@ -412,8 +485,8 @@ def gather_rows(
     used: list[int] = []
     bad: list[tuple[str, str]] = []
     for rows, numbers in chunks:
-        if set(map(len, rows)) != {width}:
-            filled = [i for i, row in enumerate(rows) if any(field.strip() for field in row)]
+        if set(map(len, rows)) != {width} or layout.has_others(rows):
+            filled = [i for i, row in enumerate(rows) if layout.is_data(row)]
             complete = [
                 i
                 for i in filled

@@ -24,6 +24,24 @@ _PLAIN: dict[str, tuple[Unit, float]] = {
     **dict.fromkeys(("kg", "kgf", "Kg", "KG", "kp"), ("newton", _GRAVITY)),
     **dict.fromkeys(("lb", "lbs", "lbf"), ("newton", 0.45359237 * _GRAVITY)),
     **dict.fromkeys(("oz", "ozf"), ("newton", 0.45359237 * _GRAVITY / 16)),
+    "mg": ("newton", 1e-6 * _GRAVITY),
+    "cN": ("newton", 0.01),
+    "dN": ("newton", 0.1),
+    "daN": ("newton", 10.0),
+    "hPa": ("pascal", 100.0),
+    **dict.fromkeys(("N/m²", "N/m2", "N/m^2"), ("pascal", 1.0)),
+    **dict.fromkeys(("N/cm²", "N/cm2", "N/cm^2"), ("pascal", 1e4)),
+    **dict.fromkeys(("N/mm²", "N/mm2", "N/mm^2"), ("pascal", 1e6)),
+    **{
+        f"{mass}/{area}": ("pascal", factor * _GRAVITY)
+        for masses, factor in ((("kg", "kgf", "kp"), 1e4), (("g", "gf"), 10.0))
+        for mass in masses
+        for area in ("cm²", "cm2", "cm^2")
+    },
+    "atm": ("pascal", 101325.0),
+    "Torr": ("pascal", 133.322),
+    "cmH2O": ("pascal", 98.0665),
+    "inHg": ("pascal", 3386.39),
     "mbar": ("pascal", 100.0),
     "bar": ("pascal", 1e5),
     "psi": ("pascal", 6894.757),
@@ -50,11 +68,20 @@ _TIME_UNITS = {
     "ns": ("ns", "nanoseconds"),
     "min": ("min", "mins", "minute", "minutes"),
     "h": ("h", "hr", "hour", "hours"),
+    "d": ("d", "day", "days"),
     "unix": ("unix", "epoch"),
 }
 #: Word -> unit of time.
 TIME_UNITS = {word: unit for unit, words in _TIME_UNITS.items() for word in words}
+#: Fields of a row of units for columns without one; Campbell loggers write TS and RN.
+_NO_UNITS = {"", "-", "1", "TS", "RN"}
 _BRACKETS = re.compile(r"[\[(<{]\s*([^\[\](){}<>]{1,16}?)\s*[\])>}]")
+
+
+#: A prefix alone, or a number next to a unit.
+_MULTIPLE = re.compile(
+    r"[GMKkmuµμ]|(?:[x*×·] *)?\d[\d.,/^e+-]*(?: *[x*×·])? *[^\W\d]+|[^\W\d]+ *[x*×·/] *\d[\d.,^]*"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,14 +108,33 @@ def find_unit(text: str) -> NamedUnit | None:
     return None
 
 
+def find_brackets(name: str) -> list[str]:
+    """Return the texts in the brackets of a name."""
+    return [str(text) for text in _BRACKETS.findall(name)]
+
+
 def find_bracketed_unit(name: str) -> NamedUnit | None:
     """Return the unit in the last brackets of a name, if any.
 
     >>> find_bracketed_unit("Standard force [kN]")
     NamedUnit(quantity='newton', factor=1000.0)
     """
-    found = [unit for text in _BRACKETS.findall(name) if (unit := find_unit(text)) is not None]
+    found = [unit for text in find_brackets(name) if (unit := find_unit(text)) is not None]
     return found[-1] if found else None
+
+
+def find_multiple(name: str) -> str | None:
+    """Return a multiple of a unit in the brackets of a name, which can't be converted, if any.
+
+    >>> find_multiple("Force [0.1 N]"), find_multiple("R [k]"), find_multiple("R [kOhm] (pad 2)")
+    ('0.1 N', 'k', None)
+    """
+    for text in find_brackets(name):
+        words = re.findall(r"[^\W\d]+", text)
+        known = [word for word in words if find_unit(word) or word.lower() in TIME_UNITS]
+        if find_unit(text) is None and _MULTIPLE.fullmatch(text) and (known or len(text) == 1):
+            return text
+    return None
 
 
 def is_unit_field(text: str) -> bool:
@@ -99,4 +145,4 @@ def is_unit_field(text: str) -> bool:
     """
     word = text.strip().strip("[](){}<>").strip()
     is_time = word.lower() in TIME_UNITS or word in ("hh:mm:ss", "HH:MM:SS")
-    return word in ("", "-", "1") or is_time or find_unit(word) is not None
+    return word in _NO_UNITS or is_time or find_unit(word) is not None

@@ -37,13 +37,14 @@ def read_label(text: str) -> str:
     '(01)04012345000016(21)A17'
     >>> read_label("A17")
     'A17'
-    >>> read_label("4012345000017")
+    >>> read_label("]E096385075")
     Traceback (most recent call last):
-    palpate.errors.InputError: label '4012345000017': wrong check digit 7, must be 6; scan it again
+    palpate.errors.InputError: label ']E096385075': wrong check digit 5, must be 4; scan it again
     """
     number = _NUMBER.fullmatch(text)
     if number is not None:
-        _check_digit(number[1], label=text)
+        is_bare = number[1] == text
+        _check_digit(number[1], label=text, own_number=f"N{text}" if is_bare else "")
         return number[1]
     if text.startswith("("):
         # Labels are often typed with the printed spaces.
@@ -89,13 +90,20 @@ def _parse_elements(text: str) -> dict[str, GS1ElementString]:
     return {element.ai.ai: element for element in found.element_strings}
 
 
-def _check_digit(number: str, *, label: str) -> None:
-    """Raise `InputError` if the last digit is not the check digit of the others."""
+def _check_digit(number: str, *, label: str, own_number: str = "") -> None:
+    """Raise `InputError` if the last digit is not the check digit of the others.
+
+    `own_number`: form in which the number is accepted without a check digit; empty if none.
+    """
     must = gs1_standard_check_digit(number[:-1])
     if int(number[-1]) != must:
-        raise InputError(
-            f"label {label!r}: wrong check digit {number[-1]}, must be {must}; scan it again"
-        )
+        fault = f"label {label!r}: wrong check digit {number[-1]}, must be {must}; scan it again"
+        if own_number:
+            fault += (
+                f". A number of your own with {len(number)} digits needs a letter, such as "
+                f"{own_number}"
+            )
+        raise InputError(fault)
 
 
 def item_uri(item_id: str) -> str:

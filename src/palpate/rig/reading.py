@@ -35,8 +35,9 @@ class Reading:
     change_percent : ndarray, shape (rows, cols)
         Change relative to rest (equation 1); NaN for an open pixel.
     force_n : Measurement or None
-        Present force; None if the calibration has no force law. With a saturated pixel it is a
-        lower bound, `at_least`; without a readable pixel `not_measured`.
+        Present force; None if the calibration has no force law. With a saturated pixel, or one that
+        has lost its reading, it is a lower bound, `at_least`; without a readable pixel
+        `not_measured`.
     contact : bool
         Whether a pixel's change exceeds the contact threshold (paper, section 4.1).
     age_s : float
@@ -52,8 +53,10 @@ class Reading:
 
     def __repr__(self) -> str:
         force = "no force law" if self.force_n is None else f"{self.force_n.text(digits=2)} N"
+        known = self.change_percent[np.isfinite(self.change_percent)]
+        change = f"{known.mean():+.1f} %" if known.size else "no pixel has a reading"
         return (
-            f"Reading({self.time_s:.3f} s, {np.nanmean(self.change_percent):+.1f} %, {force}, "
+            f"Reading({self.time_s:.3f} s, {change}, {force}, "
             f"{'contact' if self.contact else 'no contact'})"
         )
 
@@ -82,7 +85,9 @@ class Reader:
         sample = SampleReader(self._layout, self.rest_ohm).read(frame, now_s=now_s)
         force = None
         if self._force is not None:
-            force = self._force.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+            force = self._force.step(
+                sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+            )
         return Reading(
             time_s=sample.time_s,
             resistance_ohm=sample.resistance_ohm,

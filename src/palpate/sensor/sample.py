@@ -18,6 +18,8 @@ from palpate.sensor.array import ArrayLayout, Frame
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.crosstalk import unmix_floating, unmix_held
 
+#: A pixel whose rest value is this many steps of the converter above zero is never open.
+_REST_STEPS = 5
 #: Largest fall of a stored relative change, whose converter is unknown.
 _FULL_CHANGE_PERCENT = -99.9
 
@@ -41,6 +43,9 @@ class PixelSignals:
         the converter's last step, a lower bound. NaN for an open or missing pixel.
     saturated, open, missing : ndarray of bool
         Masks of these pixels.
+    lost : ndarray of bool
+        Open pixels that have a reading at rest: a broken line, not a weak contact. Their load is
+        unknown.
     """
 
     resistance_ohm: FloatArray
@@ -49,11 +54,12 @@ class PixelSignals:
     saturated: NDArray[np.bool_]
     open: NDArray[np.bool_]
     missing: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         for array in (
             *(self.resistance_ohm, self.change_percent, self.excess),
-            *(self.saturated, self.open, self.missing),
+            *(self.saturated, self.open, self.missing, self.lost),
         ):
             array.flags.writeable = False
 
@@ -61,6 +67,11 @@ class PixelSignals:
     def has_saturated(self) -> bool:
         """Whether any pixel is saturated; a force is then a lower bound."""
         return bool(self.saturated.any())
+
+    @property
+    def has_lost(self) -> bool:
+        """Whether any pixel has lost its reading; a force is then a lower bound."""
+        return bool(self.lost.any())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,17 +141,18 @@ class SampleReader:
 
     def _convert(self, ohm: FloatArray) -> dict[str, NDArray[Any]]:
         rest = np.asarray(np.nan if self.rest_ohm is None else self.rest_ohm, dtype=float)
-        least_ohm = self.layout.divider.least_ohm
+        least_ohm, most_ohm = self.layout.divider.least_ohm, self.layout.divider.most_ohm
         known = np.isfinite(rest) & (rest > 0)
         readable = known & np.isfinite(ohm)
         clipped = np.maximum(np.where(readable, ohm, 1.0), least_ohm)
-        missing = ~known
+        is_open, missing = known & ~readable, ~known
         return {
             "resistance_ohm": ohm,
             "change_percent": relative_change_percent(ohm, rest_ohm=rest),
             "excess": np.where(readable, rest / clipped - 1.0, np.nan),
             "saturated": readable & (ohm <= least_ohm),
-            "open": known & ~readable,
+            "open": is_open,
+            "lost": is_open & (np.isnan(ohm) | (rest * _REST_STEPS < most_ohm)),
             # A copy, because the frames of a batch share the rest values.
             "missing": missing if missing.shape == ohm.shape else np.full(ohm.shape, missing),
         }

@@ -65,6 +65,11 @@ class Divider:
         """Smallest resistance distinct from a short: half a step from the end of the range."""
         return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
 
+    @property
+    def most_ohm(self) -> float:
+        """Largest resistance distinct from an open circuit, as `least_ohm`."""
+        return self.reference_ohm * (self.full_scale - 1.5) / 1.5
+
 
 def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Convert counts to the pixel's resistance.

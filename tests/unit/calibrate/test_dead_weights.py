@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -207,3 +208,24 @@ def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
     array = Sheet(clock)
     with pytest.raises(CalibrationError, match=r"not 1 \(4 N\)"):
         measure_loads(array, loads_n=[4.0, 4.0, 4.0], place=array.place, clock=clock)
+
+
+class NoisySheet(Sheet):
+    """A sheet with noise of 4 % on which a light weight has no effect."""
+
+    def read(self, *, timeout_s: float) -> Frame:
+        frame = super().read(timeout_s=timeout_s)
+        noise = 1.0 + 0.04 * np.random.default_rng(self.sent).standard_normal(frame.counts.shape)
+        # A part of the noise is slow: the level drifts while the weight is placed.
+        level = 1.0 + 0.04 * (self.placed > 0)
+        return replace(frame, counts=np.rint(frame.counts * noise * level).astype(int))
+
+
+def test_measure_loads_reading_within_the_noise_at_rest_is_left_out() -> None:
+    clock, told = ManualClock(), list[str]()
+    array = NoisySheet(clock, on_it={0: 0.0})
+    found = measure_loads(
+        array, loads_n=[0.2, 2.0, 4.0, 9.0], place=array.place, clock=clock, tell=told.append
+    )
+    assert found.refused_n == (0.2,)
+    assert "reading at rest" in told[0]

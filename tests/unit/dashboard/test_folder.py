@@ -8,6 +8,7 @@ import pytest
 
 from palpate.dashboard.folder import (
     delete_recording,
+    describe_damage,
     find_recording,
     is_simulated,
     rename_recording,
@@ -86,3 +87,19 @@ def test_name_too_long_for_the_file_system_is_refused_in_one_short_line(
     with pytest.raises(InputError, match="no such recording") as refused:
         find_recording(folder, "x" * length + ".mcap")
     assert len(str(refused.value)) < 200
+
+
+def test_describe_damage_names_the_damage_of_a_recording(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    with RecordingWriter(file, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
+        pass
+    assert describe_damage(file, file.stat()) == ""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[:-40])
+    assert "not finished" in describe_damage(cut, cut.stat())
+    digit = tmp_path / "digit.mcap"
+    digit.write_bytes(file.read_bytes().replace(b"rigid-2x2", b"rigid-2x3"))
+    assert "checksum" in describe_damage(digit, digit.stat())
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"time_s,value")
+    assert describe_damage(other, other.stat()).startswith("not an MCAP recording")

@@ -180,3 +180,8 @@ def test_shipped_population_is_valid() -> None:
     # More reading is more force, over the whole range that sensors show.
     values = [ForceLaw().force(excess).value for excess in (0.5, 2.0, 8.0, 30.0, 120.0)]
     assert np.all(np.diff(values) > 0)
+
+
+def test_fit_refuses_the_reading_of_a_saturated_pixel() -> None:
+    with pytest.raises(CalibrationError, match="saturated"):
+        ForceLaw.fit([13.0, np.inf, 112.0], force_n=[1.5, 4.0, 9.0])

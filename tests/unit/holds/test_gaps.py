@@ -75,3 +75,25 @@ def test_equal_contacts_between_blanks_are_all_found(step_s: float) -> None:
     [readings] = read_recordings({"time_s": time_s, "R_ohm": np.where(since_s >= 0, ohm, np.nan)})
     [cut] = cut_columns(readings)
     assert [begin_s for begin_s, _ in cut.spans] == pytest.approx([8, 41, 74, 107], abs=0.75)
+
+
+@pytest.mark.parametrize("column", ["R_ohm", "value"])
+def test_some_readings_of_the_open_sensor_hide_no_contact(column: str) -> None:
+    random = np.random.default_rng(2)
+    seldom = ~TOUCHED & (random.random(TIME_S.size) < 0.1)
+    noise = random.uniform(2e5, 9e5, TIME_S.size)
+    values = np.where(TOUCHED, OHM, np.where(seldom, noise, np.inf))
+    [readings] = read_recordings({"time_s": TIME_S, column: values})
+    [cut] = cut_columns(readings)
+    assert len(cut.holds) == len(TOUCHES)
+    for (begin_s, end_s), (close_s, open_s) in zip(cut.spans, TOUCHES, strict=True):
+        assert begin_s == pytest.approx(close_s + 0.2, abs=0.6)
+        assert end_s == pytest.approx(open_s, abs=0.2)
+
+
+def test_short_readings_of_the_open_sensor_are_no_hold() -> None:
+    values = np.where(TOUCHED, OHM, np.inf)
+    values[(TIME_S < 1.5) | ((TIME_S > 26.0) & (TIME_S < 27.0))] = 8e5
+    [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
+    [cut] = cut_columns(readings)
+    assert len(cut.holds) == len(TOUCHES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -17,9 +18,11 @@ from tests.logger_forms import (
     TIME_S,
     TWO,
     Form,
+    archive,
     comma,
     lines,
     stamp,
+    workbook,
 )
 
 from palpate.errors import InputError
@@ -72,6 +75,31 @@ def write(path: Path, head: str, line: Callable[[int], str]) -> Path:
         ("ms,fsr\n", lambda r: f"{100 * r},{ONE[r]}\n{100 * r + 4},{TWO[r]}", "alternate"),
         ("", lambda r: stamp(r, "%H:%M:%S,%f,") + f"{ONE[r]}", "seems to be a decimal mark"),
         ("ms,fsr\n", lambda r: f"{100 * (r ^ (r % 50 < 2))},{ONE[r]}", "sort the rows"),
+        ("Time [0.1 s],fsr\n", lambda r: f"{r},{ONE[r]}", "'0.1 s' can't be converted"),
+        ("Time [cs],fsr\n", lambda r: f"{10 * r},{ONE[r]}", "'cs' can't be converted"),
+        ("time_s,R [k]\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "'k' can't be converted"),
+        ("time_s,Force [10 N]\n", lambda r: f"{TIME_S[r]},{ONE[r]}", "'10 N' can't be converted"),
+        (
+            "time,fsr\n",
+            lambda r: f"{0.4 + TIME_S[r] / 86400:.9f},{ONE[r]}",
+            "too short for seconds",
+        ),
+        (
+            "time,fsr\n",
+            lambda r: stamp(r, "%Y%m%d%H%M%S") + f",{ONE[r]}",
+            "a date and a time of day",
+        ),
+        (
+            "t,A0,t,A1\n",
+            lambda r: f"{TIME_S[r]},{ONE[r]},{TIME_S[r] + 2:.1f},{TWO[r]}",
+            "clocks of different readings",
+        ),
+        ("time,force\n", lambda r: f"{TIME_S[r]} s,{ONE[r]} N", "write the unit in the header"),
+        (
+            "",
+            lambda r: f"{2 * r}00 {ONE[r]} {TWO[r]}\n{2 * r + 1}00 {ONE[r] + 9} {TWO[r] + 9}\n",
+            "blocks of 2 lines",
+        ),
     ],
 )
 def test_form_with_two_meanings_is_refused(
@@ -145,3 +173,126 @@ def test_each_restart_of_a_clock_begins_a_recording(tmp_path: Path) -> None:
     wraps = write(tmp_path / "w.csv", "ms,A0\n", lambda r: f"{(60000 + 100 * r) % 65536},{ONE[r]}")
     [found] = read_recordings(wraps)
     np.testing.assert_allclose(found.time_s - found.time_s[0], TIME_S)
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "columns"),
+    [
+        ("Time,adc\n", lambda r: stamp(r, "%a %b %d %H:%M:%S.%f %Y,") + f"{ONE[r]}", ["adc"]),
+        ("Time;adc\n", lambda r: stamp(r, "%a, %d %b %Y %H:%M:%S.%f;") + f"{ONE[r]}", ["adc"]),
+        ("when,adc\n", lambda r: stamp(r, "%Y%m%dT%H%M%S.%f,") + f"{ONE[r]}", ["adc"]),
+        ("Date,adc\n", lambda r: f"{45443.5 + TIME_S[r] / 86400:.10f},{ONE[r]}", ["adc"]),
+        ("", lambda r: stamp(r, "%I:%M:%S.%f %p -> ") + f"{ONE[r]}", ["2"]),
+        (
+            "time,adc\n",
+            lambda r: (
+                stamp(r, "%I:%M:%S.%f,", start=datetime(2024, 5, 31, 12, 59, 50)) + f"{ONE[r]}"
+            ),
+            ["adc"],
+        ),
+        ("", lambda r: f"({round(1e3 * TIME_S[r])}, {ONE[r]})", ["2"]),
+        ("", lambda r: f"\x1b[0;32mI ({round(1e3 * TIME_S[r])}) FSR: {ONE[r]}\x1b[0m", ["FSR"]),
+        ("Reading\tTime [s]\tLeft\n", lambda r: f"{r + 1}\t{TIME_S[r]}\t{ONE[r]}", ["Left"]),
+        (
+            "SourceTimestamp,NodeId,Value,Status\n",
+            lambda r: stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ") + f",ns=2;s=P1,{ONE[r]},Good",
+            ["Value"],
+        ),
+        ("t,adc\n", lambda r: stamp(r, "%d-%b-%y %H:%M:%S.%f,") + f"{ONE[r]}", ["adc"]),
+        ("t,adc\n", lambda r: f"{round(1e9 * TIME_S[r])},{ONE[r]}", ["adc"]),
+        # The board's own clock restarts; that of the terminal doesn't.
+        ("", lambda r: stamp(r, "%H:%M:%S.%f -> ") + f"{100 * (r % 90)};{ONE[r]}", ["3"]),
+        # A board that restarts prints its header again.
+        (
+            "ms,adc\n",
+            lambda r: f"{round(1e3 * TIME_S[r])},{ONE[r]}" + "\nms,adc" * (r % 40 == 9),
+            ["adc"],
+        ),
+    ],
+)
+def test_clocks_and_lines_of_loggers_are_read(
+    head: str, line: Callable[[int], str], columns: list[str], tmp_path: Path
+) -> None:
+    [found] = read_recordings(write(tmp_path / "log.txt", head, line))
+    assert [*found.columns] == columns
+    np.testing.assert_allclose(found.columns[columns[0]], ONE)
+    np.testing.assert_allclose(found.time_s - found.time_s[0], TIME_S, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("head", "factor"),
+    [
+        ("time,force\ns,cN\n", 0.01),
+        ("time_s,force_daN\n", 10.0),
+        ("s,kN\ntime,force\n", 1e3),
+        ("time_s,load_mg\n", 9.80665e-6),
+        ("time_s,p [hPa]\n", 100.0),
+        ("time_s,p [kgf/cm²]\n", 98066.5),
+        ('"TOA5","x"\n"TIMESTAMP","F"\n"TS","mN"\n"","Avg"\n', 1e-3),
+    ],
+)
+def test_units_of_force_and_pressure_are_converted(
+    head: str, factor: float, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "log.csv", head, lambda r: f"{TIME_S[r]},{FORCE_N[r]}")
+    [found] = read_recordings(path)
+    [values] = found.columns.values()
+    np.testing.assert_allclose(values, factor * FORCE_N, rtol=1e-6)
+    assert {*found.units.values()} <= {"newton", "pascal"}
+
+
+def test_frames_of_two_lines_from_a_terminal_are_split_by_place(tmp_path: Path) -> None:
+    def frame(row: int) -> str:
+        at = stamp(row, "%H:%M:%S.%f -> ")
+        return f"{at}{ONE[row]} {TWO[row]}\n{at}{ONE[row] + 90} {TWO[row] + 90}\n{at}"
+
+    [found] = read_recordings(write(tmp_path / "log.txt", "", frame))
+    [*each] = found.columns.values()
+    np.testing.assert_allclose(each, [ONE, ONE + 90, TWO, TWO + 90])
+
+
+def test_interval_is_named_if_it_replaces_a_clock(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "time_s,A0\n", lambda r: f"{TIME_S[r]},{ONE[r]}")
+    [found] = read_recordings(path, interval_s=0.5)
+    assert any("time_s" in remark for remark in found.remarks)
+
+
+def test_counts_without_a_clock_in_named_columns_need_no_decimal_mark(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "A0,A1\n", lambda r: f"{ONE[r]},{TWO[r]}")
+    [found] = read_recordings(path, interval_s=0.1)
+    np.testing.assert_allclose([*found.columns.values()], [ONE, TWO])
+
+
+def test_summary_and_empty_rows_of_a_workbook_do_no_harm(tmp_path: Path) -> None:
+    rows = [[float(TIME_S[r]), float(OHM[r])] for r in ROWS]
+    path = tmp_path / "log.xlsx"
+    summary = [["Test", "Time", "Fmax"], *([k, 1.0 + k, 3.0] for k in range(4))]
+    path.write_bytes(workbook(summary, [["time_s", "R_ohm"], *rows, [], [], [], ["mean", 4.5]]))
+    [found] = read_recordings(path)
+    np.testing.assert_allclose(found.columns["R_ohm"], OHM)
+
+
+def test_zeros_after_a_loss_of_power_are_omitted(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(
+        lines(lambda r: f"{TIME_S[r]},{ONE[r]}", head="time_s,A0\n").encode() + bytes(4096)
+    )
+    [found] = read_recordings(path)
+    np.testing.assert_allclose(found.columns["A0"], ONE)
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (archive("logs/"), "a zip archive; unpack it first"),
+        (b"#ROSRECORD V1.2\n" + bytes(600), "a ROS 1 bag"),
+        (b"MATLAB 7.3 MAT-file" + bytes(600), "a MATLAB 7.3 file"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(600), "an image"),
+        (b"\x80\x03}q\x00" + bytes(600), "a Python pickle"),
+    ],
+)
+def test_other_formats_are_named(content: bytes, what: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=what):
+        read_recordings(path)

@@ -132,7 +132,10 @@ BAD_BYTES = {
     ),
     "latin_number.csv": (HEADER.encode() + b"a,\xe9,1\n", "line 2: time_s is '\\xe9'"),
     "mine.mcap": (b"\x89MCAP0\r\n", "`palpate export"),
-    "book.csv": (b"PK\x03\x04 and so on", "an Excel workbook; save it as CSV"),
+    "book.csv": (
+        b"PK\x03\x04" + bytes(26) + b"[Content_Types].xml",
+        "an Excel workbook; save it as CSV",
+    ),
 }
 
 

@@ -177,7 +177,9 @@ def _build_track(
     state, reader = [], SampleReader(info.layout, recorder.rest_ohm)
     for seen, _ in steps:
         sample = reader.read(seen.frame)
-        force = following.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+        force = following.step(
+            sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+        )
         position = info.gripper.drive_reading(seen.gripper)
         change = sample.change_percent.ravel()
         state.append([position, force.middle, force.low, force.high, *change])

@@ -126,7 +126,9 @@ class PolicyHand:
             self._gripper.stop()
             raise
         sample = self._reader.read(frame)
-        force = self._force.step(sample.time_s, sample.excess, saturated=sample.has_saturated)
+        force = self._force.step(
+            sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+        )
         change = sample.change_percent
         position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
