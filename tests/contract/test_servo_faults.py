@@ -19,7 +19,14 @@ from types import SimpleNamespace
 import pytest
 from tests.conftest import calibrate_once
 from tests.contract.faulty import run_recorded_grasp
-from tests.contract.hands import BAUD, REPLY_S, make_world, open_servo, pass_time
+from tests.contract.hands import (
+    BAUD,
+    REPLY_S,
+    make_world,
+    open_servo,
+    pass_time,
+    read_for,
+)
 from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -33,7 +40,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper import x_series as x
 from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
 from palpate.gripper.fingers import CrankFingers
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, open_fully
 from palpate.gripper.packets import Register
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import load_recording
@@ -388,6 +395,89 @@ def test_dynamixel_stored_setting_that_misleads_the_fingers_is_refused(
     assert remedy in message
     assert bus.value(x.TORQUE_ENABLE) == 0
     bus.close()
+
+
+@pytest.mark.parametrize("model_number", [1020, 1060])
+@pytest.mark.parametrize("ticks", [-70, -300, -1024, -1800])
+def test_dynamixel_at_its_end_stop_before_its_goal_names_the_horn(
+    world: World, model_number: int, ticks: int
+) -> None:
+    """With open fingers, this shift leaves the position within the travel."""
+    bus = ServoBus(world, model_number=model_number)
+    bus.position_error = ticks
+    gripper = open_servo(world, bus)
+    with pytest.raises(DeviceError, match=rf"at least {-ticks} steps wrong") as raised:
+        open_fully(gripper, clock=world.clock)
+    assert "The horn is mounted at a wrong angle" in str(raised.value)
+    assert "set Homing_Offset (address 20) with DYNAMIXEL Wizard" in str(raised.value)
+    gripper.close()
+    bus.close()
+
+
+def test_dynamixel_that_shortens_its_goals_is_a_fault(
+    world: World, bus: ServoBus, gripper: DynamixelGripper
+) -> None:
+    """As another program's goal: a servo of this family refuses goals beyond its limits."""
+    close_slowly(gripper)
+    world.clock.sleep_s(0.2)
+    gripper.state()
+    bus.set(x.GOAL_POSITION, 2700)
+    world.halt()
+    with pytest.raises(DeviceError, match=r"Goal_Position \(address 116\) is 2700, but \d+ was"):
+        gripper.state()
+
+
+def test_dynamixel_without_torque_while_opening_names_the_torque(
+    world: World, bus: ServoBus, gripper: DynamixelGripper
+) -> None:
+    gripper.command(GripperCommand(target=50.0, rate=60.0))
+    read_for(world, gripper, 1)
+    gripper.release()
+    bus.fail(x.HardwareError(0))
+    with pytest.raises(DeviceError, match="without torque: its supply was interrupted"):
+        read_for(world, gripper, 3)
+
+
+def test_dynamixel_moved_away_from_its_goal_is_a_fault(
+    world: World, gripper: DynamixelGripper
+) -> None:
+    gripper.command(GripperCommand(target=40.0, rate=60.0))
+    read_for(world, gripper, 1)
+    gripper.command(GripperCommand(target=35.0, rate=5.0))
+    world.clock.sleep_s(0.4)
+    gripper.state()
+    world.drive(74.0, rate=30.0)
+    with pytest.raises(DeviceError, match=r"away from its goal .* check Drive_Mode"):
+        read_for(world, gripper, 1)
+
+
+def test_dynamixel_that_coasts_before_it_turns_back_is_no_fault(
+    world: World, gripper: DynamixelGripper
+) -> None:
+    gripper.command(GripperCommand(target=50.0, rate=60.0))
+    world.clock.sleep_s(0.1)
+    gripper.state()
+    gripper.release()
+    world.drive(50.0, rate=60.0)
+    read_for(world, gripper, 0.15)
+    world.drive(74.0, rate=60.0)
+    state = read_for(world, gripper, 1.0)
+    assert not state.moving
+    assert state.width_mm == pytest.approx(74.0, abs=0.1)
+
+
+def test_dynamixel_opening_stopped_by_the_watchdog_continues_with_the_next_command(
+    world: World, gripper: DynamixelGripper
+) -> None:
+    gripper.command(GripperCommand(target=50.0, rate=60.0))
+    read_for(world, gripper, 1)
+    gripper.command(GripperCommand(target=74.0, rate=10.0))
+    pass_time(world, 6.0)
+    state = gripper.state()
+    assert not state.moving
+    assert state.width_mm < 60.0
+    open_fully(gripper, clock=world.clock)
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
 
 
 def test_dynamixel_expected_homing_offset_is_used(world: World, bus: ServoBus) -> None:
