@@ -290,6 +290,8 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
     passed = {name: value for name, value in shared.items() if name in accepted}
     try:
         device = opener(**stated, **passed)
+    except InputError as error:
+        raise InputError(f"rig file {path}: [{part}] {error}") from error
     except (PalpateError, OSError):
         raise
     except (Exception, SystemExit) as error:
