@@ -45,6 +45,7 @@ from palpate.gripper.packets import Register
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import load_recording
 from palpate.rig import open_rig
+from palpate.sensor.byte_stream import SerialStream
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -800,6 +801,31 @@ def test_dynamixel_gripper_is_opened_from_a_rig_file(
     assert gripper.limits.highest == 70.0
     assert gripper.state().width_mm == pytest.approx(70.0, abs=0.05)
     gripper.close()
+
+
+@pytest.mark.slow
+def test_rig_file_with_the_array_s_port_in_gripper_names_both_tables(
+    world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The refusal alone would blame another program."""
+    calibrate_once(seed=5, level="lab", apart_from="strawberry").save(tmp_path / "pad.json")
+    streams = []
+
+    def open_array(port: str) -> TwinArray:
+        streams.append(SerialStream(port))
+        return TwinArray(world)
+
+    monkeypatch.setitem(sys.modules, "my_bench", SimpleNamespace(array=open_array))
+    (tmp_path / "link").symlink_to(bus.name)
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'pad.json'\n[array]\nopen = 'my_bench:array'\n"
+        f"port = '{bus.name}'\n[gripper]\nopen = 'palpate.gripper.dynamixel:open_gripper'\n"
+        f"port = '{tmp_path / 'link'}'\n"
+    )
+    with pytest.raises(InputError, match=r"\[gripper\] port = .*link' is also that of \[array\]"):
+        open_rig(str(path))
+    streams[0].close()
 
 
 def test_dynamixel_unknown_model_is_refused(world: World, bus: ServoBus) -> None:
