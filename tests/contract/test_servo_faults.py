@@ -924,7 +924,7 @@ def test_grasp_ends_at_once_after_a_servo_fault(
         assert world.force_n(world.clock.now_s()) > 0.0, "the object must not be dropped"
 
 
-def test_grasp_detects_lost_torque_from_the_width(
+def test_grasp_ends_after_lost_torque_and_names_it(
     plan: Plan, bus: ServoBus, gripper: DynamixelGripper, world: World, tmp_path: Path
 ) -> None:
     injected_s: list[float] = []
@@ -939,8 +939,8 @@ def test_grasp_detects_lost_torque_from_the_width(
         plan, world, TwinArray(world), gripper, path, subscribers=[switch_torque_off]
     )
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert "check for a blockage, a locked servo or a missing supply" in result.faults[0]
-    # The stop first looks like a contact. It is detected after four half steps without movement.
-    assert world.clock.now_s() - injected_s[0] <= 0.7 + 4 * 0.55
+    assert "without torque: its supply was interrupted" in result.faults[0]
+    # The stop first looks like a contact. It is detected after a half step without movement.
+    assert world.clock.now_s() - injected_s[0] <= 0.7 + 2 * 0.55
     assert len(load_recording(path).time_s) == result.frames
     assert not world.is_moving(world.clock.now_s())

@@ -31,12 +31,16 @@ _END_STOP_RAD = 0.1
 
 @dataclass(frozen=True, slots=True)
 class _Movement:
-    """A commanded movement: first position, goal, begin and calculated end."""
+    """A commanded movement: first position, goal, begin and calculated end.
+
+    `is_checked`: whether the torque was read, because the servo did not move.
+    """
 
     begin: int
     goal: int
     begins_s: float
     ends_s: float
+    is_checked: bool = False
 
 
 class BusServoGripper(ABC):
@@ -214,8 +218,8 @@ class BusServoGripper(ABC):
         """Compare a reading with the commanded movement; return whether the servo still moves.
 
         Raises `DeviceError` if the servo moves away from its goal, rests with another goal than
-        the one sent, or stops short of it while opening. A closing that stops short has met an
-        object.
+        the one sent, stays where it was without torque, or stops short of the goal while opening.
+        A closing that stops short has met an object.
         """
         movement, tick = self._movement, block.value(self.POSITION)
         if movement is None:
@@ -229,6 +233,11 @@ class BusServoGripper(ABC):
             # The earlier movement is still being stopped.
             self._movement = replace(movement, begin=tick)
             return moving
+        is_over = self._clock.now_s() >= movement.ends_s + _STOP_TIMEOUT_S
+        if is_over and not moving and tick == movement.begin != movement.goal:
+            if not movement.is_checked:
+                self._raise_lost_torque(tick)
+            self._movement = replace(movement, is_checked=True)
         if away_rad <= _READING_ERROR_RAD and (moving or (has_goal and not is_short)):
             return moving
         if self._is_stopped_by_silence():
@@ -243,7 +252,7 @@ class BusServoGripper(ABC):
                 f"goal {movement.goal}: something moves the fingers, or the servo runs backwards; "
                 f"check {self.DIRECTION} with {self.TOOL}"
             )
-        if self._clock.now_s() < movement.ends_s + _STOP_TIMEOUT_S:
+        if not is_over:
             return True  # an end stop and a slow servo look alike until then
         raise DeviceError(
             f"{self._line.name} stopped at position {tick} while opening to {movement.goal}, "
