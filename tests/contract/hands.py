@@ -18,7 +18,7 @@ from palpate.gripper.dynamixel import DynamixelGripper
 from palpate.gripper.feetech import FeetechGripper
 from palpate.gripper.fingers import CrankFingers, HingedJaw
 from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
-from palpate.gripper.interface import Gripper, GripperLimits
+from palpate.gripper.interface import Gripper, GripperLimits, GripperState
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.gripper.servo_line import ServoLine
@@ -113,6 +113,14 @@ def pass_time(world: World, duration_s: float) -> None:
     for _ in range(round(duration_s / 0.01)):
         world.clock.sleep_s(0.01)
         world.drive_value(world.clock.now_s())
+
+
+def read_for(world: World, gripper: Gripper, duration_s: float) -> GripperState:
+    """Advance a world in steps of 50 ms with a reading after each; return the last state."""
+    for _ in range(round(duration_s / 0.05)):
+        world.clock.sleep_s(0.05)
+        state = gripper.state()
+    return state
 
 
 @contextmanager

@@ -81,6 +81,8 @@ class StsBus:
         Delay of the replies in real time, seconds.
     position_error : int
         Difference of the positions on the line from those of the jaw, steps.
+    clips_to : (int, int), optional
+        Range to which goals are shortened, in their register too, whatever the stored limits are.
     packets : int
         Number of requests received.
     """
@@ -99,11 +101,13 @@ class StsBus:
         self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
         self.failing_registers, self.packets = set[Register](), 0
         self.late_s, self.position_error = 0.0, 0
+        self.clips_to: tuple[int, int] | None = None
         self._table = bytearray(_TABLE_SIZE)
         self._put(sts.MODEL_NUMBER, model_number)
         for register, value in _FACTORY.items():
             self._put(register, value)
         self._put(sts.TORQUE_LIMIT, self._get(sts.MAX_TORQUE_LIMIT))
+        self._is_closing = False
         self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
@@ -178,6 +182,9 @@ class StsBus:
         if not self._get(sts.TORQUE_ENABLE):
             return
         goal = self._get(sts.GOAL_POSITION)
+        if self.clips_to is not None:
+            goal = min(max(goal, self.clips_to[0]), self.clips_to[1])
+            self._put(sts.GOAL_POSITION, goal)
         low, high = self._get(sts.MIN_POSITION_LIMIT), self._get(sts.MAX_POSITION_LIMIT)
         if low or high:
             goal = min(max(goal, low), high)
@@ -190,6 +197,7 @@ class StsBus:
         velocity = self._get(sts.GOAL_VELOCITY) or _FASTEST
         if not self._get(sts.PHASE) & sts.Phase.FINE_VELOCITY:
             velocity = min(50 * velocity, _FASTEST)
+        self._is_closing = target_mm < now_mm
         if abs(target_mm - now_mm) > 1e-9:
             rate = abs(target_mm - now_mm) / turn * velocity
             self._hand.command(GripperCommand(target=target_mm, rate=rate))
@@ -213,7 +221,8 @@ class StsBus:
             self._is_updating = True
             try:
                 limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
-                if self._world.is_moving(time_s) and self._world.force_n(time_s) > limit_n:
+                is_closing = self._is_closing and self._world.is_moving(time_s)
+                if is_closing and self._world.force_n(time_s) > limit_n:
                     self._world.halt(time_s=time_s)
             finally:
                 self._is_updating = False

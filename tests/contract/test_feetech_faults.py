@@ -7,7 +7,15 @@ from collections.abc import Iterator
 
 import pytest
 from tests.conftest import calibrate_once
-from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, make_world, open_jaw, pass_time
+from tests.contract.hands import (
+    CLOSED_TICK,
+    JAW,
+    REPLY_S,
+    make_world,
+    open_jaw,
+    pass_time,
+    read_for,
+)
 from tests.contract.sts_bus import StsBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
@@ -17,7 +25,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper import sts_series as sts
 from palpate.gripper.feetech import FeetechGripper, open_gripper
 from palpate.gripper.fingers import HingedJaw
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, open_fully
 from palpate.gripper.packets import PROTOCOL_1, Register
 from palpate.gripper.servo_line import ServoLine
 from palpate.twin.devices import TwinArray
@@ -226,6 +234,53 @@ def test_feetech_that_opens_in_the_other_direction_is_refused(world: World, bus:
             opens=-1,
             reply_s=REPLY_S,
         )
+
+
+@pytest.mark.parametrize(
+    ("clips_to", "target_mm", "found"),
+    [((1100, 4095), 8.0, 1100), ((0, 1500), 60.0, 1500), ((1300, 1400), 5.0, 1300)],
+)
+def test_feetech_that_shortens_its_goals_is_a_fault(
+    world: World,
+    bus: StsBus,
+    gripper: FeetechGripper,
+    clips_to: tuple[int, int],
+    target_mm: float,
+    found: int,
+) -> None:
+    gripper.command(GripperCommand(target=40.0, rate=60.0))
+    bus.clips_to = clips_to
+    gripper.command(GripperCommand(target=target_mm, rate=60.0))
+    with pytest.raises(DeviceError) as raised:
+        read_for(world, gripper, 3)
+    message = str(raised.value)
+    assert f"Goal_Position (address 42) is {found}" in message
+    assert "Min_Position_Limit (address 9), now 0" in message
+
+
+@pytest.mark.parametrize("ticks", [-80, -300, -700])
+def test_feetech_at_its_end_stop_before_its_goal_names_the_zero_position(
+    world: World, bus: StsBus, ticks: int
+) -> None:
+    bus.position_error = ticks
+    gripper = open_jaw(world, bus)
+    with pytest.raises(DeviceError, match=r"end stop.* read closed_tick \(1000\) again"):
+        open_fully(gripper, clock=world.clock)
+    gripper.stop()
+    gripper.close()
+
+
+def test_feetech_closing_blocked_by_an_object_is_no_fault() -> None:
+    world = make_world("rigid", "rigid-block")
+    bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
+    gripper = open_jaw(world, bus)
+    gripper.command(GripperCommand(target=5.0, rate=60.0))
+    state = read_for(world, gripper, 3.0)
+    assert not state.moving
+    open_fully(gripper, clock=world.clock)
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
+    gripper.close()
+    bus.close()
 
 
 @pytest.mark.parametrize("torque", [0, 1])

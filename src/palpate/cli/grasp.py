@@ -205,8 +205,8 @@ def grasp(
             is_lost = True
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
-        why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
-        print_message(f"palpate grasp: {why}")
+        parts = (outcome_text(result.outcome), *result.faults)
+        print_message(f"palpate grasp: {'. '.join(part.rstrip('.') for part in parts)}")
     if is_lost:
         status = _EXIT_NOT_STORED
     if status:

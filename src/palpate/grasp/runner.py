@@ -205,7 +205,8 @@ class _Hand:
             if self._idle >= GUARDS.idle_commands and command.target != self._limits.target(0.0):
                 raise DeviceError(
                     f"the gripper did not move after {GUARDS.idle_commands} commands; check for a "
-                    "blockage, a locked servo or a missing supply"
+                    "blockage, a locked servo or a missing supply, and the limits of travel stored "
+                    "in it"
                 )
         sent = self._gripper.command(command)
         if self._last is not None:

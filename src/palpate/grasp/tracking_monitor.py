@@ -181,9 +181,17 @@ class CommandTracking:
             )
         if now_s < self.due_s or not abs(reported - self.target) > _tolerance(limits, safety):
             return None
+        remedy = "check for a blockage, a locked servo or a missing supply"
+        if limits.drive == "width":
+            # Without an object in the way, its own settings can be the cause.
+            remedy += (
+                ", and the limits of travel stored in it"
+                if self.target < self.begin
+                else ", and the zero position of the gripper"
+            )
         return (
             f"the gripper was commanded to {self.target:.1f} {unit} and reports "
-            f"{reported:.1f} {unit}; check for a blockage, a locked servo or a missing supply"
+            f"{reported:.1f} {unit}; {remedy}"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from math import degrees, isfinite
 from typing import ClassVar
@@ -14,7 +15,8 @@ from palpate.gripper.interface import GripperCommand, GripperLimits
 from palpate.gripper.packets import Register, RegisterBlock
 from palpate.gripper.servo_line import ServoLine
 
-#: Time limit for the readings that confirm a stop, and their interval.
+#: Time limit for a stop, and for the rest of a movement after its calculated end; interval of the
+#: readings that confirm a stop.
 _STOP_TIMEOUT_S, _STOP_POLL_S = 0.3, 0.01
 #: A command uses the position of a reading that is not older, instead of reading it again: a
 #: reply can itself be 16 ms late. The position serves only to choose the speed.
@@ -22,8 +24,23 @@ _FRESH_S = 0.02
 #: Maximum speed of these servos (rad/s) and error of a reading (rad). A position that the servo
 #: cannot have reached is the answer of another servo, or an encoder fault.
 _MAX_RAD_PER_S, _READING_ERROR_RAD = 12.0, 0.2
-#: How far beyond its travel a hand at its end stop may stand: pads yield, and horns have play.
+#: How far beyond its travel a hand at its end stop may stand: pads yield, and horns have play. An
+#: opening that ends short of its goal by more has met the end stop too early.
 _END_STOP_RAD = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class _Movement:
+    """A commanded movement: first position, goal, begin and calculated end.
+
+    `is_checked`: whether the torque was read, because the servo did not move.
+    """
+
+    begin: int
+    goal: int
+    begins_s: float
+    ends_s: float
+    is_checked: bool = False
 
 
 class BusServoGripper(ABC):
@@ -38,18 +55,20 @@ class BusServoGripper(ABC):
     #: Angle of one position unit, and angular speed of one velocity unit.
     RAD_PER_TICK: ClassVar[float]
     RAD_PER_S: ClassVar[float]
-    #: Address range with position, motion and current, read in one packet.
+    #: Address range with goal, position, motion and current, read in one packet.
     STATE: ClassVar[tuple[int, int]]
     POSITION: ClassVar[Register]
     #: Register and bits that report a movement.
     MOVEMENT: ClassVar[tuple[Register, int]]
-    #: Registers of the torque, of the temperature in °C, of the supply in 0.1 V with its limits,
-    #: and of the stored shift and range of the positions.
+    #: Registers of the goal, of the torque, of the temperature in °C, of the supply in 0.1 V with
+    #: its limits, and of the stored shift, direction and range of the positions.
+    GOAL: ClassVar[Register]
     TORQUE: ClassVar[Register]
     TEMPERATURE: ClassVar[Register]
     VOLTAGE: ClassVar[Register]
     VOLTAGE_LIMITS: ClassVar[tuple[Register, Register]]
     OFFSET: ClassVar[Register]
+    DIRECTION: ClassVar[Register]
     POSITION_LIMITS: ClassVar[tuple[Register, Register]]
     #: The manufacturer's program that changes stored settings.
     TOOL: ClassVar[str]
@@ -72,6 +91,8 @@ class BusServoGripper(ABC):
         self._max_velocity = max_velocity
         #: Time and position of the last reading.
         self._latest: tuple[float, int] | None = None
+        #: The last commanded movement, until it has arrived or was stopped.
+        self._movement: _Movement | None = None
 
     @abstractmethod
     def _read_errors(self) -> IntFlag:
@@ -84,6 +105,10 @@ class BusServoGripper(ABC):
     @abstractmethod
     def _describe_misfit(self, tick: int) -> str:
         """Return why the position can be outside the travel, and the remedy."""
+
+    @abstractmethod
+    def _describe_wrong_zero(self) -> str:
+        """Return why positions can differ from those of the mechanism, and the remedy."""
 
     @abstractmethod
     def _start_movement(self, tick: int, *, velocity: int, now: int) -> None:
@@ -116,6 +141,8 @@ class BusServoGripper(ABC):
         # The acknowledgement reports errors too.
         self._raise_reported_error()
         duration_s = abs(tick - now) * self.RAD_PER_TICK / (velocity * self.RAD_PER_S)
+        begins_s = self._clock.now_s()
+        self._movement = _Movement(now, tick, begins_s, begins_s + duration_s)
         mean_rate = abs(sent_mm - now_mm) / duration_s if duration_s > 0 else wanted.rate
         return GripperCommand(target=sent_mm, rate=mean_rate)
 
@@ -127,6 +154,7 @@ class BusServoGripper(ABC):
         Raises `DeviceError` if no reading confirms the stop.
         """
         deadline_s = self._clock.now_s() + _STOP_TIMEOUT_S
+        self._movement = None
         while self._is_moving(block := self._read()):
             self._set_goal(block.value(self.POSITION))
             if self._clock.now_s() >= deadline_s:
@@ -183,6 +211,82 @@ class BusServoGripper(ABC):
                 "the rig file"
             )
         return tick
+
+    # -- the movement as executed ------------------------------------------------------------------
+
+    def _follow_movement(self, block: RegisterBlock, *, moving: bool) -> bool:
+        """Compare a reading with the commanded movement; return whether the servo still moves.
+
+        Raises `DeviceError` if the servo moves away from its goal, rests with another goal than
+        the one sent, stays where it was without torque, or stops short of the goal while opening.
+        A closing that stops short has met an object.
+        """
+        movement, tick = self._movement, block.value(self.POSITION)
+        if movement is None:
+            return moving
+        direction = 1 if movement.goal > movement.begin else -1
+        left_rad = direction * (movement.goal - tick) * self.RAD_PER_TICK
+        away_rad = direction * (movement.begin - tick) * self.RAD_PER_TICK
+        has_goal = block.value(self.GOAL) == self._last_goal(movement.goal)
+        is_short = left_rad > _END_STOP_RAD and direction == self._opens
+        if away_rad > 0 and self._clock.now_s() < movement.begins_s + _STOP_TIMEOUT_S:
+            # The earlier movement is still being stopped.
+            self._movement = replace(movement, begin=tick)
+            return moving
+        is_over = self._clock.now_s() >= movement.ends_s + _STOP_TIMEOUT_S
+        if is_over and not moving and tick == movement.begin != movement.goal:
+            if not movement.is_checked:
+                self._raise_lost_torque(tick)
+            self._movement = replace(movement, is_checked=True)
+        if away_rad <= _READING_ERROR_RAD and (moving or (has_goal and not is_short)):
+            return moving
+        if self._is_stopped_by_silence():
+            self._movement = None
+            return False
+        self._raise_lost_torque(tick)
+        if not has_goal:
+            self._raise_wrong_goal(block)
+        if away_rad > _READING_ERROR_RAD:
+            raise DeviceError(
+                f"{self._line.name} moved from position {movement.begin} to {tick}, away from its "
+                f"goal {movement.goal}: something moves the fingers, or the servo runs backwards; "
+                f"check {self.DIRECTION} with {self.TOOL}"
+            )
+        if not is_over:
+            return True  # an end stop and a slow servo look alike until then
+        raise DeviceError(
+            f"{self._line.name} stopped at position {tick} while opening to {movement.goal}, "
+            f"{degrees(left_rad):.0f}° short of it. If nothing blocks the fingers, they are at "
+            f"their end stop, and all positions are at least {abs(movement.goal - tick)} steps "
+            f"wrong. {self._describe_wrong_zero()}"
+        )
+
+    def _raise_lost_torque(self, tick: int) -> None:
+        """Raise `DeviceError` if the torque is off."""
+        if not self._line.read(self.TORQUE):
+            raise DeviceError(
+                f"{self._line.name} is at position {tick} without torque: its supply was "
+                "interrupted, or another program switched the torque off. Open the rig again"
+            )
+
+    def _raise_wrong_goal(self, block: RegisterBlock) -> None:
+        """Raise `DeviceError`, because the servo has another goal than the one sent."""
+        line, found = self._line, block.value(self.GOAL)
+        sent = self._last_goal(self._movement.goal if self._movement else found)
+        low, high = (f"{limit}, now {line.read(limit)}" for limit in self.POSITION_LIMITS)
+        raise DeviceError(
+            f"{line.name} is at position {block.value(self.POSITION)}: {self.GOAL} is {found}, "
+            f"but {sent} was sent. The servo limits its goals, or another program uses it: check "
+            f"{low}, and {high}, with {self.TOOL}"
+        )
+
+    def _last_goal(self, goal: int) -> int:
+        """Return the goal that the servo should have now, on the way to `goal`."""
+        return goal
+
+    def _is_stopped_by_silence(self) -> bool:
+        """Return whether the servo has stopped because the host was silent."""
+        return False
 
     # -- the servo as found ------------------------------------------------------------------------
 

@@ -62,7 +62,8 @@ class DynamixelGripper(BusServoGripper):
 
     RAD_PER_TICK, RAD_PER_S = x.RAD_PER_TICK, x.RAD_PER_S_PER_VELOCITY
     STATE, POSITION, MOVEMENT = x.STATE, x.PRESENT_POSITION, (x.MOVING_STATUS, x.PROFILE_ONGOING)
-    TORQUE, TEMPERATURE, OFFSET = x.TORQUE_ENABLE, x.PRESENT_TEMPERATURE, x.HOMING_OFFSET
+    TORQUE, TEMPERATURE, GOAL = x.TORQUE_ENABLE, x.PRESENT_TEMPERATURE, x.GOAL_POSITION
+    OFFSET, DIRECTION = x.HOMING_OFFSET, x.DRIVE_MODE
     VOLTAGE, VOLTAGE_LIMITS = x.PRESENT_VOLTAGE, (x.MIN_VOLTAGE_LIMIT, x.MAX_VOLTAGE_LIMIT)
     POSITION_LIMITS = x.MIN_POSITION_LIMIT, x.MAX_POSITION_LIMIT
     TOOL = "DYNAMIXEL Wizard"
@@ -107,19 +108,20 @@ class DynamixelGripper(BusServoGripper):
     def state(self) -> GripperState:
         """Read width, motion and current; the current is NaN if the servo can't measure it.
 
-        Raises `DeviceError` if the servo does not answer or reports an impossible position, or if a
-        hardware error has switched off its torque.
+        Raises `DeviceError` if the servo does not answer, reports an impossible position or a
+        hardware error, or does not move to its goal.
         """
         block = self._read()
         self._raise_reported_error()
-        unit = self.model.ma_per_unit
+        unit, tick = self.model.ma_per_unit, self._take_position(block)
+        moving = self._is_moving(block) or bool(block.value(x.MOVING))
         return GripperState(
             time_s=self._clock.now_s(),
-            width_mm=self._width_mm(self._take_position(block)),
+            width_mm=self._width_mm(tick),
             # Positive current turns towards larger positions (e-Manual, "Present Current"), which
             # open the fingers. The sign is inverted, so that a closing current is positive.
             current_ma=math.nan if unit is None else -block.value(x.PRESENT_CURRENT) * unit,
-            moving=self._is_moving(block) or bool(block.value(x.MOVING)),
+            moving=self._follow_movement(block, moving=moving),
         )
 
     def stop(self) -> None:
@@ -148,6 +150,9 @@ class DynamixelGripper(BusServoGripper):
             if refused.code != x.PacketError.DATA_RANGE:
                 raise
 
+    def _is_stopped_by_silence(self) -> bool:
+        return self._line.read(x.BUS_WATCHDOG) < 0
+
     def clear_errors(self) -> None:
         """Reboot the servo and set it up again.
 
@@ -172,7 +177,8 @@ class DynamixelGripper(BusServoGripper):
         """Check the servo as found; set mode, limits and watchdog, and read them back."""
         line, unit = self._line, self.model.ma_per_unit
         self._is_set_up = False
-        self._latest, self._zero_tick = None, x.CENTRE_TICK
+        self._latest = self._movement = None
+        self._zero_tick = x.CENTRE_TICK
         # The level is lost with the supply; at a lower one the servo acknowledges no commands.
         line.write_without_reply(x.STATUS_RETURN_LEVEL, x.ALL_REPLIES)
         line.write(x.BUS_WATCHDOG, 0)
@@ -291,6 +297,9 @@ class DynamixelGripper(BusServoGripper):
         )
 
     def _describe_misfit(self, tick: int) -> str:
+        return self._describe_wrong_zero()
+
+    def _describe_wrong_zero(self) -> str:
         return (
             f"The horn is mounted at a wrong angle: mount it so that {x.CENTRE_TICK} is the middle "
             f"of the travel, or set {x.HOMING_OFFSET} with {self.TOOL} and give the same "

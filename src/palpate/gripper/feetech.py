@@ -61,7 +61,8 @@ class FeetechGripper(BusServoGripper):
 
     RAD_PER_TICK = RAD_PER_S = sts.RAD_PER_TICK
     STATE, POSITION, MOVEMENT = sts.STATE, sts.PRESENT_POSITION, (sts.MOVING, 1)
-    TORQUE, TEMPERATURE, OFFSET = sts.TORQUE_ENABLE, sts.PRESENT_TEMPERATURE, sts.HOMING_OFFSET
+    TORQUE, TEMPERATURE, GOAL = sts.TORQUE_ENABLE, sts.PRESENT_TEMPERATURE, sts.GOAL_POSITION
+    OFFSET, DIRECTION = sts.HOMING_OFFSET, sts.PHASE
     VOLTAGE, VOLTAGE_LIMITS = sts.PRESENT_VOLTAGE, (sts.MIN_VOLTAGE_LIMIT, sts.MAX_VOLTAGE_LIMIT)
     POSITION_LIMITS = sts.MIN_POSITION_LIMIT, sts.MAX_POSITION_LIMIT
     TOOL = "Feetech's program FD"
@@ -111,21 +112,23 @@ class FeetechGripper(BusServoGripper):
     def state(self) -> GripperState:
         """Read width, motion and current; during a long closing, send the next goal.
 
-        Raises `DeviceError` if the servo does not answer or is in a protection state.
+        Raises `DeviceError` if the servo does not answer, reports an impossible position or a
+        protection state, or does not move to its goal.
         """
         block = self._read()
         self._raise_reported_error()
         tick, is_turning = self._take_position(block), self._is_moving(block)
         is_leashed = self._sent != self._target
+        # A servo at rest in two successive readings, short of its target, is blocked.
+        moving = is_turning or (is_leashed and not self._was_still)
+        self._was_still = not is_turning
+        moving = self._follow_movement(block, moving=moving)
         if is_leashed:
             goal = self._apply_leash(tick)
             # A goal for each small step would double the time of a state on a slow line.
             step = self._velocity * self._leash_s * _LEASH_STEP
             if goal == self._target or abs(goal - self._sent) >= step:
                 self._send(goal)
-        # A servo at rest in two successive readings, short of its target, is blocked.
-        moving = is_turning or (is_leashed and not self._was_still)
-        self._was_still = not is_turning
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(tick),
@@ -223,6 +226,9 @@ class FeetechGripper(BusServoGripper):
         if any(stored.value(limit) for limit in self.POSITION_LIMITS):
             self._check_position_limits(stored)
 
+    def _last_goal(self, goal: int) -> int:
+        return self._sent
+
     def _travel_mm(self) -> tuple[float, float]:
         # A horn with one jaw can turn by more than half a turn. Its travel is in the rig file only.
         return 0.0, self.limits.highest
@@ -242,6 +248,12 @@ class FeetechGripper(BusServoGripper):
         return (
             f"Check closed_tick ({self._zero_tick}) and opens ({self._opens}); if they are right, "
             "the jaw is open wider than highest_mm: close it by hand, or give a larger highest_mm"
+        )
+
+    def _describe_wrong_zero(self) -> str:
+        return (
+            f"Close the jaw by hand, read closed_tick ({self._zero_tick}) again, and check opens "
+            f"({self._opens}) and highest_mm ({self.limits.highest:g})"
         )
 
     def _apply_leash(self, now: int) -> int:

@@ -36,7 +36,7 @@ PRESENT_CURRENT = Register(69, 2, sign_bit=15, name="Present_Current")
 #: Address range of the stored settings, read in one packet.
 SETTINGS = 3, 34
 #: Address range of all registers of a state, read in one packet.
-STATE = 56, 71
+STATE = 42, 71
 
 TICKS = 4096
 RAD_PER_TICK = 2 * pi / TICKS

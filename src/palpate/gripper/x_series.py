@@ -42,7 +42,7 @@ PRESENT_TEMPERATURE = Register(146, 1, name="Present_Temperature")
 #: Address range of the stored settings and the torque, read in one packet.
 SETTINGS = 10, 65
 #: Address range of all registers of a state, read in one packet.
-STATE = 122, 147
+STATE = 116, 147
 
 #: Positions of one turn.
 TICKS = 4096

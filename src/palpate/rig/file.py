@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import os
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
@@ -14,7 +15,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from palpate.clock import RealClock
-from palpate.errors import CalibrationError, InputError, PalpateError
+from palpate.errors import CalibrationError, DeviceError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
@@ -218,10 +219,22 @@ def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
     array = open_device(rig_file.path, "array", rig_file.array)
     try:
         gripper = open_device(rig_file.path, "gripper", rig_file.gripper, array=array)
-    except PalpateError:
+    except PalpateError as error:
         array.close()
+        if isinstance(error, DeviceError) and _have_one_port(rig_file.array, rig_file.gripper):
+            raise InputError(
+                f"rig file {rig_file.path}: [gripper] port = {rig_file.gripper['port']!r} is also "
+                "that of [array]; `palpate ports` lists the available ports"
+            ) from error
         raise
     return array, gripper
+
+
+def _have_one_port(array: object, gripper: object) -> bool:
+    """Return whether two tables name the same port, perhaps through a link."""
+    ports = [table.get("port") for table in (array, gripper) if isinstance(table, dict)]
+    stated = [os.path.realpath(port) for port in ports if isinstance(port, str)]
+    return len(stated) == 2 and stated[0] == stated[1]
 
 
 def read_rig_table(path: Path) -> dict[str, Any]:
@@ -296,6 +309,8 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
     passed = {name: value for name, value in shared.items() if name in accepted}
     try:
         device = opener(**stated, **passed)
+    except InputError as error:
+        raise InputError(f"rig file {path}: [{part}] {error}") from error
     except (PalpateError, OSError):
         raise
     except (Exception, SystemExit) as error:

@@ -20,6 +20,10 @@ from palpate.signal.circuit import Divider
 
 #: The paper's arrays, by name.
 LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
+#: Range of the rate in the firmware's command: millihertz in 32 bits.
+_LOWEST_HZ, _HIGHEST_HZ = 1e-3, (2**32 - 1) / 1e3
+#: Largest number of conversions that the firmware sums.
+_MOST_CONVERSIONS = 64
 
 
 def find_layout(
@@ -73,7 +77,6 @@ def find_layout(
         raise InputError(f"the reference resistor must be above 0 ohm, not {reference_ohm:g}")
     if not 1 <= adc_bits <= 24:
         raise InputError(f"adc_bits = {adc_bits}: a converter has 1 to 24 bits")
-    divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg, adc_bits=adc_bits)
     if pitch_mm is not None and not 0 < pitch_mm < math.inf:
         raise InputError(
             f"pitch_mm = {pitch_mm:g}: give the distance between pixel centres, above 0 mm"
@@ -84,7 +87,7 @@ def find_layout(
     try:
         return replace(
             layout,
-            divider=divider,
+            divider=Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg, adc_bits=adc_bits),
             idle_lines=idle_lines,
             line_ohm=line_ohm,
             pitch_mm=pitch_mm or layout.pitch_mm,
@@ -116,9 +119,13 @@ def _make_grid(name: str, *, fingers: int, max_lines: int) -> ArrayLayout:
 
 
 def check_rate(rate_hz: float) -> None:
-    """Raise `InputError` if a frame rate is not positive and finite."""
+    """Raise `InputError` if a frame rate is not positive and finite, or can't be sent."""
     if not 0 < rate_hz < math.inf:
         raise InputError(f"frame rate {rate_hz:g} Hz: must be positive and finite, e.g. 250")
+    if not _LOWEST_HZ <= rate_hz <= _HIGHEST_HZ:
+        raise InputError(
+            f"frame rate {rate_hz:g} Hz: must be {_LOWEST_HZ:g} to {_HIGHEST_HZ:.0f} Hz, e.g. 250"
+        )
 
 
 def open_board(
@@ -165,11 +172,15 @@ def open_board(
     Raises
     ------
     InputError
-        If the layout is unknown or the rate is not positive.
+        If the layout is unknown or a number is out of range.
     DeviceError
         If there is no board, the board does not answer, or it cannot reach the rate.
     """
     check_rate(rate_hz)
+    if not 1 <= oversampling <= _MOST_CONVERSIONS:
+        raise InputError(
+            f"oversampling = {oversampling}: the board sums 1 to {_MOST_CONVERSIONS} conversions"
+        )
     pixels = find_layout(
         layout,
         reference_ohm=reference_ohm,

@@ -10,10 +10,12 @@ import time
 from contextlib import suppress
 from typing import Protocol
 
-from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.errors import DeviceError, DeviceNotFoundError, InputError
 from palpate.sensor.exclusive_port import claim_port, release_port
 
 BAUD = 1_000_000
+#: Range of a baud rate: the slowest of POSIX (B50), and the bits that full-speed USB transfers.
+_LOWEST_BAUD, _HIGHEST_BAUD = 50, 12_000_000
 #: Interval between reads of a port, seconds: half of the frame period at 500 Hz.
 POLL_S = 0.001
 _READ_BYTES = 1 << 16
@@ -51,12 +53,16 @@ class SerialStream:
 
     `port`: device, e.g. ``"/dev/ttyACM0"``.
     `baud`: baud rate of the firmware.
-    Raises `DeviceNotFoundError` if there is no such port; `DeviceError` if the port is busy or
-    access is denied.
+    Raises `InputError` if the baud rate is impossible; `DeviceNotFoundError` if there is no such
+    port; `DeviceError` if the port is busy or access is denied.
     """
 
     def __init__(self, port: str, *, baud: int = BAUD) -> None:
         self.name = port
+        if not _LOWEST_BAUD <= baud <= _HIGHEST_BAUD:
+            raise InputError(
+                f"baud {baud}: must be {_LOWEST_BAUD} to {_HIGHEST_BAUD}, as in the board's program"
+            )
         try:
             # Loaded here, so that other sensors work where pyserial doesn't.
             import serial
@@ -113,9 +119,17 @@ def _port_error(port: str) -> str:
 def explain_refusal(port: str, error: OSError) -> DeviceError:
     """Return an error with the reason why a port can't be opened, and the remedy."""
     code = error.errno
+    # pyserial states only the text of an error in the configuration.
+    if code is None and error.__context__ is not None and error.__context__.args:
+        code = error.__context__.args[0]
+    if code in (errno.ENOTTY, errno.EISDIR):
+        return DeviceError(
+            f"{port} is not a serial port; `palpate ports` lists the available ports"
+        )
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
-            f"no port {port}; `palpate ports` lists the available ports. Check cable and power."
+            f"no port {port or repr(port)}; `palpate ports` lists the available ports. Check "
+            "cable and power."
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceError(

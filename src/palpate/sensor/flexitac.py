@@ -7,6 +7,7 @@ the upper eight of the converter's ten bits.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 
@@ -65,6 +66,11 @@ class FlexitacDecoder:
                 "diagnosis: flash the program that sends frames, or set "
                 'open = "palpate.sensor.text_lines:open_board"'
             )
+        if len(self._recent) < self._size + len(MARKER):
+            return (
+                f"these are fewer than a frame of {self._size} bytes and the next marker; if the "
+                "board sends rarely, set wait_s in the rig file"
+            )
         size = _find_distance(self._recent)
         if size == self._size:
             return (
@@ -74,10 +80,19 @@ class FlexitacDecoder:
         if size is None:
             return f"no marker every {self._size} bytes; check rows, cols and baud in the rig file"
         pixels = size - len(MARKER)
-        for rows, cols in (*_SIZES, (pixels // self._cols, self._cols)):
+        for rows, cols in _SIZES:
             if rows * cols == pixels:
                 return f"markers come every {size} bytes: set rows = {rows}, cols = {cols}"
-        return f"markers come every {size} bytes: set rows and cols to a matrix of {pixels} pixels"
+        sizes = [
+            f"{rows} x {cols}"
+            for rows, cols in ((pixels // self._cols, self._cols), 2 * (math.isqrt(pixels),))
+            if rows * cols == pixels and 0 < max(rows, cols) <= MAX_LINES
+        ]
+        example = f", such as {' or '.join(dict.fromkeys(sizes))}" if sizes else ""
+        return (
+            f"markers come every {size} bytes: set rows and cols to a matrix of {pixels} pixels"
+            f"{example}, if each pixel has one byte; otherwise this is no format of FlexiTac"
+        )
 
     def feed(self, data: bytes) -> list[Counts]:
         """Append bytes and return the completed frames, shape (rows, cols) each."""

@@ -124,7 +124,15 @@ def make_port_finder(
     >>> make_port_finder("/dev/ttyUSB0", list_ports=lambda: next(seen))()
     '/dev/ttyUSB1'
     """
-    known = {port.device: port for port in list_ports()}.get(device)
+    before = list_ports()
+    known = {port.device: port for port in before}.get(device)
+    # Some makers give all their boards the same number, and so do the interfaces of one adapter.
+    alike = [
+        port
+        for port in before
+        if known is not None
+        and (port.usb_id, port.serial_number) == (known.usb_id, known.serial_number)
+    ]
 
     def find_current_port() -> str:
         if known is None or not (known.serial_number or known.location):
@@ -135,8 +143,7 @@ def make_port_finder(
             if (port.usb_id, port.serial_number) == (known.usb_id, known.serial_number)
         ]
         in_place = [port for port in equal if port.location == known.location]
-        # Some makers give all their boards the same number.
-        if known.serial_number and len(equal) == 1:
+        if known.serial_number and len(equal) == len(alike) == 1:
             return equal[0].device
         if known.location and len(in_place) == 1:
             return in_place[0].device

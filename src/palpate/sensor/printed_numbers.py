@@ -49,6 +49,8 @@ class LineSplitter:
 
     def __init__(self, end: str | None = None) -> None:
         self._end = re.compile(_custom_end(end)) if end else _LINE_END
+        #: The given text; None for LF and CR.
+        self.end = end
         #: A CR or LF that ended the last line, if the other one may follow.
         self._half_end = b""
         #: The beginning of a line.
@@ -142,7 +144,8 @@ def _decode(line: bytes) -> str:
     if text.isascii() and text.isprintable():
         return text
     text = _ESCAPE.sub("", text)
-    if "\ufffd" in text or not text.replace("\t", " ").isprintable():
+    # A line that ends with another text can contain line ends.
+    if "\ufffd" in text or not " ".join(text.split()).isprintable():
         raise ValueError("is not text; check the baud rate (baud in the rig file)")
     return text
 

@@ -27,6 +27,9 @@ _MEAN_OF = 100
 _HIGHEST_SUPPLY_V = 5.5
 _NO_BLANK = "no blank line marks the start of a frame: print one after each frame"
 _NO_NUMBERS = "has no numbers; if the sketch starts slowly, set wait_s in the rig file"
+_RARE_LINES = (
+    "its only line can be incomplete; if the sketch prints rarely, set wait_s in the rig file"
+)
 #: A number in front of (or behind) the pixels is a clock if it increases in this many lines in a
 #: row, and is above the range of a reading.
 _CLOCK_LINES = 8
@@ -122,13 +125,15 @@ class LineDecoder:
         rest = self._splitter.rest
         longest = 200 + 16 * self._layout.pixels
         if not rest or (self._splitter.has_ended and len(rest) < longest):
-            return self._fault
+            return self._fault or (_RARE_LINES if self._is_synchronized else "")
         try:
             if not read_numbers(rest).values:
                 return f"{_quote(rest)} {_NO_NUMBERS}"
         except ValueError as error:
             if "not text" in str(error):
                 return f"{_quote(rest)} {error}"
+        if self._splitter.end is not None:
+            return f"{_quote(rest)} has no {self._splitter.end!r}; check line_end in the rig file"
         return (
             f"{_quote(rest)} has no line end: add Serial.println() after each frame, or name the "
             "text that ends a frame with line_end in the rig file"
@@ -190,9 +195,9 @@ class LineDecoder:
             # The points of a clock in seconds do not matter.
             points -= sum(value % 1 != 0 for value in printed) - sum(v % 1 != 0 for v in values)
         if self._by_block or (len(values) != pixels and not self._by_line):
-            return self._add_to_block(values, points=points)
+            return self._add_to_block(values, points=points, line=line)
         if len(values) != pixels:
-            raise self._size_error(values)
+            raise self._size_error(values, line)
         self._lines += 1
         if self._equal_blocks >= _ROW_BLOCKS:
             raise ValueError(
@@ -228,11 +233,11 @@ class LineDecoder:
             raise ValueError(f"has {len(values)} numbers instead of {needed}; check columns")
         return [values[column - 1] for column in self._columns]
 
-    def _add_to_block(self, values: list[float], *, points: int) -> Counts | None:
+    def _add_to_block(self, values: list[float], *, points: int, line: bytes) -> Counts | None:
         """Add a part of a frame; return the frame if it is complete."""
         block, self._block = self._block, None
         if self._layout.pixels % len(values) or (block and len(values) != len(block[0])):
-            raise self._size_error(values)
+            raise self._size_error(values, line)
         if block is None:
             # The frame began before the port was open, an error, or no blank line is ever sent.
             if not self._has_blank:
@@ -271,9 +276,9 @@ class LineDecoder:
             return None
         return self._to_counts(values, points=self._points)
 
-    def _size_error(self, values: list[float]) -> ValueError:
+    def _size_error(self, values: list[float], line: bytes) -> ValueError:
         remedy = self._clock.hint or "check layout and columns"
-        if len(values) == 2 * self._layout.pixels:
+        if b"," in line and len(values) == 2 * self._layout.pixels:
             remedy += ", and print points instead of decimal commas"
         return ValueError(
             f"has {len(values)} numbers, but layout {self._layout.name} needs "
@@ -405,6 +410,9 @@ class _CountScale:
     def _explain_range(self, peak: float) -> str:
         bits = self._divider.adc_bits
         fault = f"is outside 0 to {self.highest:.0f}, the range of {bits} bits; "
+        digits = f"{peak:.0f}"
+        if set(digits) == {"0", "1"} and digits.count("1") > 1:
+            return fault + "if it is binary, print decimal numbers (Serial.print without BIN)"
         wide = [usual for usual in _USUAL_BITS if peak < 2**usual]
         if not wide:
             return fault + 'if these are resistances, set unit = "ohm"'

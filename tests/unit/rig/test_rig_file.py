@@ -196,7 +196,9 @@ def test_open_rig_calibration_of_other_wiring_is_refused(
         ("pressure = 1", "[array] pressure = 1: it must be true or false"),
         ("taxel_leg = 'left'", "taxel_leg = 'left': it must be one of 'upper', 'lower'"),
         ("rates_hz = 250", "[array] unknown option 'rates_hz'; available: port, layout"),
-        ("port = '/dev/null'\nbaud = -1", "[array]: Not a valid baudrate: -1"),
+        ("port = '/dev/null'\nbaud = -1", "[array] baud -1: must be 50 to 12000000"),
+        ("oversampling = 65", "[array] oversampling = 65: the board sums 1 to 64 conversions"),
+        ("rate_hz = 1e12", "[array] frame rate 1e+12 Hz: must be 0.001 to 4294967 Hz"),
     ],
 )
 def test_open_rig_invalid_opener_option_is_named(

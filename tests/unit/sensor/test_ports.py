@@ -25,6 +25,17 @@ def port(
 @pytest.mark.parametrize(
     ("before", "after", "found"),
     [
+        # Equal numbers: the other board alone, and the other interface of one adapter.
+        (
+            [port("USB0", "1-1", number="0001"), port("USB1", "1-2", number="0001")],
+            [port("USB0", "1-2", number="0001")],
+            None,
+        ),
+        (
+            [port("USB0", "1-1:1.1", number="FT1"), port("USB1", "1-1:1.0", number="FT1")],
+            [port("USB2", "1-1:1.0", number="FT1")],
+            None,
+        ),
         # Without a number: the USB socket decides.
         ([port("USB0", "1-1")], [port("USB1", "1-1")], "USB1"),
         (

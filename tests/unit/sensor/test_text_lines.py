@@ -278,6 +278,12 @@ REFUSED: list[tuple[Callable[[int, list[int]], str], str]] = [
     (lambda _, v: 2 * join_rows(v, end="\r\n") + "\r\n", "no blank line|ends a frame of"),
     (lambda _, v: "Calibrating ...\r\n", "has no numbers; .* set wait_s"),
     (lambda _, v: ".", "has no numbers; .* set wait_s"),
+    (lambda k, v: line(v) if k == 0 else "", "if the sketch prints rarely, set wait_s"),
+    (
+        lambda _, v: line([*v, *v]).replace(",", "\t"),
+        "has 16 numbers, .*; check layout and columns$",
+    ),
+    (lambda _, v: line([x + 256 for x in v], lambda x: f"{x:b}"), "without BIN"),
     (lambda _, v: "\xaa\x55" + "\x00\x01\n" * 50, "flexitac:open_board"),
 ]
 
@@ -344,13 +350,27 @@ def test_line_decoder_a_volt_without_its_point_does_not_pass_as_a_count() -> Non
 
 @pytest.mark.parametrize(
     ("text", "end"),
-    [("<{}>", ">"), ("{};", ";"), ("{}END", "END"), ('{{"p":[{}]}}', "}"), ("{}\0", "\0")],
+    [
+        ("<{}>", ">"),
+        ("{};", ";"),
+        ("{}END", "END"),
+        ('{{"p":[{}]}}', "}"),
+        ("{}\0", "\0"),
+        ("<{}>\r\n", ">"),
+        ("{};\n", ";"),
+    ],
 )
 def test_line_decoder_reads_frames_with_another_end(text: str, end: str) -> None:
     sent = sweep(20)
     stream = "".join(text.format(",".join(map(str, values))) for values in sent)
     readings, decoder = decode(stream, line_end=end)
     assert (readings, decoder.corrupt) == (sent[1:], 0)
+
+
+def test_line_decoder_with_an_end_that_is_not_sent_names_it() -> None:
+    readings, decoder = decode("".join(map(line, sweep(20))), line_end=";")
+    assert not readings
+    assert "has no ';'; check line_end" in decoder.fault
 
 
 def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
@@ -424,5 +444,16 @@ def test_open_board_with_invalid_options_raises_before_opening_the_port() -> Non
         open_board(port="/dev/none", layout="4x2", wait_s=-1.0)
     with pytest.raises(InputError, match="line_end = '1': give text"):
         open_board(port="/dev/none", layout="4x2", line_end="1")
+    with pytest.raises(InputError, match="reference_ohm is 1e\\+12; it must be above 0 and"):
+        open_board(port="/dev/none", layout="4x2", reference_ohm=1e12)
+    for baud in (0, -9600, 10**12):
+        with pytest.raises(InputError, match=f"baud {baud}: must be 50 to 12000000"):
+            open_board(port="/dev/none", layout="4x2", baud=baud)
     with pytest.raises(InputError, match="from 1x1 to 64x64"):
         open_board(port="/dev/none", layout="4x65")
+
+
+@pytest.mark.parametrize("port", ["/dev/null", "/dev"])
+def test_open_board_on_a_file_that_is_no_serial_port_says_so(port: str) -> None:
+    with pytest.raises(DeviceError, match=f"{port} is not a serial port; `palpate ports`"):
+        open_board(port=port, layout="4x2")
