@@ -46,7 +46,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded")
     for seed in (1, 2):
         status = palpate(
-            *("grasp", "--rig", "sim-rigid", "--seed", str(seed), "--object", "strawberry"),
+            *("grasp", "--rig", "sim-rigid", "--rate-hz", "15"),
+            *("--seed", str(seed), "--object", "strawberry"),
             *("--record", str(folder / f"g{seed}.mcap"), "--item", f"berry-{seed}"),
             *("--store", str(folder / "items.sqlite")),
         )

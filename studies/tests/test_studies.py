@@ -58,6 +58,7 @@ def run_ripeness() -> StudyReport:
     two = {name: generators[name] for name in ("first", "all three")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ripeness_virtual, "list_generators", lambda: two)
+        patch.setattr(ripeness_virtual, "LABELLED", 8)
         return ripeness.report(sensors=1, fruits=4, second=True)
 
 
