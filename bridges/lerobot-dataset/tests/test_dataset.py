@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
 
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
@@ -162,6 +163,16 @@ def test_states_match_recording(recorded: Path, dataset: Path) -> None:
     firm = frames["observation.state"][frames["episode_index"] == 1]
     assert firm[:, 1].max() == pytest.approx(TARGET_N, rel=0.5)
     assert firm[:8, 1].max() < 0.5
+
+
+def test_commands_of_page_run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
+) -> None:
+    """Run the page `docs/lerobot.md`; its rigs are calibrated for this file's recordings."""
+    run_page("lerobot", tmp_path, monkeypatch, capsys, request)
 
 
 def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:
