@@ -13,6 +13,7 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from archive.tests.archive_jobs import killing_job, threads_job
+from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
@@ -44,10 +45,11 @@ def palpate(*arguments: str) -> int:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record two simulated grasps, with a store."""
     folder = tmp_path_factory.mktemp("recorded")
-    for seed in (1, 2):
+    for number, seed in enumerate((0, 1), start=1):
         status = palpate(
-            *("grasp", "--rig", "sim-rigid", "--seed", str(seed), "--object", "strawberry"),
-            *("--record", str(folder / f"g{seed}.mcap"), "--item", f"berry-{seed}"),
+            *("grasp", "--rig", "sim-rigid", "--rate-hz", "15"),
+            *("--seed", str(seed), "--object", "strawberry"),
+            *("--record", str(folder / f"g{number}.mcap"), "--item", f"berry-{number}"),
             *("--store", str(folder / "items.sqlite")),
         )
         assert status == 0
@@ -94,6 +96,16 @@ def test_added_frames_match_recording(archive: Archive, recorded: Path) -> None:
     assert np.array(table["counts"].tolist()).reshape(shape).tolist() == recording.counts.tolist()
     ohm = solve_resistance_ohm(recording).reshape(len(recording.time_s), -1)
     assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
+
+
+def test_commands_of_page_run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
+) -> None:
+    """Run the page `docs/archive.md`; its rig is calibrated for this file's recordings."""
+    run_page("archive", tmp_path, monkeypatch, capsys, request)
 
 
 def test_add_recordings_skips_archived_recordings(archive: Archive, recorded: Path) -> None:

@@ -24,11 +24,15 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def examined() -> list[Examined]:
-    """Return a few apples of each purpose; `field` reuses the apples of `lab`."""
+    """Return a few apples of each purpose.
+
+    A model needs ten bruised and ten sound sides: each apple to learn from is used five times.
+    `field` reuses the apples of `lab`.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bruise, "REFERENCE_APPLES", 1)
-        purposes = {"learn": 20, "test": 4}
-        made = examine(purposes, levels=("lab",), seed=900)
+        made = examine({"learn": 4, "test": 4}, levels=("lab",), seed=900)
+    made += [one for one in made if one.purpose == "learn"] * 4
     return made + [replace(one, level="field") for one in made]
 
 

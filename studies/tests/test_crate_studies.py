@@ -49,12 +49,13 @@ def grasp(item_id: str, size_mm: float, stiffness: float, *, sensor: int) -> Tim
 
 
 def synthetic_crates() -> list[CrateItemGrasps]:
-    """Return items of two sensors at each level, those to learn from grasped twice."""
+    """Return items of two sensors at lab and one at field, those to learn from grasped twice."""
     rng = np.random.default_rng(5)
     found = []
-    for level, sensor, teaches in product(("lab", "field"), range(2), (True, False)):
+    crates = (("lab", 0), ("lab", 1), ("field", 0))
+    for (level, sensor), teaches in product(crates, (True, False)):
         for kind, (size, stiffness) in (TAUGHT if teaches else {**TAUGHT, **STRANGER}).items():
-            for number in range(9 if teaches else 4):
+            for number in range(6 if teaches else 3):
                 name = f"{'taught' if teaches else 'item'}-{kind}-{number}"
                 true_mm = size * float(np.exp(0.04 * rng.standard_normal()))
                 true_k = stiffness * float(np.exp(0.15 * rng.standard_normal()))
@@ -99,8 +100,8 @@ def test_sorting_study_names_and_sorts_the_items_of_a_crates_file(
     assert ours["right"] > 0.9
     assert ours["falsely_unknown"] <= 0.2
     assert ours["strangers_found"] == 1.0
-    assert ours["items"] == 32
-    assert select_row(found["identify"], "field", "ours, taught on other sensors")["right"] > 0.7
+    assert ours["items"] == 24
+    assert select_row(found["identify"], "lab", "ours, taught on other sensors")["right"] > 0.7
     one, three = (
         select_row(found["summary"], "lab", method)
         for method in ("ours, one grasp", "ours, up to 3 grasps")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.produce.qualify import agreement
 from palpate_studies.qualify import FIGURES, Pool, check_coverage, read_side_pairs
 
 
@@ -20,10 +21,13 @@ def test_read_side_pairs_reads_both_sides(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_check_coverage_of_good_instrument_covers_true_figures() -> None:
+def test_check_coverage_of_good_instrument_covers_true_figures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(agreement, "_DRAWS", 100)
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)
     pool = Pool(truth=truth, grasps=truth[:, None] + random.normal(0.0, 0.1, (80, 2)))
-    rows = check_coverage(pool, 0.3, level="lab", campaigns=3)
+    rows = check_coverage(pool, 0.3, level="lab", campaigns=10)
     assert {row["figure"] for row in rows} <= set(FIGURES)
     assert all(row["coverage"] >= 0.6 for row in rows)

@@ -35,7 +35,10 @@ def test_hold_quantities_of_known_hold_are_exact() -> None:
 
 
 @pytest.mark.slow
-def test_realism_field_level_is_never_kinder_than_velostat(real_data: Path) -> None:
+def test_realism_field_level_is_never_kinder_than_velostat(
+    real_data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(realism, "LEVELS", ("field",))
     rows = realism.report(
         ladders=real_data / "velostat_force_ladders.csv",
         presses=real_data / "velostat_presses.csv.gz",

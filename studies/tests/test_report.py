@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate.cli import build_app, run
-from palpate_studies import table2
+from palpate_studies import environment, table2
 from palpate_studies.report import StudyReport, Table
 
 
@@ -55,11 +55,15 @@ def test_figure_options_without_effect_are_refused_before_the_study(
 
 
 @pytest.mark.slow
-def test_figures_have_requested_format_and_resolution(tmp_path: Path) -> None:
-    few = ["figure16", "--fruits", "1", "--out", str(tmp_path / "asked")]
-    asked = ["study", *few, "--format", "png", "--dpi", "50"]
+def test_figures_have_requested_format_and_resolution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for size in ("sensors", "repeats"):
+        monkeypatch.setitem(environment.report.__kwdefaults__, size, 1)
+    out = ["--out", str(tmp_path / "asked")]
+    asked = ["study", "environment", *out, "--format", "png", "--dpi", "50"]
     assert run(build_app(), asked, name="palpate") == 0
-    [picture] = (tmp_path / "asked").glob("figure16.[!jm]*")
+    [picture] = (tmp_path / "asked").glob("figure3*")
     assert picture.suffix == ".png"
     with Image.open(picture) as image:
         assert image.info["dpi"] == pytest.approx((50, 50), abs=0.1)

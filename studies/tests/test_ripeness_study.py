@@ -27,7 +27,7 @@ from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 pytestmark = pytest.mark.slow
 
-FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 8
+FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 6
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_station_grasps_fruit_every_day_and_its_firmness_falls(station: StationR
 def synthetic_records(station: StationRecords) -> StationRecords:
     """Return synthetic records of a station, with noise."""
     rng = np.random.default_rng(8)
-    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (12, 10))
+    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (8, 10))
 
     def make(item_id: str, fruit: Avocado, *, day: int, when: float) -> Grasp:
         stiffness = 1.5 * math.pow(fruit.force_at_1mm_n(day), 2.0 / 3.0)

@@ -186,14 +186,16 @@ def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
     if path.suffix != ".py":
         return False
     return any(
-        isinstance(node, ast.ImportFrom)
-        and any(
-            (node.module == module and one.name == symbol)
-            or (node.module == "palpate" and symbol in public and one.name == symbol)
-            for one in node.names
-        )
-        for node in ast.walk(ast.parse(path.read_text()))
+        symbol in [one.name for one in node.names]
+        and (node.module == module or (node.module == "palpate" and symbol in public))
+        for node in list_imports(path.read_text())
     )
+
+
+@cache
+def list_imports(code: str) -> list[ast.ImportFrom]:
+    """Return the imports of a program; every claim asks the same files."""
+    return [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.ImportFrom)]
 
 
 @cache
@@ -206,8 +208,8 @@ def list_product_files() -> list[Path]:
         if path in files:
             continue
         files[path] = None
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate."):
+        for node in list_imports(path.read_text()):
+            if (node.module or "").startswith("palpate."):
                 place = (ROOT / "src").joinpath(*str(node.module).split("."))
                 waiting += [one for one in (place.with_suffix(".py"),) if one.is_file()]
     return list(files)

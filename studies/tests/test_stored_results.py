@@ -137,8 +137,9 @@ def test_result_is_outdated_by_its_code_or_command(product: Path, tmp_path: Path
 @pytest.mark.slow
 def test_make_result_stores_figures_that_are_current(tmp_path: Path) -> None:
     (tmp_path / "kept").mkdir()
-    recipe = replace(read_recipes(DOCS)["table2"], keys=("published",))
+    few = "slip --events 2 --hours 0.1"
+    recipe = replace(read_recipes(DOCS)["slip"], study=few, keys=("summary",))
     assert make_result(recipe, docs=tmp_path, data=tmp_path) > 0.0
     assert not explain_outdated(recipe, docs=tmp_path, code=ProductCode())
-    stored = json.loads((tmp_path / "kept" / "table2.json").read_text())
-    assert list(stored["figures"]) == ["published"]
+    stored = json.loads((tmp_path / "kept" / "slip.json").read_text())
+    assert list(stored["figures"]) == ["summary"]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate_studies.protocol import paired
 from palpate_studies.strokes import MODELS, PRIORS, Touch, others_of, read_strokes
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
@@ -26,7 +27,8 @@ def strokes_csv(
             gains = np.exp(rng.normal(0, 0.4, places))
             for attempt in range(attempts):
                 for place in range(places):
-                    time_s = np.arange(0, 1.0, 0.01)
+                    # Fewer than 256 samples of a sensor, because the trees' bins of more are slow.
+                    time_s = np.arange(0, 1.0, 0.0125)
                     since = time_s - 0.5
                     peak = rng.uniform(6, 12)
                     force = np.interp(since, [0, 0.08, 0.3, 0.36], [0, peak, peak, 0])
@@ -70,8 +72,11 @@ def test_follower_uses_reference_force_only_where_measured(
 
 
 @pytest.mark.slow
-def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any]) -> None:
+def test_study_prints_one_document(
+    tmp_path: Path, document: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("sklearn")
+    monkeypatch.setattr(paired, "DRAWS", 100)
     path = strokes_csv(tmp_path / "s.csv")
     found = document("strokes", "--recordings", path)
     asked = {(row["model"], row["told"]) for row in found["summary"]}
@@ -105,8 +110,9 @@ def test_strokes_study_of_unusable_recordings_is_refused(
 
 @pytest.mark.slow
 def test_strokes_with_test_recordings_scores_only_these_and_priors_of_their_attempts(
-    tmp_path: Path, document: Callable[..., Any]
+    tmp_path: Path, document: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(paired, "DRAWS", 100)
     known = strokes_csv(tmp_path / "known.csv", sensors=1)
     tested = strokes_csv(tmp_path / "tested.csv", sensors=1, places=3, attempts=1)
     tested.write_text(tested.read_text().replace("\ns0-", "\nnew-"))

@@ -50,7 +50,13 @@ def run_stiffness() -> StudyReport:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stiffness, "LEVELS", ("lab",))
         patch.setattr(stiffness, "REPEATED_N_PER_MM", (4.0,))
-        return stiffness.report(grasps=2, repeats=2)
+        return stiffness.report(grasps=1, repeats=2)
+
+
+def run_table5() -> StudyReport:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(table5, "MATERIALS", table5.MATERIALS[:2])
+        return table5.report(sensors=1, repeats=1)
 
 
 def run_ripeness() -> StudyReport:
@@ -58,6 +64,7 @@ def run_ripeness() -> StudyReport:
     two = {name: generators[name] for name in ("first", "all three")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ripeness_virtual, "list_generators", lambda: two)
+        patch.setattr(ripeness_virtual, "LABELLED", 8)
         return ripeness.report(sensors=1, fruits=4, second=True)
 
 
@@ -82,7 +89,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "detection-limit": lambda: detection_limit.report(sensors=1),
     "slip": lambda: slip.report(events=4, hours=0.1),
     "speed": lambda: speed.report(sensors=1, repeats=1),
-    "table5": lambda: table5.report(sensors=1, repeats=1),
+    "table5": run_table5,
     "stiffness": run_stiffness,
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
     "ripeness": run_ripeness,

@@ -6,7 +6,6 @@ LeRobot itself is too heavy for the tests; `bridges/lerobot/check_with_lerobot.p
 from __future__ import annotations
 
 import json
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
 
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
@@ -25,13 +25,15 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.recording import RecordingWriter, load_recording
-from palpate.rig import Rig, open_rig
+from palpate.rig import open_rig
 from palpate.rig.recorded import record_grasp
 from palpate_lerobot.episode import read_grasp
 
 pytestmark = pytest.mark.slow
 
 TARGET_N = 2.0
+#: A camera's rate, at which LeRobot's data sets are recorded.
+RATE_HZ = 15
 DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
 
 
@@ -58,9 +60,10 @@ def palpate(*arguments: object) -> int:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with two grasps; the second has a target force."""
     folder = tmp_path_factory.mktemp("grasps")
-    palpate("grasp", "--rig", "sim-rigid", "--seed", 1, "--record", folder / "gentle.mcap")
+    rig = ["--rig", "sim-rigid", "--rate-hz", RATE_HZ]
+    palpate("grasp", *rig, "--seed", 1, "--record", folder / "gentle.mcap")
     options = ["--target-force-n", TARGET_N, "--record", folder / "firm.mcap"]
-    palpate("grasp", "--rig", "sim-rigid", "--seed", 2, *options)
+    palpate("grasp", *rig, "--seed", 2, *options)
     return folder
 
 
@@ -82,14 +85,8 @@ def info_of(dataset: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.fixture(scope="module")
-def unused_rig() -> Rig:
-    """Return a calibrated rig of which every grasp copies the world."""
-    return open_rig("sim-rigid", seed=3)
-
-
-def test_recomputed_commands_equal_sent_commands(unused_rig: Rig, tmp_path: Path) -> None:
-    file, rig = tmp_path / "run.mcap", deepcopy(unused_rig)
+def test_recomputed_commands_equal_sent_commands(tmp_path: Path) -> None:
+    file, rig = tmp_path / "run.mcap", open_rig("sim-rigid", seed=3, rate_hz=250.0)
     hand = RecordingGripper(rig.gripper)
     plan = plan_grasp(rig.calibration, gripper=hand, target_force_n=TARGET_N)
     with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
@@ -104,9 +101,9 @@ def test_recomputed_commands_equal_sent_commands(unused_rig: Rig, tmp_path: Path
     assert track.action[still, 0] == pytest.approx(track.state[still, 0])
 
 
-def release_during(file: Path, rig: Rig, *, phase: Phase, recorded_end: bool) -> GraspResult:
+def release_during(file: Path, *, phase: Phase, recorded_end: bool) -> GraspResult:
     """Grasp, and release in a phase like a user."""
-    requests = Requests()
+    rig, requests = open_rig("sim-rigid", seed=3, rate_hz=RATE_HZ), Requests()
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N, hold_s=60.0)
 
     def release(grasp_state: GraspState) -> None:
@@ -128,9 +125,9 @@ def release_during(file: Path, rig: Rig, *, phase: Phase, recorded_end: bool) ->
     return result
 
 
-def test_grasp_released_by_user_is_an_episode(unused_rig: Rig, tmp_path: Path) -> None:
-    file, rig = tmp_path / "released.mcap", deepcopy(unused_rig)
-    result = release_during(file, rig, phase=Phase.HOLD, recorded_end=True)
+def test_grasp_released_by_user_is_an_episode(tmp_path: Path) -> None:
+    file = tmp_path / "released.mcap"
+    result = release_during(file, phase=Phase.HOLD, recorded_end=True)
     track = read_grasp(file)
     assert (track.outcome, len(track.time_s)) == ("held", result.frames)
 
@@ -143,10 +140,10 @@ def test_grasp_released_by_user_is_an_episode(unused_rig: Rig, tmp_path: Path) -
     ],
 )
 def test_read_grasp_without_recorded_end_is_refused(
-    unused_rig: Rig, tmp_path: Path, phase: Phase, recorded_end: bool, reason: str
+    tmp_path: Path, phase: Phase, recorded_end: bool, reason: str
 ) -> None:
     file = tmp_path / "cut.mcap"
-    release_during(file, deepcopy(unused_rig), phase=phase, recorded_end=recorded_end)
+    release_during(file, phase=phase, recorded_end=recorded_end)
     with pytest.raises(RecordingError, match=rf"cut\.mcap: .*{reason}"):
         read_grasp(file)
 
@@ -168,6 +165,16 @@ def test_states_match_recording(recorded: Path, dataset: Path) -> None:
     assert firm[:8, 1].max() < 0.5
 
 
+def test_commands_of_page_run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
+) -> None:
+    """Run the page `docs/lerobot.md`; its rigs are calibrated for this file's recordings."""
+    run_page("lerobot", tmp_path, monkeypatch, capsys, request)
+
+
 def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:
     frames, info = read(dataset, DATA), info_of(dataset)
     assert info["codebase_version"] == "v3.0"
@@ -180,8 +187,8 @@ def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:
         else:
             assert str(kind.value_type) == "float"
             assert kind.list_size == feature["shape"][0] == len(feature["names"])
-    assert info["fps"] == 250
-    assert frames["timestamp"] == pytest.approx(frames["frame_index"] / 250, abs=1e-5)
+    assert info["fps"] == RATE_HZ
+    assert frames["timestamp"] == pytest.approx(frames["frame_index"] / RATE_HZ, abs=1e-5)
     assert frames["index"].tolist() == list(range(info["total_frames"]))
     assert np.flatnonzero(frames["frame_index"] == 0).tolist() == [
         0,
@@ -228,12 +235,12 @@ def test_statistics_cover_all_frames_and_each_episode(dataset: Path) -> None:
 
 def test_lower_fps_selects_nearest_frames(recorded: Path, tmp_path: Path) -> None:
     track = read_grasp(recorded / "gentle.mcap")
-    assert track.rate_hz == pytest.approx(250.0)
+    assert track.rate_hz == pytest.approx(RATE_HZ)
     folder = tmp_path / "slow"
     file = recorded / "gentle.mcap"
     assert palpate("export", file, "--lerobot", folder, "--fps", 5, "--task", "Touch.") == 0
     assert info_of(folder)["fps"] == 5
-    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::50], rel=1e-6)
+    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::3], rel=1e-6)
     assert pd.read_parquet(folder / "meta/tasks.parquet").index.tolist() == ["Touch."]
 
 
@@ -261,7 +268,8 @@ def test_export_lerobot_of_unusable_input_is_refused_without_files(
     monkeypatch.chdir(recorded)
     (recorded / "there").mkdir(exist_ok=True)
     if "soft.mcap" in words and not Path("soft.mcap").exists():
-        palpate("grasp", "--rig", "sim-soft", "--seed", 1, "--record", "soft.mcap")
+        rig = ["--rig", "sim-soft", "--rate-hz", RATE_HZ]
+        palpate("grasp", *rig, "--seed", 1, "--record", "soft.mcap")
     if "pad.mcap" in words:
         palpate("record", "pad.mcap", "--rig", "sim-rigid", "--duration", "1")
     if "cut.mcap" in words:

@@ -9,6 +9,7 @@ import typer
 
 from palpate.errors import InputError
 from palpate.produce.ripeness.rule import CONFIDENT_PROBABILITY
+from palpate.produce.ripeness.stages import RIPE
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies import ripeness_virtual
@@ -189,6 +190,10 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
 
 def _judge_condition(condition: Condition, stations: Sequence[StationRecords]) -> dict[str, Any]:
     """Judge the fruits of every station; the learners are trained on all stations."""
+    if not any(fruit.day_of(RIPE) > 0 for records in stations for fruit in records.others):
+        raise InputError(
+            "all fruits were ripe from the first day on; judge more fruits with --fruits"
+        )
     rows = [
         row
         for index, records in enumerate(stations)
@@ -196,10 +201,6 @@ def _judge_condition(condition: Condition, stations: Sequence[StationRecords]) -
             records, others=[*stations[:index], *stations[index + 1 :]], name=str(index)
         )
     ]
-    if not any(row.wait_days > 0 for row in rows):
-        raise InputError(
-            "all fruits were ripe from the first day on; judge more fruits with --fruits"
-        )
     level, gripper, aging = condition
     return {
         "level": level,

@@ -206,37 +206,66 @@ def learn_identifiers(training: Sequence[CrateItemGrasps]) -> dict[str, Identifi
     return {PALPATE: _learn_identifier(training), **learners}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnedCrate:
+    """One crate of one sensor, and every method trained on that sensor's items."""
+
+    level: str
+    sensor: int
+    sorting: Sequence[CrateItemGrasps]
+    guess: Guess
+    identifiers: Mapping[str, Identifier]
+
+
+def learn_crates(crates: Sequence[CrateItemGrasps]) -> list[LearnedCrate]:
+    """Train every method on the training items of each sensor."""
+    found = list[LearnedCrate]()
+    for key, mine in group(crates, "level", "sensor"):
+        training, sorting = _split_training(mine)
+        found.append(
+            LearnedCrate(
+                level=key["level"],
+                sensor=key["sensor"],
+                sorting=sorting,
+                guess=learn_nearest_mean(training),
+                identifiers=learn_identifiers(training),
+            )
+        )
+    return found
+
+
 def name_method(method: str, count: int) -> str:
     """Return the name of a method with a number of grasps."""
     return f"{method}, {count} grasp{'s' if count > 1 else ''}"
 
 
-def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
+def name_items(
+    crates: Sequence[CrateItemGrasps], learned: Sequence[LearnedCrate]
+) -> list[NamedItem]:
     """Identify the items with every method, trained on the same sensor.
 
     palpate's identifier is also trained on the other sensors.
     """
     found = list[NamedItem]()
-    for key, mine in group(crates, "level", "sensor"):
-        (training, sorting), level = _split_training(mine), key["level"]
-        guess = learn_nearest_mean(training)
-        for item in sorting:
-            answer = guess(item.grasps[0].grasp.measurements) or UNKNOWN
+    for crate in learned:
+        level = crate.level
+        for item in crate.sorting:
+            answer = crate.guess(item.grasps[0].grasp.measurements) or UNKNOWN
             found.append(
                 NamedItem(level=level, method=NEAREST_MEAN, item=item, answer=answer, best=answer)
             )
         named = [
             (name_method(name, count), known, count)
-            for name, known in learn_identifiers(training).items()
+            for name, known in crate.identifiers.items()
             for count in range(1, SORTED_GRASPS + 1)
         ]
-        others = [one for one in crates if one.level == level and one.sensor != key["sensor"]]
+        others = [one for one in crates if one.level == level and one.sensor != crate.sensor]
         if others:
             named.append(
                 ("ours, taught on other sensors", _learn_identifier(others), SORTED_GRASPS)
             )
         for method, known, count in named:
-            for item in sorting:
+            for item in crate.sorting:
                 touches = item_features([one.grasp for one in item.grasps[:count]])
                 identity = known.identify(touches) if touches else None
                 answer = UNKNOWN if identity is None else identity.kind
@@ -291,20 +320,18 @@ def count_correct(named: Sequence[NamedItem]) -> dict[str, Any]:
     }
 
 
-def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list[Placed]]:
+def sort_crates(learned: Sequence[LearnedCrate]) -> dict[tuple[str, str], list[Placed]]:
     """Sort every crate with every method; return (level, method) -> items in their bins."""
     placed: dict[tuple[str, str], list[Placed]] = {}
-    for key, mine in group(crates, "level", "sensor"):
-        training, sorting = _split_training(mine)
-        guess = learn_nearest_mean(training)
-        placed.setdefault((key["level"], NEAREST_MEAN), []).extend(
-            _guess_item(item, guess) for item in sorting
+    for crate in learned:
+        placed.setdefault((crate.level, NEAREST_MEAN), []).extend(
+            _guess_item(item, crate.guess) for item in crate.sorting
         )
-        for name, known in learn_identifiers(training).items():
+        for name, known in crate.identifiers.items():
             for most in range(1, SORTED_GRASPS + 1):
                 method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
-                placed.setdefault((key["level"], method), []).extend(
-                    _sort_item(item, known, most=most) for item in sorting
+                placed.setdefault((crate.level, method), []).extend(
+                    _sort_item(item, known, most=most) for item in crate.sorting
                 )
     return placed
 
@@ -344,7 +371,8 @@ def _true_bin_of(item: CrateItemGrasps) -> str:
 
 def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
     """Identify and sort all items with every method, and return the report."""
-    given = name_items(crates)
+    learned = learn_crates(crates)
+    given = name_items(crates, learned)
     identified = [{**key, **count_correct(mine)} for key, mine in group(given, "level", "method")]
     summary = [
         {
@@ -358,7 +386,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "sorted_right_per_hour": one.items_per_hour * (1 - one.left_over) * (one.purity or 0.0),
             "bins": {name: list(counts) for name, counts in one.bins.items()},
         }
-        for (level, method), placed in sort_crates(crates).items()
+        for (level, method), placed in sort_crates(learned).items()
         for one in [score_sorting(placed, book=BOOK)]
     ]
     _, sorting = _split_training(crates)
