@@ -50,7 +50,7 @@ def load_of(force: Measurement | None) -> float | None:
         return None
     assert math.isfinite(force.low)
     assert math.isfinite(force.high)
-    return force.low if force.value is None else force.value
+    return force.middle
 
 
 def loads_of(
