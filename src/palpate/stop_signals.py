@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -70,9 +71,19 @@ def interrupt(number: int, frame: FrameType | None) -> None:
         _is_waiting = True
     elif _is_importing(frame):
         _repeat_until_s = -math.inf
-        threading.Timer(_IMPORT_WAIT_S, signal.raise_signal, (number,)).start()
+        threading.Timer(_IMPORT_WAIT_S, _send_again, (number,)).start()
     else:
         raise KeyboardInterrupt
+
+
+def _send_again(number: int) -> None:
+    """Send a signal to the main thread, so that it also ends a wait there."""
+    if sys.platform == "win32":
+        signal.raise_signal(number)
+    else:
+        main = threading.main_thread().ident
+        assert main is not None
+        signal.pthread_kill(main, number)
 
 
 def _is_importing(frame: FrameType | None) -> bool:
