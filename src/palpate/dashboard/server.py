@@ -91,6 +91,8 @@ def serve(
         http=BoundedConnection,
         # Others don't call the listener's `accept`.
         loop="asyncio",
+        # As many as Linux allows by default: a connection beyond them waits a second.
+        backlog=4096,
         # The client address is the connected peer, never an address from a header.
         proxy_headers=False,
         log_level="warning",

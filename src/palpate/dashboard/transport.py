@@ -124,10 +124,13 @@ def connection_limit() -> int:
     return MAX_CONNECTIONS
 
 
-#: Python's thread switch interval, seconds. During the construction of a page, the median response
-#: time of a direct path was 13.8 ms (p99 41) at the default of 5 ms and 1.3 ms (p99 18) at this
-#: value (150 requests, two loaded cores).
-_THREAD_SWITCH_S = 0.0005
+#: Python's thread switch interval, seconds. While a thread computes, each system call of the
+#: server's loop waits this long. During the construction of a page, the median response time of a
+#: direct path was 13.8 ms at the default of 5 ms and 1.3 ms at 0.5 ms (150 requests, two loaded
+#: cores).
+#: While 100 clients reconnect without pause, a STOP takes 3500 ms in the median at 0.5 ms and 40 ms
+#: at this value (`benchmarks/stop_flood.py`, two cores).
+_THREAD_SWITCH_S = 0.00005
 
 
 #: Paths of static files.
