@@ -205,9 +205,8 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     expect(touch_page.locator("#chart")).to_have_attribute("data-frozen", "true")
     before = touch_page.evaluate(TIME_RANGE)
     assert before == frozen
-    # This page was opened after the grasp, but receives pixels and hand of the whole grasp; from a
-    # busy machine at fewer moments.
-    assert int(touch_page.locator("#pixels").get_attribute("data-moments") or 0) > 10
+    # This page was opened after the grasp, but receives pixels and hand of the whole grasp.
+    assert int(touch_page.locator("#pixels").get_attribute("data-moments") or 0) > 20
     touch_page.evaluate(PINCH)
     after = touch_page.evaluate(TIME_RANGE)
     assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.1)
