@@ -25,8 +25,8 @@ MAX_CONNECTIONS = 1000
 #: Time after which a client that does not read its response is disconnected, seconds (guess).
 RESPONSE_TIMEOUT_S = 10.0
 #: Requests other than stops that are worked on at a time (guess). Without a limit a stop took up to
-#: 3.9 s while 1100 clients requested pages and read nothing (two loaded cores); with this limit and
-#: the two above 0.2 s.
+#: 3.9 s while 1100 clients requested pages and read nothing (two loaded cores); with this limit,
+#: the time limit above and the limit of new connections 0.4 s (two cores).
 MAX_REQUESTS = 64
 
 #: Maximum size of a request's body, bytes. The page and the API send far less; the page's framework
