@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -26,7 +28,7 @@ from palpate.foxglove import LAYOUT
 from palpate.foxglove.channels import Link
 from palpate.recording import Event
 from palpate.sensor.array import Frame
-from palpate.stop_signals import watch_stop_signals
+from palpate.stop_signals import handle_stop_signals, interrupt
 
 #: Foxglove's default address.
 DEFAULT_ADDRESS = "127.0.0.1:8765"
@@ -71,9 +73,15 @@ def live(
         raise InputError(
             f"{address}: an address requires --foxglove; add --foxglove or omit the address"
         )
-    clock = RealClock()
+    clock, received = RealClock(), threading.Event()
+
+    def stop(number: int, stack_frame: FrameType | None) -> None:
+        # A library can lose the interrupt, but not the note.
+        received.set()
+        interrupt(number, stack_frame)
+
     with ExitStack() as stack:
-        stopped = stack.enter_context(watch_stop_signals())
+        stack.enter_context(handle_stop_signals(stop))
         source = stack.enter_context(closing(open_source(rig, port=port)))
         force_tracker = _make_force_tracker(source) if force else None
         reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
@@ -97,7 +105,7 @@ def live(
             if now_s - drawn_s >= 1.0 / DRAW_HZ:
                 drawn_s = now_s
                 screen.update(view.render(console), refresh=True)
-            if stopped():
+            if received.is_set():
                 raise KeyboardInterrupt
             if now_s >= end_s:
                 break

@@ -147,6 +147,30 @@ def test_first_process_of_a_container_ends_on_sigterm(verb: str, tmp_path: Path)
     assert b"Traceback" not in process.communicate()[1]
 
 
+def test_ctrl_c_ends_live_while_it_waits_for_a_silent_board() -> None:
+    board, port = pty.openpty()
+    try:
+        with subprocess.Popen(
+            [*COMMAND, "live", "--port", os.ttyname(port)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process:
+            wait_for(lambda: os.ttyname(port) in open_files(process.pid))
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=30) == 130
+    finally:
+        os.close(board)
+        os.close(port)
+
+
+def open_files(process: int) -> set[str]:
+    found = set()
+    for path in Path(f"/proc/{process}/fd").iterdir():
+        with suppress(OSError):
+            found.add(os.readlink(path))
+    return found
+
+
 def is_caught(process: int, number: int) -> bool:
     status = Path(f"/proc/{process}/status").read_text()
     caught = int(status.split("SigCgt:")[1].split()[0], 16)
