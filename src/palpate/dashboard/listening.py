@@ -3,62 +3,103 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections import deque
+import subprocess
+import sys
+import threading
 from typing import Any
 
+from palpate.dashboard import front
 from palpate.errors import DeviceError
 
-#: Paths of the stop requests, for the page and for the API.
-STOP_PATHS = frozenset({"/stop", "/api/stop"})
-_STOP_STARTS = tuple(f"POST {path} ".encode() for path in STOP_PATHS)
 #: Connections served per second; of further ones, only stops are. A browser opens six.
 MAX_NEW_CONNECTIONS = 100
-#: Connections refused at a time, so that the event loop works in between.
-_MAX_REFUSED = 256
+#: Connections that wait to be accepted: as many as Linux allows by default. One beyond them is
+#: repeated after a second.
+_BACKLOG = 4096
+#: Time between two starts of the process that accepts, seconds: if it can't run, not in a loop.
+_RESTART_S = 0.5
 
 
-class StopListener(socket.socket):
-    """A listening TCP socket with a limit of new connections a second, except for stops.
+class FrontedListener(socket.socket):
+    """A listening socket whose connections are accepted by another process, see `front`.
 
-    A connection is refused here before the server's event loop makes a transport and a protocol of
-    it, so that a STOP does not wait behind those of clients that reconnect without pause.
+    It is the receiving end of that process's channel. An event loop can use it as any other.
+
+    Parameters
+    ----------
+    listening : socket.socket
+        The listening TCP socket, which is closed with this one.
+    max_new_connections : int
+        Connections a second that are served besides stops.
     """
 
-    def __init__(self, family: socket.AddressFamily) -> None:
-        super().__init__(family)
-        self._served_s = deque[float](maxlen=MAX_NEW_CONNECTIONS)
+    def __init__(self, listening: socket.socket, *, max_new_connections: int) -> None:
+        received, self._sent = socket.socketpair()
+        super().__init__(received.family, received.type, fileno=received.detach())
+        self._listening = listening
+        self._max_new_connections = max_new_connections
+        self._starting, self._closing = threading.Lock(), threading.Event()
+        self._process = self._start()
+        self._guard = threading.Thread(target=self._keep_running, daemon=True, name="accepting")
+        self._guard.start()
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return the next connection that is served, and its address.
 
         Raises `BlockingIOError` if there is none now.
         """
-        for _ in range(_MAX_REFUSED):
-            connection, address = super().accept()
-            if self._is_served(connection):
-                return connection, address
-            connection.close()
-        raise BlockingIOError
+        while True:
+            numbers = list[int]()
+            if sys.platform != "win32":
+                _, numbers, _, _ = socket.recv_fds(self, 1, 1)
+            connection = socket.socket(fileno=numbers[0])
+            try:
+                return connection, connection.getpeername()
+            except OSError:
+                connection.close()
 
-    def _is_served(self, connection: socket.socket) -> bool:
-        connection.setblocking(False)
-        try:
-            start = connection.recv(max(map(len, _STOP_STARTS)), socket.MSG_PEEK)
-        except BlockingIOError:
-            start = b""
-        except OSError:
-            return False
-        if start.startswith(_STOP_STARTS):
-            return True
-        now_s = time.monotonic()
-        if len(self._served_s) == self._served_s.maxlen and now_s - self._served_s[0] < 1.0:
-            return False
-        self._served_s.append(now_s)
-        return True
+    def listen(self, backlog: int = 0, /) -> None:
+        """Do nothing: the TCP socket listens already."""
+
+    def getsockname(self) -> Any:
+        """Return the address of the TCP socket."""
+        return self._listening.getsockname()
+
+    def close(self) -> None:
+        """End the process and close the port."""
+        if not self._closing.is_set():
+            with self._starting:
+                self._closing.set()
+                self._process.kill()
+            self._guard.join()
+            self._listening.close()
+            self._sent.close()
+        super().close()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        numbers = (self._listening.fileno(), self._sent.fileno())
+        arguments = map(str, (*numbers, self._max_new_connections))
+        return subprocess.Popen(
+            [sys.executable, "-I", front.__file__, *arguments],
+            stdin=subprocess.PIPE,
+            pass_fds=numbers,
+            start_new_session=True,
+        )
+
+    def _keep_running(self) -> None:
+        while True:
+            with self._process:
+                self._process.wait()
+            self._closing.wait(_RESTART_S)
+            with self._starting:
+                if self._closing.is_set():
+                    return
+                self._process = self._start()
 
 
-def bind_port(host: str, port: int) -> StopListener:
+def bind_port(
+    host: str, port: int, *, max_new_connections: int = MAX_NEW_CONNECTIONS
+) -> socket.socket:
     """Bind the port and listen, before any device is opened.
 
     Raises
@@ -66,7 +107,7 @@ def bind_port(host: str, port: int) -> StopListener:
     DeviceError
         If the port can't be bound.
     """
-    listening = StopListener(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     # Linux then hands over connections with their first bytes. Elsewhere a STOP whose bytes come
     # later is refused during a flood, and repeated by the page.
@@ -74,11 +115,16 @@ def bind_port(host: str, port: int) -> StopListener:
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, 1)
     try:
         listening.bind((host, port))
-        listening.listen()
+        listening.listen(_BACKLOG)
     except OSError as error:
         listening.close()
         raise DeviceError(
             f"{host}:{port}: {error.strerror}; is palpate serve already running? "
             "Choose another --port"
         ) from error
-    return listening
+    # Windows can't pass connections to another process: there the limit is missing.
+    return (
+        listening
+        if sys.platform == "win32"
+        else FrontedListener(listening, max_new_connections=max_new_connections)
+    )

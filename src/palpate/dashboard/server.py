@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import find_recording
-from palpate.dashboard.listening import STOP_PATHS, bind_port
+from palpate.dashboard.front import STOP_PATHS
+from palpate.dashboard.listening import bind_port
 from palpate.dashboard.page_document import document
 from palpate.dashboard.transport import LoopThread
 from palpate.errors import InputError, require_extra
@@ -91,8 +92,6 @@ def serve(
         http=BoundedConnection,
         # Others don't call the listener's `accept`.
         loop="asyncio",
-        # As many as Linux allows by default: a connection beyond them waits a second.
-        backlog=4096,
         # The client address is the connected peer, never an address from a header.
         proxy_headers=False,
         log_level="warning",

@@ -128,9 +128,7 @@ def connection_limit() -> int:
 #: server's loop waits this long. During the construction of a page, the median response time of a
 #: direct path was 13.8 ms at the default of 5 ms and 1.3 ms at 0.5 ms (150 requests, two loaded
 #: cores).
-#: While 100 clients reconnect without pause, a STOP takes 3500 ms in the median at 0.5 ms and 40 ms
-#: at this value (`benchmarks/stop_flood.py`, two cores).
-_THREAD_SWITCH_S = 0.00005
+_THREAD_SWITCH_S = 0.0005
 
 
 #: Paths of static files.

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import resource
+import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 
 import pytest
 import uvicorn
@@ -40,17 +43,23 @@ async def talk(web_socket: WebSocket) -> None:
 
 
 @asynccontextmanager
-async def serving() -> AsyncIterator[int]:
+async def serving(**limits: int) -> AsyncIterator[int]:
     """Run a server on a free port, and yield the port."""
     routes = [Route("/stop", stop, methods=["POST"]), Route("/large", large)]
     app = Starlette(routes=[*routes, WebSocketRoute("/ws", talk)])
     config = uvicorn.Config(app, http=BoundedConnection, log_level="critical", lifespan="off")
     server = uvicorn.Server(config)
-    with listening.bind_port("127.0.0.1", 0) as port:
+    with listening.bind_port("127.0.0.1", 0, **limits) as port:
         running = asyncio.create_task(server.serve(sockets=[port]))
         yield port.getsockname()[1]
         server.should_exit = True
         await running
+
+
+def list_children() -> list[int]:
+    """Return the numbers of this process's children."""
+    tasks = Path("/proc/self/task").glob("*/children")
+    return [int(number) for task in tasks for number in task.read_text().split()]
 
 
 class Client:
@@ -118,13 +127,9 @@ def test_bounded_connection_above_the_maximum_closes_the_oldest_and_accepts_stop
     assert not BoundedConnection._open
 
 
-def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(listening, "MAX_NEW_CONNECTIONS", 4)
-
+def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only() -> None:
     async def flood() -> None:
-        async with serving() as port:
+        async with serving(max_new_connections=4) as port:
             held = [await Client.open(port, b"GET /") for _ in range(8)]
             head, body = STOP[:-2], STOP[-2:]
             fresh = await Client.open(port, head)
@@ -135,6 +140,20 @@ def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only(
                 await client.close()
 
     asyncio.run(flood())
+
+
+def test_listener_whose_accepting_process_was_killed_serves_the_connections_that_waited() -> None:
+    async def kill() -> None:
+        async with serving() as port:
+            (accepting,) = list_children()
+            os.kill(accepting, signal.SIGKILL)
+            clients = [await Client.open(port) for _ in range(3)]
+            for client in clients:
+                assert await client.ask(STOP) == b"HTTP/1.1 200 OK\r\n"
+                await client.close()
+        assert not list_children()
+
+    asyncio.run(kill())
 
 
 def test_bounded_connection_that_does_not_read_its_response_is_closed(
