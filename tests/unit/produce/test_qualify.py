@@ -171,6 +171,18 @@ def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None
     assert effort.reference_readings is not None
 
 
+def test_unrelated_instruments_are_seldom_related_by_chance() -> None:
+    random, demand = np.random.default_rng(8), Demand(tolerance=1.0)
+    related = 0
+    for _ in range(300):
+        item = np.repeat(np.arange(random.integers(10, 60)), 2)
+        values = random.normal(10.0, 1.0, (2, item.size))
+        means = random.normal(0.0, 3.0, (2, item.max() + 1))[:, item]
+        readings = PairedReadings(item=item, reference=(values + means)[0], grasp=means[1])
+        related += calculate_agreement(readings, demand).is_related
+    assert related <= 8
+
+
 def test_inverse_relation_is_a_relation() -> None:
     readings = make_readings(24, seed=2)
     found = measure_agreement(replace(readings, grasp=-readings.grasp), Demand(tolerance=1.0))
