@@ -310,6 +310,23 @@ TIMES = (
         columns={"fsr": ONE},
     ),
     Form(
+        what="seconds and nanoseconds",
+        line="1700000000,100000000,620",
+        content=lines(
+            lambda r: f"{1_700_000_000 + int(TIME_S[r])},{1e9 * (TIME_S[r] % 1):.0f},{ONE[r]}",
+            head="header.stamp.sec,header.stamp.nanosec,data\n",
+        ),
+        columns={"data": ONE},
+    ),
+    Form(
+        what="time of day and milliseconds",
+        line="12:34:50;100;620",
+        content=lines(
+            lambda r: f"{stamp(r, '%H:%M:%S')};{stamp(r, '%f')};{ONE[r]}", head="Time;ms;fsr\n"
+        ),
+        columns={"fsr": ONE},
+    ),
+    Form(
         what="no clock",
         line="620,806",
         content=lines(lambda r: f"{ONE[r]},{TWO[r]}", head="left,right\n"),

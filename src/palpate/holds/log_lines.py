@@ -12,7 +12,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from palpate.holds.decimals import MISSING, OPEN
@@ -55,6 +55,8 @@ class LineForm:
     is_json: bool = False
     #: Whether each line is in brackets, as Python prints a list.
     in_brackets: bool = False
+    #: Number of rewritten lines with each label that has no column.
+    left_out: Counter[str] = field(default_factory=Counter, compare=False)
 
     @property
     def names(self) -> list[str] | None:
@@ -96,10 +98,14 @@ class LineForm:
 
     def _json_row(self, body: str) -> list[str] | None:
         found = _read_json(body)
-        return None if found is None else [found.get(label, "") for label in self.labels]
+        if found is None:
+            return None
+        self.left_out.update(found.keys() - {*self.labels})
+        return [found.get(label, "") for label in self.labels]
 
     def _row_of_labels(self, body: str) -> list[str] | None:
         found = {_name(pair): pair["value"] for pair in _find_pairs(body)}
+        self.left_out.update(found.keys() - {*self.labels})
         if not found.keys() & {*self.labels}:
             return None
         own = _OWN_CLOCK.match(body)
@@ -134,10 +140,14 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
         wrapped = sum(_IN_BRACKETS.fullmatch(body.strip()) is not None for body in bodies)
         return LineForm(stamped=stamped, in_brackets=_is_most(wrapped, len(bodies)))
     counts = Counter(_name(pair) for index in labelled for pair in pairs[index])
-    # A note such as "baud: 9600" is not repeated.
-    names = tuple(name for name, count in counts.items() if count > 0.02 * len(labelled) + 1)
+    names = tuple(name for name, count in counts.items() if is_repeated(count, len(labelled)))
     own = [_OWN_CLOCK.match(bodies[index]) is not None for index in labelled]
     return LineForm(stamped=stamped, labels=names, own_clock=sum(own) > _MOST * len(own))
+
+
+def is_repeated(count: int, lines: int) -> bool:
+    """Return whether a label belongs to readings; a note such as "baud: 9600" is not repeated."""
+    return count > 0.02 * lines + 1
 
 
 def _find_pairs(body: str) -> list[re.Match[str]]:

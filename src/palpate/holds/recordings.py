@@ -27,6 +27,7 @@ from palpate.holds.columns import (
 from palpate.holds.decimals import MARKS
 from palpate.holds.frames import Frames, find_sensor_column, split_by_label, split_frames
 from palpate.holds.moments import is_moment
+from palpate.holds.split_clock import join_split_clock
 from palpate.holds.table import Table, find_runs, report_bad_rows
 from palpate.holds.table_files import read_table_file, table_of_arrays
 from palpate.holds.units import Unit, find_multiple
@@ -201,6 +202,9 @@ def read_recordings(
         counted = interval_s * np.arange(table.rows, dtype=np.float64)
         table = replace(table, columns={**table.columns, clock: counted})
     else:
+        if time_column is None:
+            table, joined = join_split_clock(table)
+            remarks += joined
         clock = _find_clock_column(table, time_column, remarks=remarks)
     values = _find_value_columns(table, clock, value_columns, remarks=remarks)
     if unit is None:

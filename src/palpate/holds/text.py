@@ -23,7 +23,7 @@ from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.columns import find_recording_column
 from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number
-from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form
+from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form, is_repeated
 from palpate.holds.moments import is_moment, join_spaced
 from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
 from palpate.holds.units import TIME_UNITS, find_unit, is_unit_field
@@ -227,7 +227,14 @@ def read_text(
             first_number=layout.first + 1,
             name=name,
         )
-        return gather_rows(rows, layout, name=name, decimal=decimal)
+        layout.form.left_out.clear()
+        found = gather_rows(rows, layout, name=name, decimal=decimal)
+        found.omissions.extend(
+            f"{label} has no reading in the first {SAMPLE_ROWS} lines; its later ones were omitted"
+            for label, count in layout.form.left_out.items()
+            if is_repeated(count, found.rows)
+        )
+        return found
 
 
 def prepare_line(line: str, form: LineForm, separator: str | None) -> str:

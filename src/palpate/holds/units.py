@@ -63,9 +63,9 @@ OTHER_UNITS |= {"mW", "N/m", "N/mm", "nA", "nF", "Nm", "nm", "nS", "N·m", "pF",
 OTHER_UNITS |= {"uA", "uF", "um", "uS", "W", "°", "°C", "°F", "µA", "µF", "µm", "µS", "μm", "℃"}
 _TIME_UNITS = {
     "s": ("s", "sec", "secs", "second", "seconds"),
-    "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"),
-    "ns": ("ns", "nanoseconds"),
+    "ms": ("ms", "msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "usecs", "micros", "microsec", "microsecond", "microseconds"),
+    "ns": ("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanosecond", "nanoseconds"),
     "min": ("min", "mins", "minute", "minutes"),
     "h": ("h", "hr", "hour", "hours"),
     "d": ("d", "day", "days"),

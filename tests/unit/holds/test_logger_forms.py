@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -296,3 +297,20 @@ def test_other_formats_are_named(content: bytes, what: str, tmp_path: Path) -> N
     path.write_bytes(content)
     with pytest.raises(InputError, match=what):
         read_recordings(path)
+
+
+@pytest.mark.parametrize("is_json", [False, True])
+def test_label_that_first_appears_late_is_said_to_be_left_out(
+    tmp_path: Path, *, is_json: bool
+) -> None:
+    def line(row: int) -> str:
+        late = row >= 900
+        if is_json:
+            return json.dumps({"ms": 20 * row, "left": 620} | ({"right": 9} if late else {}))
+        return f"ms:{20 * row} left:620" + " right:9" * late + " boot:1" * (row == 950)
+
+    path = tmp_path / "log.txt"
+    path.write_text("".join(f"{line(row)}\n" for row in range(1000)))
+    (found,) = read_recordings(path)
+    assert [*found.columns] == ["left"]
+    assert [remark.split()[0] for remark in found.remarks if "omitted" in remark] == ["right"]

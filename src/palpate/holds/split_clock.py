@@ -1,0 +1,65 @@
+"""A clock in two columns: whole seconds, and the fraction of the second, as ROS writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.holds.columns import convert_to_seconds, find_clocks, split_words
+from palpate.holds.table import Table
+from palpate.holds.units import TIME_UNITS
+
+#: Counts in a second of the units of fractions.
+_COUNTS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+
+
+def join_split_clock(table: Table) -> tuple[Table, list[str]]:
+    """Return a table with one clock for two, and a remark; otherwise the table itself.
+
+    The first never decreases and has whole seconds that repeat. The second restarts with each of
+    them.
+    """
+    for clock, whole_s in _find_seconds(table):
+        for name, counts in _find_fractions(table):
+            fraction = table.columns[name] / counts
+            known = np.isfinite(fraction) & np.isfinite(whole_s)
+            within = fraction[known]
+            time_s = whole_s + fraction
+            if (
+                known.any()
+                and (within >= 0.0).all()
+                and (within < 1.0).all()
+                and (np.diff(within) < 0.0).any()
+                and (np.diff(time_s[known]) >= 0.0).all()
+            ):
+                columns = {key: values for key, values in table.columns.items() if key != name}
+                columns[clock] = time_s
+                return replace(table, columns=columns), [f"the times are {clock} and {name}"]
+    return table, []
+
+
+def _find_seconds(table: Table) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the clocks in whole seconds of which some repeat, and their seconds."""
+    for name in find_clocks([*table.columns]):
+        try:
+            time_s, _ = convert_to_seconds(
+                table.columns[name], name=name, unit="s", file=table.name
+            )
+        except InputError:
+            continue
+        steps = np.diff(time_s[np.isfinite(time_s)])
+        if (steps == 0.0).any() and (steps >= 0.0).all() and (steps == np.rint(steps)).all():
+            yield name, time_s
+
+
+def _find_fractions(table: Table) -> Iterator[tuple[str, float]]:
+    """Yield the columns of fractions of a second, and their counts in a second."""
+    for name in table.numeric():
+        units = [TIME_UNITS.get(word, "") for word in split_words(name)]
+        unit = next((unit for unit in units if unit in _COUNTS), None)
+        if unit is not None:
+            yield name, _COUNTS[unit]
