@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.estimate.sheet_law import N_SHARED, SheetLaw
 from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -60,3 +61,19 @@ def grasp_on_twin(
     plan = plan_grasp(calibration, gripper=gripper, **wishes)
     array = TwinArray(world)
     return run_grasp(plan, array=array, gripper=gripper, clock=world.clock, **(views or {}))
+
+
+def make_sheet_law(pixels: int) -> SheetLaw:
+    """Return a law without creep: about 1 N for each unit of excess conductance of a pixel."""
+    mean = np.zeros(N_SHARED + pixels)
+    mean[1] = 1.0
+    contact = np.zeros(mean.size)
+    contact[0] = 0.2**2
+    return SheetLaw(
+        mean=mean,
+        covariance=np.zeros((mean.size, mean.size)),
+        contact=contact,
+        reach=5.0,
+        noise=0.05,
+        floor_n=0.01,
+    )

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force import PowerForceLaw, StaticLaw
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_now import ForceLaws, ForceNow
-from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.estimate.pixel_law import PixelReading, PlacementReadings, fit_laws
 from palpate.estimate.sheet_creep import SheetCreep
+from palpate.estimate.sheet_follower import SheetFollower
+from palpate.estimate.sheet_law import SheetLaw
+from palpate.estimate.sheet_states import States, compute_states
 from palpate.estimate.weights_check import score_held_out_loads, score_held_out_placements
 from palpate.sensor.calibration import Calibration, ForcePairs
 
@@ -25,6 +26,20 @@ from palpate.sensor.calibration import Calibration, ForcePairs
 DWELL_S = 0.42
 #: Time after which the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
+#: Duration of a step of the calibration (guess).
+_STEP_S = 0.05
+
+
+class ForceLaws(NamedTuple):
+    """Force laws of a grasp.
+
+    `reading`: converts pixels to the input of `early` and `settled`.
+    `early`, `settled`: force soon after a movement, and settled force.
+    """
+
+    reading: PixelReading
+    early: StaticLaw
+    settled: StaticLaw
 
 
 def laws_of(pairs: ForcePairs) -> ForceLaws:
@@ -42,26 +57,11 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
     return ForceLaws(*fit_laws(placements_of(pairs)))
 
 
-def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
-    """Return the laws of a calibration and a law with the sheet's lag, for `ForceNow`.
+def force_law_of(pairs: ForcePairs) -> SheetLaw | ForceLaw:
+    """Return the law of the force at any time, from the pairs of a calibration.
 
-    Raises
-    ------
-    CalibrationError
-        As `laws_of`.
-    """
-    excess, force_n = pairs_at(pairs, since_move_s=HORIZON_S)
-    # Below the threshold of a contact, the reading has no information on force.
-    read = excess > CONTACT_EXCESS
-    memory = ForceLaw.fit(excess[read], force_n=force_n[read]) if read.any() else None
-    return laws_of(pairs)._replace(memory=memory)
-
-
-def force_now(pairs: ForcePairs) -> ForceSource:
-    """Return a tracker that estimates force from frames alone with the laws of a grasp.
-
-    Dead weights yield settled readings only. The tracker then uses `ForceLaw`, whose prior for the
-    lag of a sheet is derived from other sensors.
+    Dead weights yield settled readings only. The law is then `ForceLaw`, whose prior for the lag of
+    a sheet is derived from other sensors.
 
     Raises
     ------
@@ -69,8 +69,48 @@ def force_now(pairs: ForcePairs) -> ForceSource:
         As `laws_of`.
     """
     if is_made_by_weights(pairs):
-        return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
-    return ForceNow(laws_with_memory(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
+        return ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n)
+    for since_move_s in (DWELL_S, HORIZON_S):
+        pairs_at(pairs, since_move_s=since_move_s)
+    return SheetLaw.fit(contacts_of(pairs))
+
+
+def follow_force(law: SheetLaw | ForceLaw) -> ForceSource:
+    """Return a tracker that estimates force from frames alone."""
+    return SheetFollower(law) if isinstance(law, SheetLaw) else ForceFollower(law)
+
+
+def force_now(pairs: ForcePairs) -> ForceSource:
+    """Return a tracker that estimates force from frames alone with the law of a calibration.
+
+    Raises
+    ------
+    CalibrationError
+        As `laws_of`.
+    """
+    return follow_force(force_law_of(pairs))
+
+
+def contacts_of(pairs: ForcePairs) -> list[tuple[States, FloatArray]]:
+    """Return the states and forces of each placement, as if read from before its contact on.
+
+    The file has a reading soon after each step and one at the end of each hold, in order.
+    """
+    run, since_s = np.array(pairs.run), np.array(pairs.since_move_s)
+    excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
+    excess = excess.reshape(since_s.size, -1)
+    found = list[tuple[States, FloatArray]]()
+    for placement in np.unique(run):
+        mine = run == placement
+        before_s = np.append(0.0, since_s[mine][:-1])
+        held = since_s[mine] > before_s
+        held[0] = False
+        interval_s = np.where(held, since_s[mine] - before_s, since_s[mine] + _STEP_S)
+        time_s = np.append(0.0, np.cumsum(interval_s))
+        read = np.vstack([np.zeros(excess.shape[1]), excess[mine]])
+        forces = np.append(0.0, np.array(pairs.force_n)[mine])
+        found.append((compute_states(time_s, read), forces))
+    return found
 
 
 def is_made_by_weights(pairs: ForcePairs) -> bool:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibrate.laws import laws_with_memory
+from palpate.calibrate.laws import force_law_of
 from palpate.errors import CalibrationError
-from palpate.estimate.force import StaticLaw
-from palpate.estimate.force_now import ContactGains, ForceLaws
+from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.gain import Gain
+from palpate.estimate.sheet_law import SheetLaw
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
@@ -22,45 +22,14 @@ from palpate.measurement import Measurement
 from palpate.sensor.calibration import Calibration
 
 
-def force_laws(calibration: Calibration | None) -> ForceLaws | None:
-    """Return the force laws of a calibration; None without force pairs."""
+def force_law(calibration: Calibration | None) -> SheetLaw | ForceLaw | None:
+    """Return the force law of a calibration; None without force pairs."""
     if calibration is None:
         return None
     try:
-        return laws_with_memory(calibration.force)
+        return force_law_of(calibration.force)
     except CalibrationError:
         return None
-
-
-def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
-    """Return the gain of a settled force relative to the settled law's reading.
-
-    Parameters
-    ----------
-    force : Measurement
-        The settled force, which combines all available evidence.
-    law_n : float
-        Force according to the law alone, newtons.
-    law : StaticLaw
-        The settled law.
-
-    Examples
-    --------
-    >>> from palpate.estimate.pixel_law import PixelForceLaw
-    >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01,
-    ...     range=(0.1, 10.0))
-    >>> force = Measurement(value=3.0, low=2.7, high=3.3, unit="n")
-    >>> gain = compute_settled_gain(force, law_n=2.0, law=law)
-    >>> round(math.exp(gain.log_mean), 2), gain.log_sd < gain.law_sd
-    (1.5, True)
-    """
-    if not (law_n > 0 and force.low > 0):
-        return None
-    return Gain(
-        log_mean=math.log(force.middle / law_n),
-        log_sd=force.log_sd,
-        law_sd=law.residual_sd,
-    )
 
 
 _FORECAST_PHASES = (Phase.SETTLE, Phase.HOLD)
@@ -101,8 +70,8 @@ class GraspProgress:
     decided: bool
     #: Forecast of the grip force at the horizon, newtons; continues after the decision.
     settled_n: Measurement | None = None
-    #: Gains of this contact relative to the force laws.
-    gains: ContactGains = field(default_factory=ContactGains)
+    #: Gain of this contact relative to the sheet; None before the first closing step.
+    gain: Gain | None = None
     #: Time of first contact; None until the contact is confirmed.
     touched_s: float | None = None
     #: Time to which the forecast refers, and duration of its data, seconds; None before a forecast.
@@ -135,14 +104,13 @@ def grasp_progress_of(
         Whether to compute a new forecast now, at a cost of milliseconds.
     """
     decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_PHASES
-    settled = settled_n = settled_gain = settles_s = data_s = None
+    settled = settled_n = settles_s = data_s = None
     answer, touches = grasp_state.result, grasp_state.estimate.touches
     # A hand that reduces its force will close again, so no forecast is made.
     eases = grasp_state.activity is Activity.EASE
     foreseeable = grasp_state.phase in _FORECAST_PHASES and not eases
     if before is not None and (foreseeable or grasp_state.phase in (Phase.RELEASE, Phase.DONE)):
         settled, settled_n = before.settled, before.settled_n
-        settled_gain = before.gains.settled
         answer = grasp_state.result if decided else before.answer
         settles_s, data_s = before.settles_s, before.data_s
     if forecasts and foreseeable and len(touches) >= _MIN_TOUCHES:
@@ -154,10 +122,6 @@ def grasp_progress_of(
         thinned.set_settled_force(foreseen, plan=plan)
         would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
-        settled_gain = None
-        if settled_n is not None:
-            law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
-            settled_gain = compute_settled_gain(settled_n, law_n=law_n, law=plan.settled_law)
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s
@@ -173,8 +137,7 @@ def grasp_progress_of(
         answer=answer,
         decided=decided,
         settled_n=settled_n,
-        # The early gain is unknown before the first closing step.
-        gains=ContactGains(early=gain if gain.log_sd > 0 else None, settled=settled_gain),
+        gain=gain if gain.log_sd > 0 else None,
         touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
         data_s=data_s,

@@ -12,7 +12,7 @@ from pathlib import Path
 from palpate.calibrate.dead_weights import check_loads, measure_loads
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
-from palpate.dashboard.grasp_progress import force_laws
+from palpate.dashboard.grasp_progress import force_law
 from palpate.dashboard.messages import (
     CalibrateForce,
     CalibrateRest,
@@ -110,7 +110,7 @@ class JobContext:
             has_load_cell=self.has_load_cell,
             calibration="" if calibration is None else calibration.as_text(),
             calibrated_at="" if calibration is None else calibration.made_at or "",
-            laws=force_laws(calibration),
+            law=force_law(calibration),
         )
 
     def link_events(self) -> LinkCounters:

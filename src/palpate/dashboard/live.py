@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import DWELL_S, HORIZON_S
+from palpate.calibrate.laws import HORIZON_S, follow_force
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.messages import (
     Frames,
@@ -21,7 +21,7 @@ from palpate.dashboard.messages import (
     ReplayPosition,
     Timeline,
 )
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.sheet_follower import SheetFollower
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
 from palpate.measurement import Measurement, Status
@@ -116,8 +116,8 @@ class Live:
         #: Start of each phase of the grasp.
         self.phases: list[tuple[float, str]] = []
         self.released = False
-        laws = None if self.source is None else self.source.laws
-        self._force = None if laws is None else ForceNow(laws, early_s=DWELL_S, settled_s=HORIZON_S)
+        law = None if self.source is None else self.source.law
+        self._force = None if law is None else follow_force(law)
         self._last_slot = -math.inf
         self._previous_time_s = 0.0
 
@@ -148,8 +148,8 @@ class Live:
             self.band.append(
                 Band(progress.time_s, settled.low, settled.middle, settled.high, progress.settled_n)
             )
-        if self._force is not None:
-            self._force.gains = progress.gains
+        if isinstance(self._force, SheetFollower):
+            self._force.gain = progress.gain
         self.progress = progress
 
     def add_frames(self, frames: Frames) -> None:
@@ -197,17 +197,14 @@ class Live:
     def finger_forces_n(self, force: Measurement | None, ohm: FloatArray | None) -> list[float]:
         """Return each finger's force, newtons; empty without a grip force.
 
-        The grip force is the mean of the fingers' forces, which are proportional to the force law's
-        readings of the fingers.
+        The grip force is the mean of the fingers' forces, which are sums over their pixels.
         """
         source, pixels = self.source, None if ohm is None else self.signals_at(ohm)
-        if source is None or source.laws is None or force is None or pixels is None:
+        if source is None or self._force is None or force is None or pixels is None:
             return []
-        fingers = np.array(source.layout.finger_of_row)[:, None]
-        reading = source.laws.reading.reading
-        read = [
-            float(reading(np.where(fingers == one, pixels.excess, 0))) for one in np.unique(fingers)
-        ]
+        fingers = np.array(source.layout.finger_of_row)
+        parts_n = self._force.split_n(pixels.excess)
+        read = [float(parts_n[fingers == one].sum()) for one in np.unique(fingers)]
         mean = sum(read) / len(read)
         return [force.middle * one / mean for one in read] if mean > 0 else []
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.errors import InputError
-from palpate.estimate.force_now import ForceLaws
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.sheet_law import SheetLaw
 from palpate.grasp.result import GraspResult
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
@@ -258,8 +259,8 @@ class FrameSource:
     #: Text of the calibration and its date; empty without a calibration.
     calibration: str = ""
     calibrated_at: str = ""
-    #: Force laws; None without a force calibration.
-    laws: ForceLaws | None = None
+    #: Force law; None without a force calibration.
+    law: SheetLaw | ForceLaw | None = None
 
     @property
     def is_simulated(self) -> bool:

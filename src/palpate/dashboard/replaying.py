@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event
 
 from palpate.clock import ManualClock
-from palpate.dashboard.grasp_progress import GraspProgress, force_laws, grasp_progress_of
+from palpate.dashboard.grasp_progress import GraspProgress, force_law, grasp_progress_of
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate.dashboard.messages import (
     FrameSource,
@@ -283,6 +283,6 @@ def _open_replay(replay: Replay, *, name: str) -> tuple[_ReplayController | None
         gripper=info.gripper,
         origin=info.origin,
         replayed=True,
-        laws=force_laws(calibration),
+        law=force_law(calibration),
     )
     return controller, source

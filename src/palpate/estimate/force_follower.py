@@ -83,6 +83,10 @@ class ForceSource(ABC):
         return replace(force, status=Status.AT_LEAST, reason="a pixel is saturated")
 
     @abstractmethod
+    def split_n(self, excess: FloatArray) -> FloatArray:
+        """Return each pixel's part of the force, up to a common factor, in the frame's shape."""
+
+    @abstractmethod
     def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
         """Add a frame, NaN for pixels without a reading, and return its force."""
 
@@ -130,6 +134,9 @@ class ForceFollower(ForceSource):
     def __init__(self, law: ForceLaw) -> None:
         super().__init__()
         self._law, self._states, self._touch = law, ForceStates(), TouchDetector(law)
+
+    def split_n(self, excess: FloatArray) -> FloatArray:
+        return np.maximum(np.nan_to_num(excess), 0.0)
 
     def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
         inputs = self._states.step(time_s, float(log_reading(np.nansum(excess))))

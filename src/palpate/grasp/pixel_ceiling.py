@@ -57,7 +57,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     if divider.taxel_leg == "lower":
         return 0
     try:
-        reading, *laws = laws_of(calibration.force)[:3]
+        reading, *laws = laws_of(calibration.force)
     except CalibrationError:
         return 0
     counts = np.arange(1, divider.full_scale - 1)

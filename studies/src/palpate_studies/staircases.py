@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, force_now, laws_of, laws_with_memory
+from palpate.calibrate.laws import HORIZON_S, force_now, laws_of, pairs_at
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import ForceFollower, ForceSource
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
@@ -58,16 +59,15 @@ _FRAME_TIMEOUT_S = 2.0
 FrameRead: TypeAlias = tuple[float, FloatArray, float]
 #: The same for all frames of a staircase.
 Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-#: The law of settled readings; both laws, selected by the time since the reading moved; the law
-#: with memory, learned on other sensors and scaled with this sensor's settled readings; the mean of
-#: the last two in ln force (`live --force`); and boosted trees with the same inputs, trained on
-#: other sheets.
-METHODS = ("settled", "by_time", "memory", "now", TREES)
+#: The law of settled readings; the law with memory, learned on other sensors and scaled with this
+#: sensor's settled readings; the law of the sheet (`live --force`); and boosted trees with the
+#: readings up to each frame and both laws of a grasp as inputs, trained on other sheets.
+METHODS = ("settled", "memory", "now", TREES)
 #: Baselines of `now`.
-BASELINES = ("settled", "by_time", TREES)
+BASELINES = ("settled", "memory", TREES)
 #: First test sheet of each generator, fixed before anything was scored on it. Earlier evaluations
 #: used 60_000 to 60_059 and 61_000 to 61_059, and on the second generator 96_100 and later, 97_100
-#: to 97_129 and 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both
+#: to 97_129 and 97_300 to 97_329. The law of the sheet was chosen on 3_100_000 to 3_100_011 of both
 #: generators.
 FIRST_SHEET, SECOND_SHEET = 62_000, 97_400
 #: First training sheet of the trees, and number of training sheets; none of them is tested.
@@ -90,7 +90,7 @@ def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) 
     pairs : ForcePairs
         Pairs of the sheet's calibration.
     """
-    reading, early, settled, _ = laws_of(pairs)
+    reading, early, settled = laws_of(pairs)
     read = np.asarray(reading.reading(excess), dtype=float)
     log = np.log(np.maximum(read, 1e-3))
     total = total_excess(excess)
@@ -159,8 +159,10 @@ def follow_staircases(
     pairs, runs = _run_staircases(
         sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
     )
-    laws = laws_with_memory(pairs)
-    assert laws.memory is not None
+    laws = laws_of(pairs)
+    at_rest, known_n = pairs_at(pairs, since_move_s=HORIZON_S)
+    read = at_rest > CONTACT_EXCESS
+    memory = ForceLaw.fit(at_rest[read], force_n=known_n[read])
     found: dict[str, list[FollowedForce]] = {}
     for time_s, excess, force_n in runs:
         static = laws.settled.force_n(laws.reading.reading(excess))
@@ -168,8 +170,7 @@ def follow_staircases(
             "settled": (static.value, static.low, static.high)
         }
         followers: dict[str, ForceSource] = {
-            "by_time": ForceNow(laws._replace(memory=None), early_s=DWELL_S, settled_s=HORIZON_S),
-            "memory": ForceFollower(laws.memory),
+            "memory": ForceFollower(memory),
             "now": force_now(pairs),
         }
         for name, follower in followers.items():

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 from tests.commands import Command
+from tests.factories import make_sheet_law
 
 from palpate.cli.live_reading import LiveReading, squeeze
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.estimate.force_now import ForceLaws, ForceNow
-from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.estimate.sheet_follower import SheetFollower
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.board_array import find_layout
 from palpate.sensor.sample import relative_change_percent
@@ -152,13 +152,9 @@ def test_live_squeeze_loads_and_releases_the_simulated_object(kind: str) -> None
 
 
 def test_live_force_is_updated_at_every_frame() -> None:
-    law = PixelForceLaw(
-        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0)
-    )
     screen = Screen()
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    laws = ForceLaws(PixelReading.sum_pixels(), early=law, settled=law)
-    force = ForceNow(laws, early_s=0.4, settled_s=20.0)
+    force = SheetFollower(make_sheet_law(8))
     rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
     screen.view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=screen.clock, force=force))
     screen.feed(REST_COUNTS)

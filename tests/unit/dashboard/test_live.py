@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.factories import make_sheet_law
 
 from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
@@ -23,8 +24,6 @@ from palpate.dashboard.messages import (
 )
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
-from palpate.estimate.force_now import ForceLaws
-from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
@@ -97,15 +96,11 @@ def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
 
 
 def test_live_finger_forces_average_to_the_grip_force() -> None:
-    law = PixelForceLaw(
-        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
-    )
-    laws = ForceLaws(reading=PixelReading.sum_pixels(), early=law, settled=law)
     live = Live()
-    live.open_source(replace(SOURCE, laws=laws))
+    live.open_source(replace(SOURCE, law=make_sheet_law(8)))
     pressed = frames(5)
     pressed.reported[:] = 40.0
-    # Excess conductances in the ratio 3:1; a divider has counts / (1024 - counts).
+    # A pixel with excess x has x + 0.096 N; a divider has counts / (1024 - counts).
     rest = 300 / 724
     for finger, excess in ((0, 0.6), (1, 0.2)):
         conductance = rest * (1 + excess)
@@ -113,7 +108,7 @@ def test_live_finger_forces_average_to_the_grip_force() -> None:
         pressed.counts[:, rows] = round(1024 * conductance / (1 + conductance))
     live.add_frames(pressed)
     first, second = live.finger_forces_n(live.force, live.ohm)
-    assert first / second == pytest.approx(3.0, rel=0.03)
+    assert first / second == pytest.approx(0.696 / 0.296, rel=0.03)
     assert (first + second) / 2 == pytest.approx(live.force.middle)
     live.add_frames(frames(5, from_s=1.0))
     assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.factories import make_sheet_law
 from tests.unit.dashboard.test_live import SOURCE
 from tests.unit.dashboard.test_live import frames as page_frames
 
@@ -19,8 +20,7 @@ from palpate.clock import ManualClock
 from palpate.dashboard.live import Live
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_now import ForceLaws, ForceNow
-from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.estimate.sheet_follower import SheetFollower
 from palpate.foxglove.channels import encode_force
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
@@ -36,7 +36,6 @@ PRESSED, REST = np.full((4, 2), 600), np.full((4, 2), 300)
 SATURATED, OPEN = PRESSED.copy(), PRESSED.copy()
 SATURATED[1, 0], OPEN[1, 0] = 1023, 0
 REST_OHM = pixel_resistance_ohm(REST, layout=RIGID_LAYOUT)
-LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0))
 WEIGHTS = ForcePairs(
     run=(0, 0, 0),
     since_move_s=(20.0,) * 3,
@@ -50,10 +49,12 @@ def make_follower() -> ForceFollower:
     return ForceFollower(ForceLaw.fit(WEIGHTS.excess, force_n=WEIGHTS.force_n))
 
 
-def make_force_now() -> ForceNow:
-    memory = ForceLaw.fit(WEIGHTS.excess, force_n=WEIGHTS.force_n)
-    laws = ForceLaws(PixelReading.sum_pixels(), early=LAW, settled=LAW, memory=memory)
-    return ForceNow(laws, early_s=0.4, settled_s=20.0)
+def make_sheet_follower() -> SheetFollower:
+    return SheetFollower(make_sheet_law(8))
+
+
+def make_small_sheet_follower() -> SheetFollower:
+    return SheetFollower(make_sheet_law(4))
 
 
 def calibration() -> Calibration:
@@ -83,7 +84,7 @@ def read_by_rig(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Meas
 
 def make_live(rest_ohm: np.ndarray) -> LiveReading:
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    return LiveReading(source, rest_ohm=rest_ohm, clock=ManualClock(), force=make_force_now())
+    return LiveReading(source, rest_ohm=rest_ohm, clock=ManualClock(), force=make_sheet_follower())
 
 
 def read_live(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measurement | None]:
@@ -95,9 +96,8 @@ def read_live(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measur
 
 
 def read_page(counts: Sequence[np.ndarray], rest_ohm: np.ndarray) -> list[Measurement | None]:
-    laws = ForceLaws(PixelReading.sum_pixels(), early=LAW, settled=LAW)
     live = Live()
-    live.open_source(replace(SOURCE, laws=laws, rest_ohm=rest_ohm))
+    live.open_source(replace(SOURCE, law=make_sheet_law(8), rest_ohm=rest_ohm))
     for number, one in enumerate(counts):
         made = page_frames(1, from_s=0.1 * number, rate_hz=10.0, counts=300)
         live.add_frames(replace(made, counts=one[None], reported=np.full(1, 40.0)))
@@ -132,7 +132,7 @@ def test_force_of_bad_frame_says_so_and_next_good_frame_is_right(
         assert during is None or during.status is Status.NOT_MEASURED
 
 
-@pytest.mark.parametrize("make", [make_follower, make_force_now])
+@pytest.mark.parametrize("make", [make_follower, make_small_sheet_follower])
 @pytest.mark.parametrize("bad", [math.inf, math.nan])
 def test_force_source_without_layout_keeps_no_bad_pixel(
     make: Callable[[], ForceSource], bad: float

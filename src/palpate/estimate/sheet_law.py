@@ -1,0 +1,321 @@
+"""Force law of a sheet: pixel law, linear creep and plays, fitted by one Kalman filter.
+
+With the states of `sheet_states`, the force f_i of pixel i and the total force F are
+
+    ln f_i = a + g_i + b l_i + q p(l_i) + sum_k c_k r_i (v_i - v_ik)
+    ln F   = ln sum_i s_i f_i - sum_j h_j u_j
+
+p(l) = max(l, 0)^2 bends the law of a saturating sheet; its tangent continues it beyond the largest
+reading of the calibration. Forces of pixels add. The weights w = (a, b, q, c, h, g) are Gaussian.
+ln F is linear in w for one pixel, and nearly so for several: a calibration is an iterated Kalman
+update with all its readings. A contact deviates from its sheet by a common gain and by gains of its
+pixels; how much, the placements of the calibration tell (expectation maximisation). The interval
+includes the remaining covariance of w, the deviation of a contact, and the scatter. The errors of
+each placement, by a law of the others, widen it where the law does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.arrays import FloatArray
+from palpate.errors import CalibrationError
+from palpate.estimate.gain import Gain
+from palpate.estimate.sheet_states import (
+    CONTACT_EXCESS,
+    N_LAGS,
+    N_PLAYS,
+    States,
+    compute_states,
+)
+from palpate.measurement import half_width_sds
+
+#: Weights of the constant, the reading and its curve; and all weights but the gains of the pixels.
+_STATIC = 3
+N_SHARED = _STATIC + N_LAGS + N_PLAYS
+#: Readings of one contact count at most like this many, because they are correlated.
+_MOST_READINGS = 25.0
+#: Smallest force of a fit, and scatter of weak forces in it, newtons.
+_LEAST_N, _WEAK_N = 0.15, 0.3
+#: Force from which errors are relative, newtons.
+_FIRM_N = 1.0
+#: Prior standard deviations: of ln gain of a pixel of a sheet, of a pixel in a contact, and of the
+#: common gain of a contact in units of the pixels'. The prior of contacts counts like this many.
+_SHEET_PIXEL_SD, _PIXEL_SD, _COMMON, _PRIOR_CONTACTS = 0.2, 0.1, 0.5, 0.5
+_MOST_PIXEL_SD = 2.0
+#: Rounds of a fit, largest change of a weight in one, and first scatters.
+_ROUNDS, _LARGEST_STEP, _FIRST_NOISE, _FIRST_PIXEL_SD = 12, 0.5, 0.04, 0.4
+#: Smallest slope: a force that does not rise with the reading would blind a guard.
+_LEAST_SLOPE = 0.1
+#: Smallest scatter of ln force, and of weak forces in newtons.
+_LEAST_NOISE, _LEAST_FLOOR_N = 0.03, 0.05
+#: Fewest contacts for errors of held-out ones.
+_FEWEST_CONTACTS = 3
+#: Mean and standard deviation of ln force of grips, in newtons. It matters only where the force is
+#: very uncertain.
+_GRIPS_LOG_N, _GRIPS_SD = float(np.log(3.0)), 1.0
+#: Largest half-width of an interval of ln force.
+_MOST_HALF_WIDTH = 3.0
+#: Limits of the exponent of a force.
+_SMALLEST_LOG_N, _LARGEST_LOG_N = -20.0, 12.0
+#: Prior without data: slope, creep of each time constant, and their standard deviations. The two
+#: fastest copies are faster than most frames.
+_SLOPE, _CREEP = 0.75, 0.05
+_CONSTANT_SD, _SLOPE_SD, _CURVE_SD, _FAST_SD, _CREEP_SD = 1.0, 0.25, 0.05, 0.02, 0.1
+_FAST_LAGS = 2
+#: Prior standard deviation of the plays, the unloading of real sensors (`force_population.json`: a
+#: fall of the reading by .1, .4 and 1.5 lowers ln force by .12, .24 and .38), and their mean as a
+#: fraction of it. A calibration that only closes tells nothing about them. RMS of staircases on 12
+#: sheets at `lab` and 8 of the second generator: fraction 0 .54, .87 N; 1/3 .54, .82 N; 1 .68, .79 N.
+_PLAYS, _PLAYS_MEAN = np.array([0.08, 0.11, 0.19]), 1.0 / 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SheetLaw:
+    """The force law of a calibrated sheet in a new contact.
+
+    Attributes
+    ----------
+    mean, covariance : ndarray, shape (weights,) and (weights, weights)
+        Distribution of the weights of the sheet.
+    contact : ndarray, shape (weights,)
+        Variances of their deviation in a contact.
+    reach : float
+        Largest reading (ln) of the calibration.
+    noise : float
+        Scatter of ln force about the law, for firm forces.
+    floor_n : float
+        Scatter of weak forces, newtons.
+    misfit : float
+        Factor of the standard deviation of ln force, at least 1, from contacts that a law of the
+        others did not see.
+
+    Examples
+    --------
+    A sheet of one pixel whose excess is proportional to the force:
+
+    >>> from palpate.estimate.sheet_states import compute_states
+    >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
+    >>> law = SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
+    >>> value, low, high = law.force_n(compute_states([0.0, 3.0], [[0.0], [5.0]]))
+    >>> bool(low[1] < 5.0 < high[1])
+    True
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    contact: FloatArray
+    reach: float
+    noise: float
+    floor_n: float
+    misfit: float = 1.0
+
+    @classmethod
+    def fit(cls, contacts: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+        """Fit the law to a calibration: the states and the forces, newtons, of each contact.
+
+        Raises
+        ------
+        CalibrationError
+            If no contact has readings with a force.
+        """
+        usable = [one for one in contacts if _select(*one).any()]
+        if not usable:
+            raise CalibrationError(
+                "force calibration: no reading rises with the load; calibrate the force again"
+            )
+        law = cls._fit(usable)
+        if len(usable) < _FEWEST_CONTACTS:
+            return law
+        others = [cls._fit([*usable[:k], *usable[k + 1 :]]) for k in range(len(usable))]
+        return law._with_scatter(others, usable)
+
+    @classmethod
+    def _fit(cls, usable: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+        """Fit the weights, with the scatter within the contacts."""
+        pixels = usable[0][0].log_x.shape[1]
+        prior, precision = _build_prior(pixels)
+        # The unit of force of a pixel has no prior: its size differs from sheet to sheet.
+        prior[0] += np.median(np.concatenate([_errors(prior, *one) for one in usable]))
+        weights, noise, pixel_sd = prior, _FIRST_NOISE, _FIRST_PIXEL_SD
+        for _ in range(_ROUNDS):
+            information, target = precision.copy(), precision @ prior
+            variances, errors, forces = list[float](), list[FloatArray](), list[FloatArray]()
+            own_precision = np.diag(
+                np.r_[(_COMMON * pixel_sd) ** -2, np.full(pixels, pixel_sd**-2)]
+            )
+            for states, force_n in usable:
+                used = _select(states, force_n)
+                log_n, jacobian, share = evaluate(weights, states)
+                jacobian, share, left = jacobian[used], share[used], -log_n[used]
+                left += np.log(force_n[used])
+                repeats = max(len(left) / _MOST_READINGS, 1.0)
+                weight = 1.0 / ((noise**2 + (_WEAK_N / force_n[used]) ** 2) * repeats)
+                # The gains of this contact are eliminated.
+                gains = np.column_stack([np.ones(len(left)), share])
+                weighted = gains.T * weight
+                inner = own_precision + weighted @ gains
+                cross, observed = weighted @ jacobian, left + jacobian @ weights
+                information += (jacobian.T * weight) @ jacobian
+                information -= cross.T @ np.linalg.solve(inner, cross)
+                target += (jacobian.T * weight) @ observed
+                target -= cross.T @ np.linalg.solve(inner, weighted @ observed)
+                own = np.linalg.solve(inner, weighted @ left)
+                square = own**2 + np.diag(np.linalg.inv(inner))
+                variances.append(0.5 * (square[0] / _COMMON**2 + square[1:].mean()))
+                errors.append(left - gains @ own)
+                forces.append(force_n[used])
+            covariance = np.linalg.inv(information)
+            step = covariance @ target - weights
+            weights = weights + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            weights[1] = max(weights[1], _LEAST_SLOPE)
+            found = (sum(variances) + _PRIOR_CONTACTS * _PIXEL_SD**2) / (
+                len(usable) + _PRIOR_CONTACTS
+            )
+            pixel_sd = min(float(np.sqrt(found)), _MOST_PIXEL_SD)
+            error, force = np.concatenate(errors), np.concatenate(forces)
+            firm = error[force > _FIRM_N]
+            noise = max(float(np.sqrt(np.mean(firm**2))) if firm.size else 0.0, _LEAST_NOISE)
+        # A scatter measured with few placements is itself uncertain (Student's t).
+        freedom = max(len(usable) - 1, 3)
+        deviation = np.r_[_COMMON**2, np.zeros(N_SHARED - 1), np.ones(pixels)]
+        deviation *= pixel_sd**2 * freedom / (freedom - 2.0)
+        weak_n = np.abs(force * np.expm1(-error))[force < _FIRM_N]
+        floor_n = float(np.quantile(weak_n, 0.9)) / half_width_sds(0.9) if weak_n.size else 0.1
+        return cls(
+            mean=weights,
+            covariance=np.asarray(covariance, np.float64),
+            contact=deviation,
+            reach=max(float(states.log_x[_select(states, f)].max()) for states, f in usable),
+            noise=noise,
+            floor_n=max(floor_n, _LEAST_FLOOR_N),
+        )
+
+    def _with_scatter(
+        self, others: Sequence[SheetLaw], contacts: Sequence[tuple[States, FloatArray]]
+    ) -> SheetLaw:
+        """Return the law with the errors of each contact by the law of the others."""
+        log_errors, errors_n = list[FloatArray](), list[FloatArray]()
+        for other, (states, force_n) in zip(others, contacts, strict=True):
+            used = _select(states, force_n)
+            log_n, variance = (each[used] for each in other._predict(states, gain=None))
+            value_n, true_n = np.exp(log_n), force_n[used]
+            firm = value_n > _FIRM_N
+            log_errors.append(np.abs(np.log(true_n / value_n) / np.sqrt(variance))[firm])
+            errors_n.append(np.abs(true_n - value_n)[~firm])
+        quantile = half_width_sds(0.9)
+        log_error, error_n = np.concatenate(log_errors), np.concatenate(errors_n)
+        misfit = _quantile(log_error) / quantile if log_error.size else 1.0
+        floor_n = _quantile(error_n) / quantile if error_n.size else 0.0
+        return replace(self, misfit=max(misfit, 1.0), floor_n=max(floor_n, self.floor_n))
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of the calibration; 1 if it has their sum only."""
+        return len(self.mean) - N_SHARED
+
+    def force_n(
+        self, states: States, *, gain: Gain | None = None, level: float = 0.9
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return force, and the ends of its interval, newtons, each of shape (n,).
+
+        `gain`: of this contact relative to the sheet, if known.
+        """
+        log_n, variance = self._predict(states, gain=gain)
+        trust = _GRIPS_SD**2 / (_GRIPS_SD**2 + variance)
+        value = np.exp(_GRIPS_LOG_N + trust * (log_n - _GRIPS_LOG_N))
+        quantile = half_width_sds(level)
+        half = np.minimum(quantile * self.misfit * np.sqrt(trust * variance), _MOST_HALF_WIDTH)
+        floor_n = quantile * self.floor_n
+        low = value - np.hypot(value * np.expm1(-half), floor_n)
+        return value, np.maximum(low, 0.0), value + np.hypot(value * np.expm1(half), floor_n)
+
+    def threshold_n(self, *, level: float = 0.9) -> float:
+        """Return the detection threshold: a force this large would have touched a pixel.
+
+        It is the largest upper end of the interval at a reading that is just a contact.
+        """
+        highest = 0.0
+        for pixel in range(self.pixels):
+            excess = np.zeros(self.pixels)
+            excess[pixel] = CONTACT_EXCESS
+            just = compute_states([0.0, 1.0], [np.zeros(self.pixels), excess])
+            highest = max(highest, float(self.force_n(just, level=level)[2][1]))
+        return highest
+
+    def parts_n(self, excess: ArrayLike) -> FloatArray:
+        """Return the force of each pixel at a settled reading, in the shape of the readings."""
+        grid = np.asarray(excess, dtype=float)
+        if self.pixels == 1:
+            return np.asarray(np.maximum(np.nan_to_num(grid), 0.0))
+        states = compute_states([0.0], grid.ravel()[None])
+        log_n, _, share = evaluate(self.mean, states, reach=self.reach)
+        return np.asarray(np.exp(log_n[0]) * share[0]).reshape(grid.shape)
+
+    def _predict(self, states: States, *, gain: Gain | None) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance of ln force."""
+        log_n, jacobian, _ = evaluate(self.mean, states, reach=self.reach)
+        spread = np.einsum("ni,ij,nj->n", jacobian, self.covariance, jacobian)
+        if gain is None:
+            return log_n, spread + jacobian**2 @ self.contact + self.noise**2
+        return log_n + gain.log_mean, spread + gain.log_sd**2 + self.noise**2
+
+
+def evaluate(
+    weights: FloatArray, states: States, *, reach: float = np.inf
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return ln force (n,), its Jacobian (n, weights), and the pixels' shares of the force."""
+    above = np.maximum(states.log_x, 0.0)
+    inside = np.minimum(above, reach)
+    curve = inside * (2.0 * above - inside)
+    c, h = weights[_STATIC : _STATIC + N_LAGS], weights[_STATIC + N_LAGS : N_SHARED]
+    log_f = weights[0] + weights[N_SHARED:] + weights[1] * states.log_x + states.lag @ c
+    log_f += weights[2] * curve
+    f = states.touch * np.exp(np.clip(log_f, _SMALLEST_LOG_N, _LARGEST_LOG_N))
+    total = f.sum(axis=1)
+    share = f / total[:, None]
+    jacobian = np.column_stack(
+        [
+            np.ones(len(f)),
+            (share * states.log_x).sum(axis=1),
+            (share * curve).sum(axis=1),
+            np.einsum("np,npk->nk", share, states.lag),
+            -states.play,
+            share,
+        ]
+    )
+    return np.log(total) - states.play @ h, jacobian, share
+
+
+def _build_prior(pixels: int) -> tuple[FloatArray, FloatArray]:
+    """Return mean and precision of the weights of a sheet before its calibration."""
+    mean = np.r_[0.0, _SLOPE, 0.0, np.full(N_LAGS, _CREEP), _PLAYS_MEAN * _PLAYS, np.zeros(pixels)]
+    sd = np.r_[
+        _CONSTANT_SD, _SLOPE_SD, _CURVE_SD, np.full(_FAST_LAGS, _FAST_SD),
+        np.full(N_LAGS - _FAST_LAGS, _CREEP_SD), _PLAYS,
+        np.full(pixels, _SHEET_PIXEL_SD),
+    ]  # fmt: skip
+    return mean, np.diag(sd**-2.0)
+
+
+def _select(states: States, force_n: FloatArray) -> NDArray[np.bool_]:
+    """Return which readings have a force and a touch."""
+    touched = states.log_x.max(axis=1) > np.log(CONTACT_EXCESS + 0.02)
+    return np.asarray((force_n > _LEAST_N) & touched)
+
+
+def _errors(weights: FloatArray, states: States, force_n: FloatArray) -> FloatArray:
+    """Return the errors of ln force at the stronger half of the used readings."""
+    used = _select(states, force_n)
+    used = used & (force_n >= np.median(force_n[used]))
+    return np.asarray(np.log(force_n[used]) - evaluate(weights, states)[0][used])
+
+
+def _quantile(errors: FloatArray) -> float:
+    """Return a conservative 90 % quantile, for a small sample."""
+    rank = min(int(np.ceil(0.9 * (errors.size + 1))), errors.size)
+    return float(np.sort(errors)[rank - 1])

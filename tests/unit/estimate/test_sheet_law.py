@@ -1,0 +1,159 @@
+"""The force law of a sheet calibrated with a load cell: recovery, pixels, memory, intervals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.factories import make_sheet_law
+
+from palpate.errors import CalibrationError
+from palpate.estimate.gain import Gain
+from palpate.estimate.sheet_follower import SheetFollower
+from palpate.estimate.sheet_law import SheetLaw
+from palpate.estimate.sheet_states import States, compute_states
+
+#: Steps of a calibration, newtons, and the times at which each is read after its beginning.
+STEPS_N, READ_S = (1.0, 2.0, 4.0, 7.0, 10.0), (0.42, 20.0)
+CREEP = 0.04
+
+
+def read_pixel(force_n: float, *, since_s: float, exponent: float, gain: float) -> float:
+    """Return the excess of a sheet that creeps with the logarithm of time."""
+    creep = 1.0 + CREEP * math.log(max(since_s, 0.1) / 0.1)
+    return (gain * force_n) ** (1.0 / exponent) * creep
+
+
+def calibrate(
+    seed: int, *, placements: int = 6, exponent: float = 0.8, pixels: int = 4
+) -> list[tuple[States, np.ndarray]]:
+    """Return placements of a load cell, each with its own gain and share of the pixels."""
+    random, found = np.random.default_rng(seed), []
+    for _ in range(placements):
+        gain, share = math.exp(random.normal(0.0, 0.05)), random.dirichlet(np.full(pixels, 8.0))
+        time_s, excess, forces, now_s = [0.0], [np.zeros(pixels)], [0.0], 1.0
+        for force_n in STEPS_N:
+            for since_s in READ_S:
+                time_s.append(now_s + since_s)
+                excess.append(
+                    [
+                        read_pixel(force_n * part, since_s=since_s, exponent=exponent, gain=gain)
+                        for part in share
+                    ]
+                )
+                forces.append(force_n)
+            now_s += 20.0
+        found.append((compute_states(time_s, excess), np.array(forces)))
+    return found
+
+
+def test_law_of_a_power_law_sheet_covers_forces_on_new_places() -> None:
+    law = SheetLaw.fit(calibrate(1))
+    errors, covered = [], []
+    for states, force_n in calibrate(2, placements=20):
+        value, low, high = law.force_n(states)
+        loaded = force_n > 0
+        errors.append(np.log(value[loaded] / force_n[loaded]))
+        covered.append(((low <= force_n) & (force_n <= high))[loaded])
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.1
+    assert np.mean(covered) > 0.8
+
+
+def test_the_same_force_on_two_or_four_pixels_is_equal() -> None:
+    law = SheetLaw.fit(calibrate(1))
+    forces = []
+    for share in ((0.25,) * 4, (0.5, 0.5, 0.0, 0.0)):
+        read = [read_pixel(6.0 * part, since_s=20.0, exponent=0.8, gain=1.0) for part in share]
+        value, _, _ = law.force_n(compute_states([0.0, 20.0], [np.zeros(4), read]))
+        forces.append(float(value[1]))
+    assert forces == pytest.approx([6.0, 6.0], rel=0.1)
+    assert forces[1] == pytest.approx(forces[0], rel=0.05)
+
+
+def test_creeping_reading_of_a_constant_force_is_constant() -> None:
+    follower = SheetFollower(SheetLaw.fit(calibrate(3)))
+    follower.step(0.0, np.zeros(4))
+    found = [
+        follower.step(
+            float(since_s),
+            np.full(4, read_pixel(1.5, since_s=float(since_s), exponent=0.8, gain=1.0)),
+        ).value
+        for since_s in np.arange(0.02, 20.0, 0.02)
+    ]
+    later = np.array(found[50:])
+    assert later == pytest.approx(np.full(later.size, 6.0), rel=0.12)
+
+
+@settings(max_examples=40)
+@given(
+    seed=st.integers(0, 50),
+    exponent=st.floats(0.6, 1.6),
+    readings=st.lists(st.floats(0.1, 1000.0), min_size=2, max_size=6, unique=True),
+)
+def test_force_rises_with_the_reading_also_beyond_the_calibration(
+    seed: int, exponent: float, readings: list[float]
+) -> None:
+    law = SheetLaw.fit(calibrate(seed, placements=3, exponent=exponent))
+    states = [compute_states([0.0, 1.0], [np.zeros(4), np.full(4, x)]) for x in sorted(readings)]
+    forces = np.array([law.force_n(one)[0][1] for one in states])
+    assert (np.diff(forces) >= 0).all()
+
+
+def test_states_of_a_recording_do_not_depend_on_how_often_a_held_reading_is_read() -> None:
+    held = np.array([0.5, 2.0])
+    rare = compute_states([0.0, 1.0, 3.0], [np.zeros(2), held, held])
+    often_s = np.r_[0.0, np.linspace(1.0, 3.0, 41)]
+    often = compute_states(often_s, [np.zeros(2), *[held] * 41])
+    assert often.lag[-1] == pytest.approx(rare.lag[-1])
+
+
+def test_play_tells_unloading_from_loading() -> None:
+    up = compute_states([0.0, 1.0], [[0.0], [3.0]])
+    down = compute_states([0.0, 1.0, 2.0], [[0.0], [9.0], [3.0]])
+    assert up.play[-1].tolist() == [0.0, 0.0, 0.0]
+    assert (down.play[-1] > [0.9, 0.9, 0.5]).all()
+
+
+def test_follower_at_rest_is_below_the_detection_threshold() -> None:
+    follower = SheetFollower(SheetLaw.fit(calibrate(1)))
+    found = follower.step(0.0, np.full(4, 0.01))
+    assert (found.value, found.low) == (0.0, 0.0)
+    assert 0.0 < found.high < 1.5
+
+
+def test_gain_of_a_contact_scales_the_force_and_replaces_the_uncertainty_of_contacts() -> None:
+    plain, known = SheetFollower(make_sheet_law(2)), SheetFollower(make_sheet_law(2))
+    known.gain = Gain(log_mean=math.log(1.5), log_sd=0.02, law_sd=0.2)
+    one, other = plain.step(0.0, np.full(2, 3.0)), known.step(0.0, np.full(2, 3.0))
+    assert other.value == pytest.approx(1.5 * one.value, rel=0.05)
+    assert other.high / other.low < one.high / one.low
+
+
+def test_summed_calibration_reads_the_sum_of_the_pixels() -> None:
+    follower = SheetFollower(make_sheet_law(1))
+    other = SheetFollower(make_sheet_law(1))
+    assert follower.step(0.0, [[1.0, 2.0], [math.nan, 1.0]]) == other.step(0.0, [[4.0]])
+    assert follower.split_n(np.array([[1.0, 3.0]])).tolist() == [[1.0, 3.0]]
+
+
+def test_parts_of_the_pixels_add_up_to_the_settled_force() -> None:
+    law = SheetLaw.fit(calibrate(1))
+    excess = np.array([[0.0, 2.0], [4.0, 1.0]])
+    parts_n = law.parts_n(excess)
+    assert parts_n[0, 0] < 0.01 * parts_n.sum()
+    assert parts_n.sum() == pytest.approx(
+        float(law.force_n(compute_states([0.0], excess[None]))[0][0]), rel=0.05
+    )
+
+
+def test_sheet_that_never_responds_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="no reading rises"):
+        SheetLaw.fit([(compute_states([0.0, 1.0], np.zeros((2, 4))), np.array([0.0, 5.0]))])
+
+
+def test_states_refuse_a_clock_that_runs_backwards() -> None:
+    with pytest.raises(ValueError, match="backwards"):
+        compute_states([1.0, 0.5], np.zeros((2, 1)))
