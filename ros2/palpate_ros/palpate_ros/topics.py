@@ -102,9 +102,8 @@ class SensorTopics:
         sample = self._reader.read(frame)
         if self._ohm.get_subscription_count():
             self._ohm.publish(messages.ohm_image(sample.resistance_ohm, **at))
-        if self._force is not None and (
-            self._force.has_history or any(p.get_subscription_count() for p in self._forces)
-        ):
+        if self._force is not None:
+            # Also without a subscriber: the law needs every frame.
             limits_n = self._force.limits_n(sample)
             for publisher, force_n in zip(self._forces, limits_n, strict=False):
                 publisher.publish(messages.wrench(force_n, **at))

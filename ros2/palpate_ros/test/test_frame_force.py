@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 from palpate_ros.frame_force import FrameForce
 
-from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.force_law import ForceLaw
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.sample import Sample, SampleReader
 
 PRESSED = np.full((4, 2), 600)
 READER = SampleReader(RIGID_LAYOUT, np.full((4, 2), 11_000.0))
-LAWS = {
-    "power": PowerForceLaw.fit([4.0, 13.0, 42.0, 112.0], force_n=[0.5, 1.5, 4.0, 9.0]),
-    "memory": ForceLaw.fit([13.0, 42.0, 112.0], force_n=[1.5, 4.0, 9.0]),
-}
+WEIGHTS = ForcePairs(
+    run=(0, 0, 0),
+    since_move_s=(20.0,) * 3,
+    excess=(13.0, 42.0, 112.0),
+    relative_percent=(-60.0, -80.0, -90.0),
+    force_n=(1.5, 4.0, 9.0),
+)
 
 
 def sample(time_s: float, counts: np.ndarray) -> Sample:
@@ -32,9 +35,12 @@ def with_pixel(counts: int) -> np.ndarray:
     return frame
 
 
-@pytest.mark.parametrize("law", list(LAWS))
-def test_bad_pixel_leaves_force_finite_and_next_frame_right(law: str) -> None:
-    force = FrameForce(SimpleNamespace(force_law=LAWS[law].as_dict()))
+@pytest.mark.parametrize("made_by", ["weights", "load cell"])
+def test_bad_pixel_leaves_force_finite_and_next_frame_right(made_by: str) -> None:
+    pairs = WEIGHTS
+    if made_by == "load cell":
+        pairs = calibrate_twin(seed=5, level="lab", apart_from="").force
+    force = FrameForce(SimpleNamespace(force=pairs))
     before = [force.limits_n(sample(0.1 * frame, PRESSED)) for frame in range(5)][-1]
     for time_s, counts, within in ((0.5, 1023, 1e-6), (0.7, 0, 0.1)):
         value, low, high = force.limits_n(sample(time_s, with_pixel(counts)))

@@ -6,7 +6,6 @@ depends on the distribution of the load.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -16,8 +15,7 @@ from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError, InputError
-from palpate.files import load_dataclass
+from palpate.errors import CalibrationError
 from palpate.measurement import half_width_sds
 
 #: Fewest calibration pairs for an estimate of the scatter.
@@ -53,28 +51,8 @@ class StaticLaw(Protocol):
         ...
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; the inverse of `law_from_dict`."""
+        """Return plain values for a calibration file."""
         ...
-
-
-def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw:
-    """Return the law from the output of `as_dict`.
-
-    Raises `CalibrationError` if the name is unknown or a value is missing.
-
-    >>> law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4])
-    >>> law_from_dict(law.as_dict()) == law
-    True
-    """
-    if stored.get("law") != PowerForceLaw.name:
-        raise CalibrationError(
-            f"force law {stored.get('law')!r} is unknown; calibrate the force again"
-        )
-    numbers = {name: value for name, value in stored.items() if name != "law"}
-    try:
-        return load_dataclass(PowerForceLaw, numbers, where=f"force law {stored['law']!r}")
-    except InputError as error:
-        raise CalibrationError(str(error)) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,7 +249,7 @@ class PowerForceLaw:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; the inverse of `law_from_dict`."""
+        """Return plain values for a calibration file."""
         return law_as_dict(self)
 
 

@@ -69,8 +69,8 @@ _CONSTANT_SD, _SLOPE_SD, _CURVE_SD, _FAST_SD, _CREEP_SD = 1.0, 0.25, 0.05, 0.02,
 _FAST_LAGS = 2
 #: Prior standard deviation of the plays, the unloading of real sensors (`force_population.json`: a
 #: fall of the reading by .1, .4 and 1.5 lowers ln force by .12, .24 and .38), and their mean as a
-#: fraction of it. A calibration that only closes tells nothing about them. Staircases of 12 sheets at
-#: `lab` and 8 of the second generator, RMS: fraction 0 .54, .87 N; 1/3 .54, .82 N; 1 .68, .79 N.
+#: fraction of it. A calibration that only closes tells nothing about them. Staircases of 12 sheets
+#: at `lab` and 8 of the second generator, RMS: fraction 0 .54, .87 N; 1/3 .54, .82 N; 1 .68, .79 N.
 _PLAYS, _PLAYS_MEAN = np.array([0.08, 0.11, 0.19]), 1.0 / 3.0
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw, law_from_dict
+from palpate.estimate.force import PowerForceLaw
 
 LOADS_N = np.linspace(0.5, 10.0, 15)
 
@@ -63,12 +61,6 @@ def test_power_law_flags_readings_out_of_range() -> None:
     assert answer.high[0] > 0.0
 
 
-def test_law_roundtrip_preserves_law() -> None:
-    excess, loads = scattered(7)
-    law = PowerForceLaw.fit(excess, force_n=loads)
-    assert law_from_dict(json.loads(json.dumps(law.as_dict()))) == law
-
-
 @pytest.mark.parametrize(
     ("excess", "force_n", "message"),
     [
@@ -87,13 +79,6 @@ def test_law_fit_invalid_pairs_are_refused(
         PowerForceLaw.fit(excess, force_n=force_n)
 
 
-def test_unknown_law_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="unknown"):
-        law_from_dict({"law": "cubic"})
-    with pytest.raises(CalibrationError, match="covariance"):
-        law_from_dict({"law": "power", "coefficients": [1, 2]})
-
-
 def test_faint_scatter_does_not_widen_firm_forces() -> None:
     rng = np.random.default_rng(4)
     loads = np.geomspace(0.1, 15.0, 60)
@@ -103,15 +88,3 @@ def test_faint_scatter_does_not_widen_firm_forces() -> None:
     assert law.floor_n == pytest.approx(0.1, rel=0.5)
     assert firm < 1.15
     assert faint > 1.5
-
-
-def test_law_from_older_file_has_no_floor() -> None:
-    law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4])
-    stored = {name: value for name, value in law.as_dict().items() if name != "floor_n"}
-    assert law_from_dict(stored).coefficients == law.coefficients
-
-
-def test_law_with_unknown_values_is_refused() -> None:
-    stored = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4]).as_dict()
-    with pytest.raises(CalibrationError, match="slope_n"):
-        law_from_dict({**stored, "slope_n": 1.0})
