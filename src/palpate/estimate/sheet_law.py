@@ -24,14 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_states import (
-    CONTACT_EXCESS,
-    N_LAGS,
-    N_PLAYS,
-    States,
-    compute_states,
-)
+from palpate.estimate.sheet_states import N_LAGS, N_PLAYS, States, compute_states
 from palpate.measurement import half_width_sds
 
 #: Weights of the constant, the reading and its curve; and all weights but the gains of the pixels.

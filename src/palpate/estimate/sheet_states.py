@@ -22,15 +22,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
+from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S
 
-#: Time constants of the copies, seconds, from a sample of a fast readout to the length of a press,
-#: and widths of the plays (ln reading); log-spaced.
-TIME_CONSTANTS_S = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
+#: Time constants of the copies, seconds.
+_TAU_S = np.array(TIME_CONSTANTS_S)
+#: Widths of the plays (ln reading); log-spaced.
 PLAY_WIDTHS = np.array([0.1, 0.4, 1.5])
-N_LAGS, N_PLAYS = TIME_CONSTANTS_S.size, PLAY_WIDTHS.size
-#: Excess of a certain contact (paper, section 4.1), of the noise at rest, and of the beginning of a
-#: touch.
-CONTACT_EXCESS, _NOISE_EXCESS, _ONSET_EXCESS = 0.1, 0.004, 0.02
+N_LAGS, N_PLAYS = _TAU_S.size, PLAY_WIDTHS.size
+#: Excess of the noise at rest, and of the beginning of a touch.
+_NOISE_EXCESS, _ONSET_EXCESS = 0.004, 0.02
 #: Excess below which ln force is steep in v.
 _STEEP_EXCESS = 0.3
 #: Touch of a pixel without any reading, so that the touches of an empty hand have a ratio.
@@ -82,7 +82,7 @@ class SheetHistory:
             elapsed_s = time_s - self._time_s
             if elapsed_s < 0:
                 raise ValueError(f"time runs backwards: from {self._time_s} s to {time_s} s")
-            self._copies += -np.expm1(-elapsed_s / TIME_CONSTANTS_S) * (v[:, None] - self._copies)
+            self._copies += -np.expm1(-elapsed_s / _TAU_S) * (v[:, None] - self._copies)
             self._upper = np.minimum(np.maximum(self._upper, total), total + PLAY_WIDTHS)
         self._time_s = time_s
         lag = steepness[:, None] * (v[:, None] - self._copies)
