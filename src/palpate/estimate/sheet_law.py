@@ -133,59 +133,57 @@ class SheetLaw:
     def _fit(cls, usable: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
         """Fit the weights, with the scatter within the contacts."""
         pixels = usable[0][0].log_x.shape[1]
-        prior, precision = _build_prior(pixels)
+        prior, variance = _build_prior(pixels)
         # The unit of force of a pixel has no prior: its size differs from sheet to sheet.
         prior[0] += np.median(np.concatenate([_errors(prior, *one) for one in usable]))
+        used = [_select(*one) for one in usable]
+        log_true = [np.log(force_n[mine]) for mine, (_, force_n) in zip(used, usable, strict=True)]
+        log_force, repeats = np.concatenate(log_true), _count_repeats(log_true)
         weights, noise, pixel_sd = prior, _FIRST_NOISE, _FIRST_PIXEL_SD
         for _ in range(_ROUNDS):
-            information, target = precision.copy(), precision @ prior
-            variances, errors, forces = list[float](), list[FloatArray](), list[FloatArray]()
-            own_precision = np.diag(
-                np.r_[(_COMMON * pixel_sd) ** -2, np.full(pixels, pixel_sd**-2)]
-            )
-            for states, force_n in usable:
-                used = _select(states, force_n)
+            of_contact = np.r_[_COMMON**2, np.ones(pixels)] * pixel_sd**2
+            scatter = repeats * (noise**2 + (_WEAK_N / np.exp(log_force)) ** 2)
+            rows, gains = list[FloatArray](), list[FloatArray]()
+            left = log_force.copy()
+            for mine, (states, _), at in zip(used, usable, _slices(log_true), strict=True):
                 log_n, jacobian, share = evaluate(weights, states)
-                jacobian, share, left = jacobian[used], share[used], -log_n[used]
-                left += np.log(force_n[used])
-                repeats = max(len(left) / _MOST_READINGS, 1.0)
-                weight = 1.0 / ((noise**2 + (_WEAK_N / force_n[used]) ** 2) * repeats)
-                # The gains of this contact are eliminated.
-                gains = np.column_stack([np.ones(len(left)), share])
-                weighted = gains.T * weight
-                inner = own_precision + weighted @ gains
-                cross, observed = weighted @ jacobian, left + jacobian @ weights
-                information += (jacobian.T * weight) @ jacobian
-                information -= cross.T @ np.linalg.solve(inner, cross)
-                target += (jacobian.T * weight) @ observed
-                target -= cross.T @ np.linalg.solve(inner, weighted @ observed)
-                own = np.linalg.solve(inner, weighted @ left)
-                square = own**2 + np.diag(np.linalg.inv(inner))
-                variances.append(0.5 * (square[0] / _COMMON**2 + square[1:].mean()))
-                errors.append(left - gains @ own)
-                forces.append(force_n[used])
-            covariance = np.linalg.inv(information)
-            step = covariance @ target - weights
+                left[at] -= log_n[mine]
+                rows.append(jacobian[mine])
+                gains.append(np.column_stack([np.ones(int(mine.sum())), share[mine]]))
+            design = np.concatenate(rows)
+            # Covariance of the readings about the sheet's law, with the gains of each contact.
+            about = np.diag(scatter)
+            error, found = left.copy(), _PRIOR_CONTACTS * _PIXEL_SD**2
+            for own, at in zip(gains, _slices(log_true), strict=True):
+                about[at, at] += (own * of_contact) @ own.T
+                known = of_contact[:, None] * np.linalg.solve(about[at, at], own).T
+                gain = known @ left[at]
+                square = gain**2 + of_contact - (known * (own * of_contact).T).sum(axis=1)
+                found += 0.5 * (square[0] / _COMMON**2 + square[1:].mean())
+                error[at] -= own @ gain
+            spread = (design * variance) @ design.T + about
+            weight = variance[:, None] * np.linalg.solve(spread, design).T
+            step = prior + weight @ (left + design @ (weights - prior)) - weights
             weights = weights + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             weights[1] = max(weights[1], _LEAST_SLOPE)
-            found = (sum(variances) + _PRIOR_CONTACTS * _PIXEL_SD**2) / (
-                len(usable) + _PRIOR_CONTACTS
-            )
-            pixel_sd = min(float(np.sqrt(found)), _MOST_PIXEL_SD)
-            error, force = np.concatenate(errors), np.concatenate(forces)
-            firm = error[force > _FIRM_N]
+            pixel_sd = min(np.sqrt(found / (len(usable) + _PRIOR_CONTACTS)), _MOST_PIXEL_SD)
+            firm = error[log_force > np.log(_FIRM_N)]
             noise = max(float(np.sqrt(np.mean(firm**2))) if firm.size else 0.0, _LEAST_NOISE)
         # A scatter measured with few placements is itself uncertain (Student's t).
         freedom = max(len(usable) - 1, 3)
         deviation = np.r_[_COMMON**2, np.zeros(N_SHARED - 1), np.ones(pixels)]
         deviation *= pixel_sd**2 * freedom / (freedom - 2.0)
-        weak_n = np.abs(force * np.expm1(-error))[force < _FIRM_N]
+        weak = log_force < np.log(_FIRM_N)
+        weak_n = np.abs(np.exp(log_force) * np.expm1(-error))[weak]
         floor_n = float(np.quantile(weak_n, 0.9)) / half_width_sds(0.9) if weak_n.size else 0.1
         return cls(
             mean=weights,
-            covariance=np.asarray(covariance, np.float64),
+            covariance=np.diag(variance) - weight @ (design * variance),
             contact=deviation,
-            reach=max(float(states.log_x[_select(states, f)].max()) for states, f in usable),
+            reach=max(
+                float(states.log_x[mine].max())
+                for mine, (states, _) in zip(used, usable, strict=True)
+            ),
             noise=noise,
             floor_n=max(floor_n, _LEAST_FLOOR_N),
         )
@@ -287,20 +285,33 @@ def evaluate(
 
 
 def _build_prior(pixels: int) -> tuple[FloatArray, FloatArray]:
-    """Return mean and precision of the weights of a sheet before its calibration."""
+    """Return mean and variance of the weights of a sheet before its calibration."""
     mean = np.r_[0.0, _SLOPE, 0.0, np.full(N_LAGS, _CREEP), _PLAYS_MEAN * _PLAYS, np.zeros(pixels)]
     sd = np.r_[
         _CONSTANT_SD, _SLOPE_SD, _CURVE_SD, np.full(_FAST_LAGS, _FAST_SD),
         np.full(N_LAGS - _FAST_LAGS, _CREEP_SD), _PLAYS,
         np.full(pixels, _SHEET_PIXEL_SD),
     ]  # fmt: skip
-    return mean, np.diag(sd**-2.0)
+    return mean, sd**2
 
 
 def _select(states: States, force_n: FloatArray) -> NDArray[np.bool_]:
     """Return which readings have a force and a touch."""
     touched = states.log_x.max(axis=1) > np.log(CONTACT_EXCESS + 0.02)
     return np.asarray((force_n > _LEAST_N) & touched)
+
+
+def _slices(parts: Sequence[FloatArray]) -> list[slice]:
+    """Return the place of each part among all."""
+    ends = np.cumsum([part.size for part in parts]).tolist()
+    return [slice(end - part.size, end) for end, part in zip(ends, parts, strict=True)]
+
+
+def _count_repeats(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the factor of the variance of each reading, by the number in its contact."""
+    return np.concatenate(
+        [np.full(part.size, max(part.size / _MOST_READINGS, 1.0)) for part in parts]
+    )
 
 
 def _errors(weights: FloatArray, states: States, force_n: FloatArray) -> FloatArray:
