@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 
-from palpate.produce.records import About, Item, Source
+from palpate.produce.records import About, Source
 from palpate.produce.store import Store
 
 pytestmark = pytest.mark.slow
@@ -41,20 +41,3 @@ def test_bruise_sound_apple_exits_with_0_and_stores_the_verdict(
     with Store.open(filled) as store:
         verdicts = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
     assert [verdict.text for verdict in verdicts] == ["sound"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nobody",), "no item 'nobody'"),
-        (("A17", "--learn"), "training requires 10 of each"),
-        (("thing", "--learn"), "has no kind"),
-        (("A17", "--bruised-share", "1.5"), "--bruised-share"),
-    ],
-)
-def test_bruise_invalid_input_is_refused_in_one_line(
-    filled: Path, arguments: tuple[str, ...], message: str, palpate: Command
-) -> None:
-    with Store.open(filled) as store:
-        store.add_item(Item(item_id="thing"))
-    assert message in palpate.refused("bruise", *arguments, "--store", filled)

@@ -34,54 +34,29 @@ def test_calibrate_rest_writes_the_calibration_file_unless_the_sensor_is_loaded(
     assert (rig.parent / "sensor.json").read_text() == before
 
 
-def test_calibrate_rest_update_preserves_force_and_block(
+def test_calibrate_rest_of_a_calibrated_rig_renews_the_rest_alone(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()
     path = rig.parent / "sensor.json"
-    palpate("calibrate", "rest", "--rig", rig)
-    dated = replace(Calibration.load(path), force=PAIRS, made_at="2020-01-01T00:00:00+00:00")
-    dated.save(path)
-    assert palpate("calibrate", "rest", "--rig", rig, "--json").document["renewed"] is True
+    calibrate = ("calibrate", "rest", "--rig", rig)
+    palpate(*calibrate)
+    first = replace(Calibration.load(path), force=PAIRS, made_at="2020-01-01T00:00:00+00:00")
+    first.save(path)
+    assert palpate(*calibrate, "--json").document["renewed"] is True
     renewed = Calibration.load(path)
-    assert renewed.force == PAIRS
-    assert renewed.made_at == dated.made_at
-    palpate("calibrate", "rest", "--rig", rig, "--new")
-    assert Calibration.load(path).force.force_n == ()
-
-
-def test_calibrate_rest_empty_option_updates_rest_and_preserves_force(
-    rig_file: Callable[..., Path], palpate: Command
-) -> None:
-    rig = rig_file()
-    path = rig.parent / "sensor.json"
-    palpate("calibrate", "rest", "--rig", rig)
-    first = Calibration.load(path)
+    assert (renewed.force, renewed.made_at) == (PAIRS, first.made_at)
     # As if the sheet had been drier at the first calibration.
-    drier = replace(
-        first.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in first.rest.ohm)
-    )
-    replace(first, force=PAIRS, rest=drier).save(path)
-    error = palpate("calibrate", "rest", "--rig", rig, status=2).err.strip().splitlines()[-1]
-    assert "--empty" in error
-    palpate("calibrate", "rest", "--rig", rig, "--empty")
+    drier = tuple(tuple(1.3 * ohm for ohm in row) for row in first.rest.ohm)
+    replace(first, rest=replace(first.rest, ohm=drier)).save(path)
+    assert "--empty" in palpate(*calibrate, status=2).err.splitlines()[-1]
+    palpate(*calibrate, "--empty")
     renewed = Calibration.load(path)
     assert renewed.force == PAIRS
     assert renewed.rest.ohm[0][0] == pytest.approx(first.rest.ohm[0][0], rel=0.02)
-
-
-def test_calibrate_rest_refuses_file_of_another_layout(
-    rig_file: Callable[..., Path], palpate: Command
-) -> None:
-    rig = rig_file()
-    path = rig.parent / "sensor.json"
-    palpate("calibrate", "rest", "--rig", rig)
-    first = Calibration.load(path)
+    # A file of another layout.
     divider = replace(first.layout.divider, reference_ohm=1e3)
     replace(first, layout=replace(first.layout, divider=divider)).save(path)
-    assert "--new" in palpate("calibrate", "rest", "--rig", rig, status=2).err
-
-
-def test_calibrate_without_a_known_step_names_the_steps(palpate: Command) -> None:
-    assert "rest" in palpate("calibrate", status=2).out
-    assert "Did you mean 'rest'" in palpate("calibrate", "reset", status=2).err
+    assert "--new" in palpate(*calibrate, status=2).err
+    palpate(*calibrate, "--new")
+    assert Calibration.load(path).force.force_n == ()

@@ -48,7 +48,3 @@ def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path, palpat
         assert len(set(values)) == len(fruits) == 6
     assert all(grasp.pixel_settled_percent is not None for grasp in grasps)
     assert "already exists" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
-
-
-def test_demo_of_an_unknown_name_lists_the_demos(palpate: Command) -> None:
-    assert "recordings, packhouse" in palpate("demo", "circus", status=2).err

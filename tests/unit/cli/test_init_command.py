@@ -96,33 +96,6 @@ def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate:
     assert "port" not in tomllib.loads(path.read_text())["array"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["rig.json"], "must end in .toml"),
-        (["rig.toml", "--layout", "round"], "unknown layout"),
-        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be divided equally"),
-        (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "has 2 fingers, not 3"),
-        (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
-        (["rig.toml", "--rate-hz", "nan"], "frame rate nan Hz: must be positive and finite"),
-        (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),
-        (["rig.toml", "--gripper", "claw"], "module:function"),
-        (["rig.toml", "--gripper", "servo", "--gripper-port", "/dev/x"], "not for servo"),
-        (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
-    ],
-)
-def test_init_invalid_options_write_no_file(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    palpate: Command,
-    arguments: list[str],
-    message: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert message in palpate("init", *arguments, status=2).err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_init_prompts_on_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     master, slave = pty.openpty()

@@ -172,18 +172,3 @@ def test_live_ends_after_the_duration(rig_file: Callable[..., Path], palpate: Co
     arguments = ("live", "--rig", rig_file(), "--duration", "0.2")
     assert "palpate live" in palpate(*arguments).out
     assert "palpate calibrate force" in palpate.refused(*arguments, "--force")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["127.0.0.1:8765"], "--foxglove"),
-        (["127.0.0.1:70000", "--foxglove"], "HOST:PORT"),
-        (["nowhere.invalid:8765", "--foxglove"], "another address"),
-    ],
-)
-def test_live_invalid_foxglove_address_is_refused(
-    options: list[str], message: str, rig_file: Callable[..., Path], palpate: Command
-) -> None:
-    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *options]
-    assert message in palpate.refused(*arguments)

@@ -36,18 +36,3 @@ def test_qualify_prints_and_reports_every_figure(tmp_path: Path, palpate: Comman
     assert document["tolerance"] == pytest.approx(document["scatter"]["reference"]["within"])
     figure = document["figures"]["r_squared_ceiling"]
     assert figure["low"] < figure["value"] < figure["high"] < 1.0
-
-
-@pytest.mark.parametrize(
-    ("items", "arguments", "message"),
-    [
-        (40, ("--limit", "15", "--limit", "13"), "increasing order"),
-        (40, ("--limit", "14", "--cost", "1", "-1"), "costs must not be negative"),
-        (5, (), "at least 8 are required"),
-    ],
-)
-def test_qualify_invalid_input_is_refused_in_one_line(
-    tmp_path: Path, palpate: Command, items: int, arguments: tuple[str, ...], message: str
-) -> None:
-    file = write_readings(tmp_path / "readings.csv", items=items)
-    assert message in palpate.refused("qualify", file, *arguments)

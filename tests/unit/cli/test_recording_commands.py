@@ -109,24 +109,6 @@ def test_what_is_no_recording_is_refused_in_one_line(
         assert palpate.refused(*words, path).startswith(f"palpate: {path}: ")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "status", "message"),
-    [
-        (["--rig", "sim-rigid"], 2, "would never end; give a --duration"),
-        (["--rig", "sim-rigid", "--port", "x"], 2, "--port can't be combined with --rig"),
-        (["--rig", "missing.toml"], 2, "missing.toml: no such file"),
-        (["--port", "/dev/ttyACM99"], 3, "no port /dev/ttyACM99"),
-    ],
-)
-def test_record_refuses_invalid_options(
-    options: list[str], status: int, message: str, tmp_path: Path, palpate: Command
-) -> None:
-    path = tmp_path / "new.mcap"
-    assert message in palpate.refused("record", path, *options, status=status)
-    assert not path.exists()
-
-
 def test_inspect_writes_a_plot(recorded: Path, tmp_path: Path, palpate: Command) -> None:
     palpate("inspect", recorded, "--plot", tmp_path / "run.png")
     png = (tmp_path / "run.png").read_bytes()

@@ -50,14 +50,6 @@ class Checker(HTMLParser):
         assert self.open.pop() == tag
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PALPATE_STORE", raising=False)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path
-
-
 def verdict(item_id: str, text: str, **known: object) -> Verdict:
     usual = {"about": About.RIPENESS, "given_at": NOON}
     return Verdict(item_id=item_id, text=text, **(usual | known))  # type: ignore[arg-type]
@@ -117,7 +109,7 @@ def test_report_of_an_item_shows_its_grasps(report: Callable[..., str]) -> None:
         assert words in page
 
 
-def test_report_of_a_batch_shows_its_items_stages_and_days_to_ripe(
+def test_report_of_a_batch_shows_its_items_stages_and_days_and_of_a_day_its_grasps(
     report: Callable[..., str],
 ) -> None:
     page = report("--batch", "Monday")
@@ -137,8 +129,6 @@ def test_report_of_a_batch_shows_its_items_stages_and_days_to_ripe(
     bars = page[page.index("Ripeness") :]
     assert bars.index("hard") < bars.index("overripe")
 
-
-def test_report_of_a_day_contains_only_that_days_grasps(report: Callable[..., str]) -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "4.25 *" in page
     assert "3.77" not in page
@@ -158,18 +148,3 @@ def test_report_file_is_named_after_its_item_and_not_overwritten(palpate: Comman
     page.write_text("mine")
     assert "report-A17.html: already exists" in palpate("report", "A17", status=2).err
     assert page.read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "give exactly one of ITEM, --batch NAME or --day DATE"),
-        (("i9",), "no item 'i9'"),
-        (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
-        (("--day", "May"), "--day May: not a date"),
-    ],
-)
-def test_report_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in palpate.refused("report", *arguments)

@@ -64,11 +64,9 @@ def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n:
     )
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> Path:
-    """Return a store with ten labelled items of each kind and four unlabelled items."""
+def fill_store(path: Path) -> None:
+    """Write a store with ten labelled items of each kind and four unlabelled items."""
     rng = np.random.default_rng(8)
-    path = tmp_path / "items.sqlite"
     with Store.open(path) as opened:
         for kind, at in KINDS.items():
             for number in range(10):
@@ -79,6 +77,11 @@ def store(tmp_path: Path) -> Path:
             opened.add_item(Item(item_id=name, batch="crate"))
             opened.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
         opened.add_item(Item(item_id="never", batch="crate"))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    fill_store(path := tmp_path / "items.sqlite")
     return path
 
 
@@ -119,31 +122,6 @@ def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> No
             opened.add_grasp(grasp(f"e{number}", KINDS["egg"], rng=rng))
     out = palpate("sort", "--identify", "A", "--store", path).out
     assert "label 15 more items" in out
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--identify", "nobody"], "no item 'nobody'"),
-        (["--identify", "never"], "item 'never' was never grasped; grasp it first"),
-        ([], "give the sorting rules with --rules FILE, or an item with --identify ITEM"),
-        (["--identify", "K", "--rig", "sim-rigid"], "can't be combined with --identify"),
-        (["--rules", "rules.toml", "--batch", "x"], "batch 'x' contains no grasped items"),
-        (["--rules", "rules.toml", "--target-force-n", "5"], "requires --rig"),
-        (["--rules", "pears.toml"], "line 7: class 'pear' has fewer than 3 labelled items"),
-    ],
-)
-def test_sort_invalid_input_is_refused_in_one_line(
-    palpate: Command,
-    store: Path,
-    rules: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    options: list[str],
-    message: str,
-) -> None:
-    monkeypatch.chdir(rules.parent)
-    Path("pears.toml").write_text(RULES.replace('class = "kiwi"', 'class = "pear"'))
-    assert message in palpate.refused("sort", *options, "--store", store)
 
 
 def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rules: Path) -> None:
@@ -235,21 +213,6 @@ def test_sort_by_name_has_its_force_raised_by_target_and_lowered_by_damage_file(
     gentle_n, firm_n, firm_but_limited_n = peak_n
     assert gentle_n + 1.0 < firm_n < 10.0
     assert 0 < firm_but_limited_n < gentle_n
-
-
-def test_sort_target_force_requires_a_rig(palpate: Command, rules: Path) -> None:
-    err = palpate.refused("sort", "--rules", rules, "--target-force-n", "5")
-    assert "requires --rig, because nothing is grasped" in err
-
-
-@pytest.mark.slow
-def test_sort_soft_fingers_refuse_rules_on_class_or_size(palpate: Command, tmp_path: Path) -> None:
-    path = tmp_path / "size.toml"
-    path.write_text(SIZE_RULES)
-    err = palpate(
-        "sort", "--rules", path, "--rig", "sim-soft", "--store", tmp_path / "s.sqlite", status=2
-    ).err
-    assert "line 4: requires class or size, but fingers driven by pressure measure neither" in err
 
 
 @pytest.mark.slow

@@ -110,27 +110,3 @@ def test_teach_learns_each_question_from_the_store(
     assert document["items"] == 20
     assert document["right"] > 0.9
     assert document["named"] == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("grade", "--table", "none.csv"), "can't be read"),
-        (("grade", "--table", "bare.csv"), "no numeric column"),
-        (("grade", "--table", "few.csv"), "at least two labels are required"),
-        (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),
-        (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
-    ],
-)
-def test_teach_invalid_input_is_refused_with_a_remedy(
-    store: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    palpate: Command,
-    arguments: tuple[str, ...],
-    message: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("bare.csv").write_text("item_id,label\nA1,soft\n")
-    Path("few.csv").write_text("item_id,label,firmness\nA1,soft,41\n")
-    assert message in palpate.refused("teach", *arguments)
