@@ -15,7 +15,7 @@ import pytest
 from tests.commands import Command
 
 from palpate.gripper.hobby_servo import ServoTravel
-from palpate.sensor.board_array import find_layout, open_board
+from palpate.sensor.board_array import open_board
 
 
 def test_init_options_are_written_to_the_rig_file(tmp_path: Path, palpate: Command) -> None:
@@ -76,15 +76,6 @@ def test_init_known_gripper_writes_its_opener_and_what_it_needs_of_the_board(
         assert table == {"port": "/dev/ttyUSB3"}
     if "servo" in options:
         assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
-
-
-def test_init_writes_matrix_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "rig.toml"
-    palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
-    content = tomllib.loads(path.read_text())["array"]
-    layout = find_layout(content["layout"], fingers=content["fingers"], pitch_mm=6.5)
-    assert (layout.pixels, layout.fingers, layout.pitch_mm) == (18, 2, 6.5)
-    assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
 
 
 def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate: Command) -> None:

@@ -101,18 +101,3 @@ def test_record_on_a_full_disk_exits_with_3(tmp_path: Path, palpate: Command) ->
     path.unlink()
     path.symlink_to("/dev/full")
     palpate.refused("record", path, "--rig", "sim-rigid", "--duration", "1", status=3)
-
-
-@pytest.mark.slow
-def test_record_and_export_do_not_overwrite_existing_files(
-    tmp_path: Path, palpate: Command
-) -> None:
-    recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
-    record = ("record", recorded, "--rig", "sim-rigid", "--duration", "0.5")
-    palpate(*record)
-    before = recorded.read_bytes()
-    table.write_text("mine")
-    assert "already exists" in palpate.refused("export", recorded)
-    assert "already exists" in palpate.refused(*record)
-    assert recorded.read_bytes() == before
-    assert table.read_text() == "mine"

@@ -69,13 +69,20 @@ def test_export_writes_the_format_of_the_name(recorded: Path, palpate: Command) 
     assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
 
 
-def test_export_does_not_overwrite_a_recording(recorded: Path, palpate: Command) -> None:
+def test_export_overwrites_neither_a_recording_nor_a_table(
+    recorded: Path, palpate: Command
+) -> None:
     before = recorded.read_bytes()
-    error = palpate("export", recorded, "--out", recorded, status=2).err
-    assert "must end in .csv or .parquet" in error
-    error = palpate("export", recorded, "--to", "parquet", "--out", "run.csv", status=2).err
-    assert "must end in .parquet" in error
+    table = recorded.with_suffix(".csv")
+    table.write_text("mine")
+    for options, message in (
+        (("--out", recorded), "must end in .csv or .parquet"),
+        (("--to", "parquet", "--out", "run.csv"), "must end in .parquet"),
+        ((), "already exists"),
+    ):
+        assert message in palpate.refused("export", recorded, *options)
     assert recorded.read_bytes() == before
+    assert table.read_text() == "mine"
 
 
 def test_replay_of_a_recording_without_a_grasp_prints_frames(

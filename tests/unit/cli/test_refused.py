@@ -61,6 +61,7 @@ USAGE = [
     ("qualify readings.csv --limit 15 --limit 13", "increasing order"),
     ("qualify readings.csv --limit 14 --cost 1 -1", "costs must not be negative"),
     ("qualify few-readings.csv", "at least 8 are required"),
+    ("record old.mcap --rig sim-rigid --duration 0.5", "already exists"),
     ("record new.mcap --rig missing.toml", "missing.toml: no such file"),
     ("record new.mcap --rig sim-rigid --port x", "--port can't be combined with --rig"),
     ("report", "give exactly one of ITEM, --batch NAME or --day DATE"),
@@ -133,6 +134,7 @@ FILES = {
     "few.csv": "item_id,label,firmness\nA1,soft,41\n",
     "holds.csv": "hold_id,time_s,value\n" + "".join(f"h,{k / 10},{99 - k}\n" for k in range(210)),
     "empty.csv": "",
+    "old.mcap": "",
     "word.csv": "hold_id,time_s,value\na,0,1\na,1,oops\n",
     "overflow.csv": "time_s,percent\n"
     + "".join(f"{k / 20},{(-1) ** k * 1.7e308}\n" for k in range(400)),
@@ -171,6 +173,6 @@ def test_line_is_refused_and_writes_no_file(
 ) -> None:
     monkeypatch.chdir(filled)
     monkeypatch.setenv("PALPATE_STORE", "items.sqlite")
-    before = sorted(filled.iterdir())
+    before = {path: path.read_bytes() for path in filled.iterdir()}
     assert message in palpate.refused(*shlex.split(line), status=status)
-    assert sorted(filled.iterdir()) == before
+    assert {path: path.read_bytes() for path in filled.iterdir()} == before

@@ -136,27 +136,19 @@ def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rule
     out = palpate(*arguments).out
     assert "dry run" in out
     assert "simulated" in out
-    # A person's label replaces the prediction.
-    with Store.open(store) as opened:
-        opened.add_item(Item(item_id="X", kind="kiwi"))
-    rows = palpate(*arguments, "--json").document["rows"]
-    row = next(row for row in rows if row["item_id"] == "X")
-    assert (row["bin"], row["probability"]) == ("kiwi", 1.0)
-
-
-def test_sort_rules_on_verdicts_use_stored_verdicts(
-    palpate: Command, store: Path, tmp_path: Path
-) -> None:
-    path = tmp_path / "bruised.toml"
-    path.write_text('default = "shop"\n[[rule]]\nbin = "juice"\nbruised = true\n')
+    # A person's label replaces the prediction, and rules use stored verdicts.
     bruise = Verdict(
-        item_id="K", about=About.BRUISE, text="bruised", probability=0.95, given_at=NOON
+        item_id="E", about=About.BRUISE, text="bruised", probability=0.95, given_at=NOON
     )
     with Store.open(store) as opened:
+        opened.add_item(Item(item_id="X", kind="kiwi"))
         opened.add_verdict(bruise)
-    arguments = ("sort", "--rules", path, "--store", store, "--batch", "crate", "--json")
-    bins = {row["item_id"]: row["bin"] for row in palpate(*arguments).document["rows"]}
-    assert bins == {"K": "juice", "E": "shop", "X": "shop"}
+    rules.write_text(
+        RULES.replace("[[rule]]", '[[rule]]\nbin = "juice"\nbruised = true\n[[rule]]', 1)
+    )
+    rows = {row["item_id"]: row for row in palpate(*arguments, "--json").document["rows"]}
+    assert (rows["X"]["bin"], rows["X"]["probability"]) == ("kiwi", 1.0)
+    assert (rows["K"]["bin"], rows["E"]["bin"]) == ("kiwi", "juice")
 
 
 @pytest.mark.slow
