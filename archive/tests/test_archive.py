@@ -13,7 +13,7 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from archive.tests.archive_jobs import killing_job, threads_job
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
@@ -34,7 +34,14 @@ from palpate_archive.evaluating import (
 )
 from palpate_archive.layout import KINDS, Archive
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def page() -> str:
+    """The page's rig is calibrated for this file's recordings."""
+    return "archive"
 
 
 def palpate(*arguments: str) -> int:
@@ -96,16 +103,6 @@ def test_added_frames_match_recording(archive: Archive, recorded: Path) -> None:
     assert np.array(table["counts"].tolist()).reshape(shape).tolist() == recording.counts.tolist()
     ohm = solve_resistance_ohm(recording).reshape(len(recording.time_s), -1)
     assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
-
-
-def test_commands_of_page_run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/archive.md`; its rig is calibrated for this file's recordings."""
-    run_page("archive", tmp_path, monkeypatch, capsys, request)
 
 
 def test_add_recordings_skips_archived_recordings(archive: Archive, recorded: Path) -> None:

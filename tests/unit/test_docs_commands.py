@@ -1,24 +1,22 @@
 """The pages' commands: `sh` blocks and Python run; options of others exist.
 
-A page is a story: its blocks run in order, in one folder and one Python namespace. Commands that
-need a board stand in `console` blocks behind a `$`; of those the verb and its options are checked.
+Commands that need a board stand in `console` blocks behind a `$`; of those the verb and its options
+are checked.
 """
 
 from __future__ import annotations
 
 import re
-import runpy
 import shlex
-import shutil
-import sys
-from pathlib import Path
 
 import pytest
+from tests.pages import ROOT, blocks, test_commands_of_page_run
 from typer.core import TyperGroup
 
-from palpate.cli import VERBS, build_app, run
+from palpate.cli import VERBS, build_app
 
-ROOT = Path(__file__).resolve().parents[2]
+__all__ = ["test_commands_of_page_run"]
+
 #: Pages whose `sh` and `python` blocks are run.
 EXECUTED = (
     "index",
@@ -37,49 +35,11 @@ EXECUTED = (
     "foxglove",
     "force",
 )
-#: A comment before a block says that its commands exit otherwise than with 0.
-BLOCK = re.compile(
-    r"^(?:<!-- exit (?P<status>\d) -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
-)
 
 
-def blocks(page: str) -> list[tuple[str, int, str]]:
-    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    return [(m["kind"], int(m["status"] or 0), m["text"]) for m in BLOCK.finditer(text)]
-
-
-def run_line(line: str) -> int:
-    program, *arguments = shlex.split(line, comments=True)
-    if program == "palpate":
-        return run(build_app(), arguments, name="palpate")
-    assert program == "python", f"no idea how to run {line!r}"
-    sys.argv = arguments
-    runpy.run_path(str(ROOT / arguments[0]), run_name="__main__")
-    return 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", EXECUTED)
-def test_docs_page_blocks_run(
-    page: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["palpate"])
-    names: dict[str, object] = {}
-    for kind, status, text in blocks(page):
-        if kind == "python":
-            exec(compile(text, f"docs/{page}.md", "exec", dont_inherit=True), names)
-        if kind == "sh":
-            for line in text.splitlines():
-                if line == "palpate demo packhouse":  # run once, by the README's test
-                    shutil.copytree(request.getfixturevalue("packhouse"), "demo-packhouse")
-                    continue
-                assert run_line(line) == status, line
-    assert "Traceback" not in capsys.readouterr().err
+@pytest.fixture(params=EXECUTED)
+def page(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
 
 
 def shown_commands() -> list[tuple[str, str]]:

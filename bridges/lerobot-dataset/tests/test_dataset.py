@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
@@ -29,7 +29,15 @@ from palpate.rig import open_rig
 from palpate.rig.recorded import record_grasp
 from palpate_lerobot.episode import read_grasp
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def page() -> str:
+    """The page's rigs are calibrated for this file's recordings."""
+    return "lerobot"
+
 
 TARGET_N = 2.0
 #: A camera's rate, at which LeRobot's data sets are recorded.
@@ -163,16 +171,6 @@ def test_states_match_recording(recorded: Path, dataset: Path) -> None:
     firm = frames["observation.state"][frames["episode_index"] == 1]
     assert firm[:, 1].max() == pytest.approx(TARGET_N, rel=0.5)
     assert firm[:8, 1].max() < 0.5
-
-
-def test_commands_of_page_run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/lerobot.md`; its rigs are calibrated for this file's recordings."""
-    run_page("lerobot", tmp_path, monkeypatch, capsys, request)
 
 
 def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:

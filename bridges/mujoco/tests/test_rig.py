@@ -5,11 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve
@@ -25,6 +24,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate_mujoco import MujocoWorld
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
 
 SEED = 3
@@ -33,6 +33,13 @@ SEED = 3
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     return open_rig("mujoco", object_name="strawberry", seed=SEED)
+
+
+@pytest.fixture
+def page(rig: Rig) -> str:
+    """Return the page that opens the rig of this file, already calibrated."""
+    assert (rig.name, rig.subject) == ("mujoco", "strawberry")
+    return "mujoco"
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +75,6 @@ def learn_from_springs(n: float) -> DamageModel:
 def test_strawberry_is_held_and_measured(rig: Rig) -> None:
     # Four standard deviations of the size error (`benchmarks/mujoco_rig.py`).
     check_held(rig, size_mm=0.8)
-
-
-def test_commands_of_page_run(
-    rig: Rig,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/mujoco.md`, which opens the rig of this file, already calibrated."""
-    assert (rig.name, rig.subject) == ("mujoco", "strawberry")
-    run_page("mujoco", tmp_path, monkeypatch, capsys, request)
 
 
 def test_swinging_jaw_holds_and_measures_strawberry() -> None:
