@@ -11,37 +11,17 @@ from palpate.scoring.predictions import Prediction, summarise
 from palpate_studies.bootstrap import bootstrap_interval
 
 
-def prediction(
-    predicted: float, *, low: float, high: float, settled: float, recorded: float
-) -> Prediction:
-    return Prediction(
-        hold_id="a",
-        method="m",
-        cutoff_s=1.0,
-        status=Status.OK,
-        predicted=predicted,
-        low=low,
-        high=high,
-        settled=settled,
-        recorded=recorded,
-    )
-
-
-def test_measure_settled_value_is_the_mean_of_the_last_half_second() -> None:
+def test_measure_settled_value_is_the_mean_of_the_last_half_second_up_to_the_horizon() -> None:
     time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
     values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])
     assert measure_settled_value(time_s, values, horizon_s=20.0) == 3.0
-    sparse = np.array([0.0, 10.0, 30.0])
-    assert np.isnan(measure_settled_value(sparse, sparse, horizon_s=20.0))
-
-
-@pytest.mark.parametrize(("last_s", "reaches"), [(19.9, False), (19.95, True)])
-def test_measure_settled_value_requires_samples_up_to_the_horizon(
-    last_s: float, reaches: bool
-) -> None:
-    time_s = np.arange(0, last_s + 0.01, 0.05)
-    settled = measure_settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
-    assert np.isfinite(settled) == reaches
+    for time_s, reaches in (
+        (np.array([0.0, 10.0, 30.0]), False),
+        (np.arange(0, 19.91, 0.05), False),
+        (np.arange(0, 19.96, 0.05), True),
+    ):
+        settled = measure_settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
+        assert np.isfinite(settled) == reaches
 
 
 def test_find_recorded_value_includes_the_sample_at_the_cutoff() -> None:
@@ -52,12 +32,20 @@ def test_find_recorded_value_includes_the_sample_at_the_cutoff() -> None:
 
 
 def test_summarise_ignores_unknown_values() -> None:
-    scores = [
-        prediction(101.0, low=99.0, high=103.0, settled=100.0, recorded=110.0),
-        prediction(98.0, low=97.0, high=99.0, settled=100.0, recorded=104.0),
-        prediction(103.0, low=102.0, high=104.0, settled=100.0, recorded=106.0),
-        prediction(7.0, low=6.0, high=8.0, settled=np.nan, recorded=9.0),
+    fixed = {"hold_id": "a", "method": "m", "cutoff_s": 1.0, "status": Status.OK}
+    rows = [
+        Prediction(
+            predicted=middle, low=low, high=high, settled=settled, recorded=recorded, **fixed
+        )
+        for value, low, high, settled, recorded in (
+            (101.0, 99.0, 103.0, 100.0, 110.0),
+            (98.0, 97.0, 99.0, 100.0, 104.0),
+            (103.0, 102.0, 104.0, 100.0, 106.0),
+            (7.0, 6.0, 8.0, np.nan, 9.0),
+            (1.0, 0.0, 2.0, 0.0, 1.0),
+        )
     ]
+    *scores, no_base = rows
     summary = summarise(scores)
     assert summary["median_abs_error_percent"] == 2.0
     assert summary["mean_abs_error_percent"] == 2.0
@@ -65,7 +53,6 @@ def test_summarise_ignores_unknown_values() -> None:
     assert summary["median_error_of_remaining_percent"] == 50.0
     assert summary["coverage"] == pytest.approx(1 / 3)
     assert summary["median_half_width_percent"] == 1.0
-    no_base = prediction(1.0, low=0.0, high=2.0, settled=0.0, recorded=1.0)
     assert np.isnan(no_base.error_percent)
     assert (no_base.of_remaining_percent, no_base.coverage) == (100.0, 1.0)
 
