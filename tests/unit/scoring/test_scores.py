@@ -35,14 +35,19 @@ def test_summarise_ignores_unknown_values() -> None:
     fixed = {"hold_id": "a", "method": "m", "cutoff_s": 1.0, "status": Status.OK}
     rows = [
         Prediction(
-            predicted=middle, low=low, high=high, settled=settled, recorded=recorded, **fixed
+            predicted=value,
+            low=value - half,
+            high=value + half,
+            settled=known,
+            recorded=last,
+            **fixed,
         )
-        for value, low, high, settled, recorded in (
-            (101.0, 99.0, 103.0, 100.0, 110.0),
-            (98.0, 97.0, 99.0, 100.0, 104.0),
-            (103.0, 102.0, 104.0, 100.0, 106.0),
-            (7.0, 6.0, 8.0, np.nan, 9.0),
-            (1.0, 0.0, 2.0, 0.0, 1.0),
+        for value, half, known, last in (
+            (101.0, 2.0, 100.0, 110.0),
+            (98.0, 1.0, 100.0, 104.0),
+            (103.0, 1.0, 100.0, 106.0),
+            (7.0, 1.0, np.nan, 9.0),
+            (1.0, 1.0, 0.0, 1.0),
         )
     ]
     *scores, no_base = rows
