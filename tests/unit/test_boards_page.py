@@ -13,11 +13,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 @pytest.mark.parametrize(
     ("board", "label"),
-    [
-        ("twin", "`sim-rigid`"),
-        ("mega2560", "Mega 2560, hobby servo"),
-        ("uno", "Uno, hobby servo"),
-    ],
+    [("twin", "`sim-rigid`"), ("mega2560", "Mega 2560, hobby servo"), ("uno", "Uno, hobby servo")],
 )
 def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None:
     grasps = json.loads((DOCS / "boards" / f"{board}.json").read_text())["grasps"]

@@ -22,10 +22,7 @@ PATHS = [
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
 def test_readme_commands_run_in_an_empty_folder(
-    path: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)

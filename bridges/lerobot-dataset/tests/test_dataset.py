@@ -142,10 +142,7 @@ def test_grasp_released_by_user_is_an_episode(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("phase", "recorded_end", "reason"),
-    [
-        (Phase.HOLD, False, "gripper_fault"),
-        (Phase.SQUEEZE, True, "the user stopped the grasp"),
-    ],
+    [(Phase.HOLD, False, "gripper_fault"), (Phase.SQUEEZE, True, "the user stopped the grasp")],
 )
 def test_read_grasp_without_recorded_end_is_refused(
     tmp_path: Path, phase: Phase, recorded_end: bool, reason: str

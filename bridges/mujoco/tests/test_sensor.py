@@ -136,10 +136,4 @@ def test_touch_grid_of_the_model_loads_its_pixels_with_newtons() -> None:
 def test_sensor_without_matching_touch_grid_is_refused(name: str, layout: ArrayLayout) -> None:
     model = mujoco.MjModel.from_xml_string(GRID_MODEL)
     with pytest.raises(InputError, match=f"needs a touch_grid '{name}' with the"):
-        PadSensor(
-            model,
-            mujoco.MjData(model),
-            pads=[TouchGrid(sensor=name)],
-            layout=layout,
-            seed=1,
-        )
+        PadSensor(model, mujoco.MjData(model), pads=[TouchGrid(sensor=name)], layout=layout, seed=1)

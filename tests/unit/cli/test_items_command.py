@@ -91,9 +91,7 @@ def test_grasp_with_unreachable_shared_store_is_stored_locally(
 
 @pytest.mark.slow
 def test_grasp_prints_the_result_before_contacting_the_store(
-    palpate: Command,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    palpate: Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[str] = []
 

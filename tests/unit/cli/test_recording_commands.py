@@ -12,10 +12,7 @@ import pytest
 from tests.commands import Command
 
 from palpate.plots.style import PAGE_WIDTH_IN
-from palpate.recording import (
-    RecordingInfo,
-    RecordingWriter,
-)
+from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 

@@ -85,10 +85,7 @@ BAD_TEXT = {
         "line 3: value is '1.5'",
     ),
     "both marks": ("hold_id;time_s;value\na;0;1.234,5\n", "line 2: value is '1.234,5'"),
-    "column twice": (
-        "hold_id,time_s,value,value\na,1,2,3\n",
-        "column value occurs twice",
-    ),
+    "column twice": ("hold_id,time_s,value,value\na,1,2,3\n", "column value occurs twice"),
     "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
     "too large": (HEADER + "a,0,-1.7e308\n", "line 2: value is '-1.7e308', not a finite number up"),
     "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
