@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, engine
 
@@ -24,17 +23,13 @@ pytestmark = pytest.mark.usefixtures("folder")
 SEED = ("--seed", "1", "--rate-hz", "15")
 
 
-def grasp(item_id: str, *, days: int = 0, value: float = 3.0) -> Grasp:
-    return make_grasp(
+def grasp(item_id: str, *, days: int = 0, **values: float) -> Grasp:
+    return stored_grasp(
         item_id,
-        taken_at=NOON + timedelta(days=days),
+        {"stiffness_n_per_mm": 3.0} | values,
+        hours=24 * days,
         rig="hall.toml",
         origin="hardware" if item_id != "S1" else "twin",
-        measurements={
-            "stiffness_n_per_mm": Measurement(
-                value=value, low=value - 1, high=value + 1, unit="n_per_mm"
-            )
-        },
         pixel_settled_percent=((-40.0, None), (-42.0, -41.0)),
         angle_deg=90.0,
     )
@@ -45,7 +40,9 @@ def filled() -> None:
     with Store.open() as store:
         store.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=NOON))
         store.add_item(Item(item_id="K2", kind="kiwi", first_seen=NOON + timedelta(days=1)))
-        store.add_grasps([grasp("A17"), grasp("A17", days=2, value=2.25), grasp("K2", days=1)])
+        store.add_grasps(
+            [grasp("A17"), grasp("A17", days=2, stiffness_n_per_mm=2.25), grasp("K2", days=1)]
+        )
         store.add_verdict(
             Verdict(
                 item_id="A17",
@@ -147,9 +144,7 @@ def test_items_page_ranks_firmness_within_the_kind_and_labels_simulated_items(
         for number, index in enumerate([65.0, *range(10, 90, 10)]):
             name = f"A{number}"
             store.add_item(Item(item_id=name, kind="avocado"))
-            firmness = Measurement(value=index, low=index - 5, high=index + 5, unit="index")
-            one = grasp(name)
-            store.add_grasp(replace(one, measurements={**one.measurements, "firmness": firmness}))
+            store.add_grasp(grasp(name, firmness=index))
         store.add_grasps([grasp("A1", days=1), grasp("S1")])
     found = palpate("items", "A0", "--json").document
     assert found["firmness_rank"] == {"items": 8, "softer": 0.75}

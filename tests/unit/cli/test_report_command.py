@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
 from palpate.grasp.result import Outcome
-from palpate.measurement import Measurement, Status
-from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
+from palpate.measurement import Status
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 
 VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
@@ -55,6 +56,18 @@ def verdict(item_id: str, text: str, **known: object) -> Verdict:
     return Verdict(item_id=item_id, text=text, **(usual | known))  # type: ignore[arg-type]
 
 
+def grasp(item_id: str, *, hours: float) -> Grasp:
+    return stored_grasp(
+        item_id,
+        {name: value - hours / 100 for name, value in VALUES.items()},
+        hours=hours,
+        status=Status.OK if hours else Status.SATURATED,
+        outcome=Outcome.HELD if hours else Outcome.SLIPPED,
+        pixel_settled_percent=((-31.0, -30.0), (None, -45.0)),
+        angle_deg=90.0,
+    )
+
+
 @pytest.fixture(autouse=True)
 def store(folder: Path) -> None:
     with Store.open() as store:
@@ -67,26 +80,6 @@ def store(folder: Path) -> None:
             store.add_verdict(verdict(name, stage, probability=0.875, explanation="1.5 < 2 N/mm"))
             later = NOON + timedelta(hours=5)
             store.add_verdict(verdict(name, "ripe", given_at=later, source=Source.PERSON))
-
-
-def grasp(item_id: str, *, hours: float) -> Grasp:
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(hours=hours),
-        outcome=Outcome.HELD if hours else Outcome.SLIPPED,
-        measurements={
-            name: Measurement(
-                value=value - hours / 100,
-                low=value - 1,
-                high=value + 1,
-                unit=MEASURED[name],
-                status=Status.OK if hours else Status.SATURATED,
-            )
-            for name, value in VALUES.items()
-        },
-        pixel_settled_percent=((-31.0, -30.0), (None, -45.0)),
-        angle_deg=90.0,
-    )
 
 
 @pytest.fixture

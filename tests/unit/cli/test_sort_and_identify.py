@@ -6,16 +6,15 @@ import io
 import itertools
 import json
 import re
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.closings import write_damage_file
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 
@@ -51,17 +50,9 @@ size_mm = [45, 80]
 
 def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n: int = 0) -> Grasp:
     size, stiffness = np.array(at) * np.exp(np.array([0.02, 0.1]) * rng.standard_normal(2))
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(minutes=n),
-        rig="test",
-        measurements={
-            "size_mm": Measurement(value=size, low=size - 0.4, high=size + 0.4, unit="mm"),
-            "stiffness_n_per_mm": Measurement(
-                value=stiffness, low=stiffness / 1.3, high=stiffness * 1.3, unit="n_per_mm"
-            ),
-        },
-    )
+    half = {"size_mm": 0.4, "stiffness_n_per_mm": 0.26 * stiffness}
+    values = {"size_mm": size, "stiffness_n_per_mm": stiffness}
+    return stored_grasp(item_id, values, hours=n / 60, half=half, rig="test")
 
 
 def fill_store(path: Path) -> None:

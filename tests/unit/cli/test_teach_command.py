@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 
 
@@ -26,23 +25,7 @@ def write_table(path: Path, *, unlabelled: int = 2) -> Path:
     return path
 
 
-def grasp(
-    item_id: str, firmness: float, *, minutes: int = 0, percent: tuple[float, ...] = ()
-) -> Grasp:
-    values = {"size_mm": (60.0, "mm"), "stiffness_n_per_mm": (firmness / 10, "n_per_mm")}
-    values |= {"firmness": (firmness, "index"), "settled_percent": (-40.0, "percent")}
-    values |= {"force_n": (5.0, "n")}
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(minutes=minutes),
-        rig="test",
-        origin="hardware",
-        measurements={
-            name: Measurement(value=v, low=v - 0.1, high=v + 0.1, unit=unit)
-            for name, (v, unit) in values.items()
-        },
-        pixel_settled_percent=((percent[:2], percent[2:]) * 2) if percent else None,
-    )
+VALUES = {"size_mm": 60.0, "settled_percent": -40.0, "force_n": 5.0}
 
 
 @pytest.fixture
@@ -55,20 +38,14 @@ def store(tmp_path: Path) -> Path:
             opened.add_item(Item(item_id=name, kind="avocado"))
             firmness = float(random.normal(30 + 30 * is_firm, 3))
             load = tuple(random.normal((-60, -40 - 15 * is_firm, -50, -50), 1.0).tolist())
-            opened.add_grasp(grasp(name, firmness, minutes=number, percent=load))
-            for about, text in (
-                (About.RIPENESS, ("ripe", "hard")[is_firm]),
-                (About.BRUISE, ("bruised", "sound")[is_firm]),
-            ):
-                opened.add_verdict(
-                    Verdict(
-                        item_id=name,
-                        about=about,
-                        text=text,
-                        given_at=NOON + timedelta(minutes=number),
-                        source=Source.PERSON,
-                    )
-                )
+            firm = {"firmness": firmness, "stiffness_n_per_mm": firmness / 10}
+            pixels = (load[:2], load[2:]) * 2
+            given = {"rig": "test", "origin": "hardware", "pixel_settled_percent": pixels}
+            opened.add_grasp(stored_grasp(name, VALUES | firm, half=0.1, **given))
+            person = {"item_id": name, "given_at": NOON, "source": Source.PERSON}
+            ripeness, bruise = (("ripe", "bruised"), ("hard", "sound"))[is_firm]
+            opened.add_verdict(Verdict(about=About.RIPENESS, text=ripeness, **person))
+            opened.add_verdict(Verdict(about=About.BRUISE, text=bruise, **person))
     return path
 
 
