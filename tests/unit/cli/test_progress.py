@@ -11,15 +11,6 @@ from pathlib import Path
 
 import pytest
 
-RULES = """\
-default = "by hand"
-
-[[rule]]
-bin = "small"
-size_mm = [0, 45]
-"""
-SORT = ["-m", "palpate", "sort", "--rules", "rules.toml", "--rig", "sim-rigid", "--items", "1"]
-
 
 def run_on_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
     """Run Python with a terminal for standard error; return both outputs."""
@@ -47,10 +38,12 @@ def run_on_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
 
 
 @pytest.mark.slow
-def test_sort_for_a_program_shows_no_progress_bar(tmp_path: Path) -> None:
-    (tmp_path / "rules.toml").write_text(RULES)
-    out, shown = run_on_terminal([*SORT, "--json"], folder=tmp_path)
-    assert b"sorting" not in shown
+def test_settle_for_a_program_shows_no_progress_bar(tmp_path: Path) -> None:
+    rows = [f"a,{k / 10},{99 - k / 50}" for k in range(210)]
+    (tmp_path / "holds.csv").write_text("\n".join(["hold_id,time_s,value", *rows]))
+    settle = ["-m", "palpate", "settle", "holds.csv", "--json"]
+    out, shown = run_on_terminal(settle, folder=tmp_path)
+    assert b"settling" not in shown
     assert json.loads(out)["rows"]
 
 
