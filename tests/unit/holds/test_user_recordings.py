@@ -16,7 +16,6 @@ from tests.commands import Command
 from tests.touches import TOUCHES, counts, resistance_ohm
 
 from palpate import cut_holds, read_recording
-from palpate.demo.recordings import write_recordings
 from palpate.errors import InputError
 
 TIME_S = np.arange(0, 88, 0.04)
@@ -291,26 +290,11 @@ def test_cut_holds_arrays_and_data_frames_match_files(desk: Desk) -> None:
         read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
 
 
-def test_cut_holds_start_after_loading_and_end_at_opening() -> None:
-    [first, *_] = cut_holds(TIME_S, OHM)
-    begin_s = TIME_S[np.flatnonzero(first.values[0] == OHM)[0]]
-    end_s = TIME_S[np.flatnonzero(first.values[-1] == OHM)[0]]
-    close_s, open_s = TOUCHES[0]
-    assert close_s + 0.1 <= begin_s <= close_s + 0.4
-    assert open_s - 0.1 <= end_s <= open_s + 0.05
-
-
 @pytest.mark.slow
 def test_settle_plot_titles_state_number_of_holds(desk: Desk) -> None:
     plot = desk.folder / "cut.svg"
     desk.settle(desk.write(FORMATS["plain.csv"]), "--plot", plot)
     assert "r.csv, resistance_ohm: 3 holds" in plot.read_text()
-
-
-@pytest.mark.slow
-def test_cut_holds_finds_every_touch_of_demo_recordings(tmp_path: Path) -> None:
-    for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
-        assert len(cut_holds(read_recording(path))) == 4 * columns
 
 
 def test_table_with_id_column_is_split_by_recording_or_hold(desk: Desk) -> None:
