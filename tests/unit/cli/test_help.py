@@ -9,6 +9,7 @@ import sys
 import pytest
 from tests.commands import Command
 
+from palpate import __version__
 from palpate.cli import VERBS, build_app
 
 #: Verbs of other packages that parse the rest of the line themselves.
@@ -42,4 +43,4 @@ def test_python_m_palpate_runs_the_command() -> None:
         [sys.executable, "-m", "palpate", "--version"], capture_output=True, text=True
     )
     assert done.returncode == 0
-    assert done.stdout.startswith("palpate ")
+    assert done.stdout == f"palpate {__version__}\n"

@@ -12,15 +12,10 @@ import pytest
 import typer
 from tests.commands import Command
 
-from palpate import __version__
 from palpate.cli import lazy_group, run
 
 SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block", "--rate-hz", "15")
-
-
-def test_version_option_prints_the_version(palpate: Command) -> None:
-    assert palpate("--version").out == f"palpate {__version__}\n"
 
 
 @pytest.mark.parametrize(("words", "named"), [((), "grasp"), (("calibrate",), "rest")])
