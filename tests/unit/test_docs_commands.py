@@ -1,4 +1,4 @@
-"""The pages' commands: `sh` blocks and Python run; options of others exist.
+"""The documentation's pages: commands run, options exist, tables and pictures agree.
 
 Commands that need a board stand in `console` blocks behind a `$`; of those the verb and its options
 are checked.
@@ -6,9 +6,13 @@ are checked.
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
+import subprocess
+import sys
 
+import numpy as np
 import pytest
 from tests.pages import ROOT, blocks, test_commands_of_page_run
 from typer.core import TyperGroup
@@ -19,21 +23,9 @@ __all__ = ["test_commands_of_page_run"]
 
 #: Pages whose `sh` and `python` blocks are run.
 EXECUTED = (
-    "index",
-    "first-grasp",
-    "settle",
-    "python",
-    "build-a-sensor",
-    "bring-up",
-    "own-gripper-or-sensor",
-    "ripeness",
-    "architecture",
-    "items",
-    "bruise",
-    "sort",
-    "grasp-produce",
-    "foxglove",
-    "force",
+    *("index", "first-grasp", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
+    *("own-gripper-or-sensor", "architecture", "items", "bruise", "sort", "grasp-produce"),
+    *("foxglove", "force"),
 )
 
 
@@ -87,3 +79,31 @@ def test_docs_sensor_picture_matches_pattern_drawing() -> None:
 
     shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
     assert shown == draw_combined_svg(lay_out(PRESETS["paper-3x2"]))
+
+
+DOCS = ROOT / "docs"
+
+
+@pytest.mark.parametrize(
+    ("board", "label"),
+    [("twin", "`sim-rigid`"), ("mega2560", "Mega 2560, hobby servo"), ("uno", "Uno, hobby servo")],
+)
+def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None:
+    grasps = json.loads((DOCS / "boards" / f"{board}.json").read_text())["grasps"]
+    held = [grasp for grasp in grasps if grasp["outcome"] == "held"]
+    assert not any(grasp["damaged"] or grasp["frames_lost"] for grasp in grasps)
+    peaks_n = [grasp["peak_force_n"] for grasp in grasps]
+    answer_s, grasp_s = (
+        np.median([grasp[name] for grasp in held]) for name in ("decision_time_s", "grasp_s")
+    )
+    row = (
+        f"| {label} | {len(held)} of {len(grasps)} | {np.median(peaks_n):.2f} | "
+        f"{max(peaks_n):.2f} | {answer_s:.2f} | {grasp_s:.2f} |"
+    )
+    assert row in (DOCS / "boards.md").read_text(encoding="utf-8")
+
+
+def test_reference_tables_agree_with_the_code() -> None:
+    check = [sys.executable, "docs/generate_tables.py", "--check"]
+    status = subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode
+    assert status == 0, "run python docs/generate_tables.py"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.unit.cli.test_qualify_command import write_readings
 from tests.unit.cli.test_sort_and_identify import RULES, SIZE_RULES, fill_store
+from tests.unit.cli.test_teach_command import write_readings
 
 from palpate.produce.records import Item
 from palpate.produce.store import Store

@@ -1,4 +1,4 @@
-"""`palpate ripeness` on the store of `palpate demo packhouse`."""
+"""`palpate ripeness` and `palpate bruise` on the store of `palpate demo packhouse`."""
 
 from __future__ import annotations
 
@@ -97,3 +97,28 @@ def test_ripeness_example_script_prints_and_plots_its_batch(
     output = capsys.readouterr().out
     assert output.startswith("Monday (simulated): 6 fruits")
     assert (folder / "batch.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_bruise_dropped_apple_names_the_bruised_pixels(made: Path, palpate: Command) -> None:
+    found = palpate("bruise", "A17", "--json", "--store", made, status=1).document
+    assert found["bruised"]
+    assert found["simulated"]
+    assert "simulated" in found["learned_on"]
+    first, second = found["sides"]
+    assert (first["angle_deg"], second["angle_deg"]) == (90.0, 0.0)
+    assert first["probability"] > 0.5 > second["probability"]
+    assert first["against"] == "history"
+    assert first["pixels"]
+    assert found["before_percent"] < found["now_percent"] < 0
+
+
+@pytest.mark.slow
+def test_bruise_sound_apple_exits_with_0_and_stores_the_verdict(
+    made: Path, palpate: Command
+) -> None:
+    shown = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", made).out
+    assert shown.startswith("apple-1: sound (simulated)")
+    with Store.open(made) as store:
+        verdicts = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
+    assert [verdict.text for verdict in verdicts] == ["sound"]
