@@ -28,7 +28,7 @@ ROWS = range(TIME_S.size)
 START = datetime(2024, 5, 31, 12, 34, 50, 120_000)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Form:
     """One form of a file."""
 
@@ -105,27 +105,27 @@ _STAMP = "%H:%M:%S.%f -> "
 
 TERMINALS = (
     Form(
-        what="Arduino IDE, two values",
-        line="12:34:50.120 -> 620,806",
-        content=lines(lambda r: stamp(r, _STAMP) + f"{ONE[r]},{TWO[r]}"),
+        "Arduino IDE, two values",
+        "12:34:50.120 -> 620,806",
+        lines(lambda r: stamp(r, _STAMP) + f"{ONE[r]},{TWO[r]}"),
         columns={"2": ONE, "3": TWO},
     ),
     Form(
-        what="Arduino IDE, labels",
-        line="12:34:50.120 -> A0:620<tab>A1:806",
-        content=lines(lambda r: stamp(r, _STAMP) + f"A0:{ONE[r]}\tA1:{TWO[r]}"),
+        "Arduino IDE, labels",
+        "12:34:50.120 -> A0:620<tab>A1:806",
+        lines(lambda r: stamp(r, _STAMP) + f"A0:{ONE[r]}\tA1:{TWO[r]}"),
         columns={"A0": ONE, "A1": TWO},
     ),
     Form(
-        what="labels with units",
-        line="12:34:50.120 -> FSR: 620 | Weight: 1.5 g",
-        content=lines(lambda r: stamp(r, _STAMP) + f"FSR: {ONE[r]} | Weight: {FORCE_N[r]} g"),
+        "labels with units",
+        "12:34:50.120 -> FSR: 620 | Weight: 1.5 g",
+        lines(lambda r: stamp(r, _STAMP) + f"FSR: {ONE[r]} | Weight: {FORCE_N[r]} g"),
         columns={"FSR": ONE},
     ),
     Form(
-        what="a label in each line",
-        line="12:34:50.120 -> left = 620",
-        content=lines(
+        "a label in each line",
+        "12:34:50.120 -> left = 620",
+        lines(
             lambda r: (
                 stamp(r, _STAMP) + f"left = {ONE[r]}\n" + stamp(r, _STAMP) + f"right = {TWO[r]}"
             )
@@ -133,65 +133,63 @@ TERMINALS = (
         columns={"left": ONE, "right": TWO},
     ),
     Form(
-        what="own clock first",
-        line="12:34:50.120 -> 54321,620",
-        content=lines(lambda r: stamp(r, _STAMP) + f"{54321 + round(1e3 * TIME_S[r])},{ONE[r]}"),
+        "own clock first",
+        "12:34:50.120 -> 54321,620",
+        lines(lambda r: stamp(r, _STAMP) + f"{54321 + round(1e3 * TIME_S[r])},{ONE[r]}"),
         columns={"3": ONE},
     ),
     Form(
-        what="header among the lines",
-        line="12:34:49.900 -> ms,fsr",
-        content=lines(
+        "header among the lines",
+        "12:34:49.900 -> ms,fsr",
+        lines(
             lambda r: stamp(r, _STAMP) + f"{round(1e3 * TIME_S[r])},{ONE[r]}",
             head="12:34:49.800 -> ready\n12:34:49.900 -> ms,fsr\n",
         ),
         columns={"fsr": ONE},
     ),
     Form(
-        what="over midnight",
-        line="23:59:50.120 -> 620",
-        content=lines(
-            lambda r: stamp(r, _STAMP, start=datetime(2024, 5, 31, 23, 59, 50)) + f"{ONE[r]}"
-        ),
+        "over midnight",
+        "23:59:50.120 -> 620",
+        lines(lambda r: stamp(r, _STAMP, start=datetime(2024, 5, 31, 23, 59, 50)) + f"{ONE[r]}"),
         columns={"2": ONE},
     ),
     Form(
-        what="date and arrow",
-        line="2024-05-31 12:34:50.120 -> 620",
-        content=lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f -> ") + f"{ONE[r]}"),
+        "date and arrow",
+        "2024-05-31 12:34:50.120 -> 620",
+        lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f -> ") + f"{ONE[r]}"),
         columns={"2": ONE},
     ),
     Form(
-        what="tio, Tera Term, arduino-cli",
-        line="[2024-05-31 12:34:50.120] 620 806",
-        content=lines(lambda r: stamp(r, "[%Y-%m-%d %H:%M:%S.%f] ") + f"{ONE[r]} {TWO[r]}"),
+        "tio, Tera Term, arduino-cli",
+        "[2024-05-31 12:34:50.120] 620 806",
+        lines(lambda r: stamp(r, "[%Y-%m-%d %H:%M:%S.%f] ") + f"{ONE[r]} {TWO[r]}"),
         columns={"2": ONE, "3": TWO},
     ),
     Form(
-        what="PlatformIO",
-        line="12:34:50.120 > 620",
-        content=lines(lambda r: stamp(r, "%H:%M:%S.%f > ") + f"{ONE[r]}", head="--- Terminal\n"),
+        "PlatformIO",
+        "12:34:50.120 > 620",
+        lines(lambda r: stamp(r, "%H:%M:%S.%f > ") + f"{ONE[r]}", head="--- Terminal\n"),
         columns={"2": ONE},
     ),
     Form(
-        what="PuTTY, own clock in ms",
-        line="54321,620",
-        content=lines(
+        "PuTTY, own clock in ms",
+        "54321,620",
+        lines(
             lambda r: f"{54321 + round(1e3 * TIME_S[r])},{ONE[r]}",
             head="=~=~=~=~= PuTTY log 2024.05.31 12:34:50 =~=~=~=~=\n",
         ),
         columns={"2": ONE},
     ),
     Form(
-        what="comma in the time",
-        line="12:34:50,120 -> 620,806",
-        content=lines(lambda r: stamp(r, "%H:%M:%S,%f -> ") + f"{ONE[r]},{TWO[r]}"),
+        "comma in the time",
+        "12:34:50,120 -> 620,806",
+        lines(lambda r: stamp(r, "%H:%M:%S,%f -> ") + f"{ONE[r]},{TWO[r]}"),
         refused="may separate two readings or be a decimal mark",
     ),
     Form(
-        what="JSON lines",
-        line='{"t_ms": 100, "fsr": [620, 806]}',
-        content=lines(
+        "JSON lines",
+        '{"t_ms": 100, "fsr": [620, 806]}',
+        lines(
             lambda r: json.dumps(
                 {"t_ms": round(1e3 * TIME_S[r]), "fsr": [int(ONE[r]), int(TWO[r])]}
             )
@@ -199,47 +197,47 @@ TERMINALS = (
         columns={"fsr.0": ONE, "fsr.1": TWO},
     ),
     Form(
-        what="JSON document",
-        line='[{"t": 0.1, "fsr": 620}, ...',
-        content=json.dumps([{"t": float(TIME_S[r]), "fsr": int(ONE[r])} for r in ROWS], indent=1),
+        "JSON document",
+        '[{"t": 0.1, "fsr": 620}, ...',
+        json.dumps([{"t": float(TIME_S[r]), "fsr": int(ONE[r])} for r in ROWS], indent=1),
         refused="a JSON document",
     ),
 )
 SENSORS = (
     Form(
-        what="a row per sensor",
-        line="0.1,S1,620",
-        content=lines(
+        "a row per sensor",
+        "0.1,S1,620",
+        lines(
             lambda r: f"{TIME_S[r]},S1,{ONE[r]}\n{TIME_S[r]},S2,{TWO[r]}",
             head="time_s,sensor,value\n",
         ),
         columns={"S1": ONE, "S2": TWO},
     ),
     Form(
-        what="a row per channel number",
-        line="0.1,0,620",
-        content=lines(
+        "a row per channel number",
+        "0.1,0,620",
+        lines(
             lambda r: f"{TIME_S[r]},0,{ONE[r]}\n{TIME_S[r]},1,{TWO[r]}",
             head="time_s,channel,value\n",
         ),
         columns={"0": ONE, "1": TWO},
     ),
     Form(
-        what="a line per reading, -1 before a frame",
-        line="12:34:50.120 -> -1",
-        content=lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (-1, ONE[r], TWO[r]))),
+        "a line per reading, -1 before a frame",
+        "12:34:50.120 -> -1",
+        lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (-1, ONE[r], TWO[r]))),
         columns={"place 1": ONE, "place 2": TWO},
     ),
     Form(
-        what="a line per reading, equal times",
-        line="12:34:50.120 -> 620",
-        content=lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (ONE[r], TWO[r]))),
+        "a line per reading, equal times",
+        "12:34:50.120 -> 620",
+        lines(lambda r: "\n".join(stamp(r, _STAMP) + f"{v}" for v in (ONE[r], TWO[r]))),
         columns={"place 1": ONE, "place 2": TWO},
     ),
     Form(
-        what="the same, readings missing",
-        line="12:34:50.120 -> 620",
-        content=lines(
+        "the same, readings missing",
+        "12:34:50.120 -> 620",
+        lines(
             lambda r: "\n".join(
                 stamp(r, _STAMP) + f"{v}" for v in (ONE[r], TWO[r], TWO[r] + 99)[: 1 + r % 3]
             )
@@ -247,187 +245,167 @@ SENSORS = (
         refused="rows with the same time have different readings",
     ),
     Form(
-        what="two readings in a clock tick",
-        line="0.1,620",
-        content=lines(lambda r: f"{TIME_S[r]},{ONE[r]}\n{TIME_S[r]},{ONE[r]}", head="time_s,fsr\n"),
+        "two readings in a clock tick",
+        "0.1,620",
+        lines(lambda r: f"{TIME_S[r]},{ONE[r]}\n{TIME_S[r]},{ONE[r]}", head="time_s,fsr\n"),
         columns={"fsr": ONE},
     ),
 )
 TIMES = (
     Form(
-        what="ISO date and tab",
-        line="2024-05-31 12:34:50.120<tab>620",
-        content=lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f\t") + f"{ONE[r]}"),
+        "ISO date and tab",
+        "2024-05-31 12:34:50.120<tab>620",
+        lines(lambda r: stamp(r, "%Y-%m-%d %H:%M:%S.%f\t") + f"{ONE[r]}"),
         columns={"2": ONE},
     ),
     Form(
-        what="ISO date with T and Z",
-        line="2024-05-31T12:34:50.120Z,620",
-        content=lines(
-            lambda r: stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ,") + f"{ONE[r]}", head="timestamp,fsr\n"
-        ),
+        "ISO date with T and Z",
+        "2024-05-31T12:34:50.120Z,620",
+        lines(lambda r: stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ,") + f"{ONE[r]}", head="timestamp,fsr\n"),
         columns={"fsr": ONE},
     ),
     Form(
-        what="month first, AM and PM",
-        line="05/31/2024 12:34:50.120 PM,620",
-        content=lines(
-            lambda r: stamp(r, "%m/%d/%Y %I:%M:%S.%f %p,") + f"{ONE[r]}", head="Timestamp,FSR\n"
-        ),
+        "month first, AM and PM",
+        "05/31/2024 12:34:50.120 PM,620",
+        lines(lambda r: stamp(r, "%m/%d/%Y %I:%M:%S.%f %p,") + f"{ONE[r]}", head="Timestamp,FSR\n"),
         columns={"FSR": ONE},
     ),
     Form(
-        what="European date",
-        line="31.05.2024 12:34:50,120;620",
-        content=lines(
-            lambda r: stamp(r, "%d.%m.%Y %H:%M:%S,%f;") + f"{ONE[r]}", head="Datum;fsr\n"
-        ),
+        "European date",
+        "31.05.2024 12:34:50,120;620",
+        lines(lambda r: stamp(r, "%d.%m.%Y %H:%M:%S,%f;") + f"{ONE[r]}", head="Datum;fsr\n"),
         columns={"fsr": ONE},
     ),
     Form(
-        what="days or months, over months",
-        line="03/04/2024,620",
-        content="date,fsr\n"
+        "days or months, over months",
+        "03/04/2024,620",
+        "date,fsr\n"
         + "".join(f"{d:02d}/{m:02d}/2024,{620 - m}\n" for m in range(1, 13) for d in (1, 6, 11)),
         refused="may be day/month or month/day",
     ),
     Form(
-        what="the clock restarts",
-        line="0,620",
-        content=lines(
+        "the clock restarts",
+        "0,620",
+        lines(
             lambda r: f"{round(1e3 * TIME_S[r])},{ONE[r]}",
             head="ms,fsr\n" + "".join(f"{54321 + 100 * k},620\n" for k in range(8)),
         ),
         columns={"part 1": {"fsr": np.full(8, 620)}, "part 2": {"fsr": ONE}},
     ),
     Form(
-        what="total and cycle time",
-        line="0.1;0.1;620",
-        content=lines(
+        "total and cycle time",
+        "0.1;0.1;620",
+        lines(
             lambda r: f"{TIME_S[r] % 5:.1f};{TIME_S[r]:.1f};{ONE[r]}",
             head="Cycle time;Total time;fsr\n",
         ),
         columns={"fsr": ONE},
     ),
     Form(
-        what="seconds and nanoseconds",
-        line="1700000000,100000000,620",
-        content=lines(
+        "seconds and nanoseconds",
+        "1700000000,100000000,620",
+        lines(
             lambda r: f"{1_700_000_000 + int(TIME_S[r])},{1e9 * (TIME_S[r] % 1):.0f},{ONE[r]}",
             head="header.stamp.sec,header.stamp.nanosec,data\n",
         ),
         columns={"data": ONE},
     ),
     Form(
-        what="time of day and milliseconds",
-        line="12:34:50;100;620",
-        content=lines(
-            lambda r: f"{stamp(r, '%H:%M:%S')};{stamp(r, '%f')};{ONE[r]}", head="Time;ms;fsr\n"
-        ),
+        "time of day and milliseconds",
+        "12:34:50;100;620",
+        lines(lambda r: f"{stamp(r, '%H:%M:%S')};{stamp(r, '%f')};{ONE[r]}", head="Time;ms;fsr\n"),
         columns={"fsr": ONE},
     ),
     Form(
-        what="no clock",
-        line="620,806",
-        content=lines(lambda r: f"{ONE[r]},{TWO[r]}", head="left,right\n"),
+        "no clock",
+        "620,806",
+        lines(lambda r: f"{ONE[r]},{TWO[r]}", head="left,right\n"),
         refused="no time column recognised",
     ),
     Form(
-        what="no clock, one column",
-        line="620",
-        content=lines(lambda r: f"{ONE[r]}"),
+        "no clock, one column",
+        "620",
+        lines(lambda r: f"{ONE[r]}"),
         options={"interval_s": 0.1},
         columns={"1": ONE},
     ),
 )
 NUMBERS = (
     Form(
-        what="German",
-        line="0,1;62018,7",
-        content=lines(
-            lambda r: f"{comma(TIME_S[r])};{comma(OHM[r])}", head="Zeit [s];Widerstand [Ohm]\n"
-        ),
+        "German",
+        "0,1;62018,7",
+        lines(lambda r: f"{comma(TIME_S[r])};{comma(OHM[r])}", head="Zeit [s];Widerstand [Ohm]\n"),
         columns={"Widerstand [Ohm]": OHM},
     ),
     Form(
-        what="thousands with points",
-        line="0,1;62.018,7",
-        content=lines(
+        "thousands with points",
+        "0,1;62.018,7",
+        lines(
             lambda r: f"{comma(TIME_S[r])};{OHM[r] // 1000:.0f}.{comma(OHM[r] % 1000).zfill(5)}",
             head="time_s;R_ohm\n",
         ),
         columns={"R_ohm": OHM},
     ),
     Form(
-        what="thousands in quotes",
-        line='0.1,"62,018.7"',
-        content=lines(lambda r: f'{TIME_S[r]},"{OHM[r]:,.1f}"', head="time_s,R_ohm\n"),
+        "thousands in quotes",
+        '0.1,"62,018.7"',
+        lines(lambda r: f'{TIME_S[r]},"{OHM[r]:,.1f}"', head="time_s,R_ohm\n"),
         columns={"R_ohm": OHM},
     ),
     Form(
-        what="thousands with spaces",
-        line="0,1;62 018,7",
-        content=lines(
+        "thousands with spaces",
+        "0,1;62 018,7",
+        lines(
             lambda r: f"{comma(TIME_S[r])};" + f"{OHM[r]:,.1f}".replace(",", " ").replace(".", ","),
             head="time_s;R_ohm\n",
         ),
         columns={"R_ohm": OHM},
     ),
     Form(
-        what="points and decimal commas",
-        line="0,1;62.018",
-        content=lines(lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"),
+        "points and decimal commas",
+        "0,1;62.018",
+        lines(lambda r: f"{comma(TIME_S[r])};{ONE[r] // 10}.018", head="time_s;R_ohm\n"),
         refused="say --decimal comma if '.' separates thousands",
     ),
     Form(
-        what="two decimal marks",
-        line="0.1;62,18",
-        content=lines(lambda r: f"{TIME_S[r]};{comma(OHM[r] / 1e3, 2)}", head="time_s;R_kohm\n"),
+        "two decimal marks",
+        "0.1;62,18",
+        lines(lambda r: f"{TIME_S[r]};{comma(OHM[r] / 1e3, 2)}", head="time_s;R_kohm\n"),
         refused="have different decimal marks",
     ),
     Form(
-        what="row of units",
-        line="Time;Force;Extension / s;N;mm",
-        content=lines(
+        "row of units",
+        "Time;Force;Extension / s;N;mm",
+        lines(
             lambda r: f"{comma(TIME_S[r])};{comma(FORCE_N[r], 3)};3,00",
             head="Time;Force;Extension\ns;N;mm\n",
         ),
         columns={"Force [N]": FORCE_N},
     ),
     Form(
-        what="row of other units",
-        line="time,load,strain / min,kN,%",
-        content=lines(
+        "row of other units",
+        "time,load,strain / min,kN,%",
+        lines(
             lambda r: f"{TIME_S[r] / 60:.6f},{FORCE_N[r] / 1e3:.6f},4.5",
             head="time,load,strain\nmin,kN,%\n",
         ),
         columns={"load [kN]": FORCE_N},
     ),
-    Form(
-        what="blank at rest",
-        line="0.1,",
-        content=_open(""),
-        columns={"R_ohm": np.where(_HELD, OHM, np.nan)},
-    ),
-    Form(what="OL at rest", line="0.1,OL", content=_open("OL"), columns={"R_ohm": _OPEN_OHM}),
-    Form(
-        what="9.9E37 at rest",
-        line="0.1,9.90000E+37",
-        content=_open("9.90000E+37"),
-        columns={"R_ohm": _OPEN_OHM},
-    ),
+    Form("blank at rest", "0.1,", _open(""), columns={"R_ohm": np.where(_HELD, OHM, np.nan)}),
+    Form("OL at rest", "0.1,OL", _open("OL"), columns={"R_ohm": _OPEN_OHM}),
+    Form("9.9E37 at rest", "0.1,9.90000E+37", _open("9.90000E+37"), columns={"R_ohm": _OPEN_OHM}),
 )
 FILES = (
     Form(
-        what="note without a header",
-        line="Velostat, pad 3",
-        content=lines(lambda r: f"{TIME_S[r]:.1f} {ONE[r]}", head="Velostat pad number three\n"),
+        "note without a header",
+        "Velostat, pad 3",
+        lines(lambda r: f"{TIME_S[r]:.1f} {ONE[r]}", head="Velostat pad number three\n"),
         columns={"2": ONE},
     ),
     Form(
-        what="LabVIEW .lvm",
-        line="X_Value<tab>Voltage",
-        content=lines(
+        "LabVIEW .lvm",
+        "X_Value<tab>Voltage",
+        lines(
             lambda r: f"{TIME_S[r]:.6f}\t{ONE[r]:.6f}",
             head="LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\n***End_of_Header***\t\n"
             "Channels\t1\t\nDelta_X\t0.100000\n***End_of_Header***\t\nX_Value\tVoltage\n",
@@ -436,46 +414,32 @@ FILES = (
         columns={"Voltage": ONE},
     ),
     Form(
-        what="Excel, several sheets",
-        line="Statistics, Specimen 1, ...",
-        content=workbook([["Series", "Fmax"], ["n = 3", "N"], ["x", 1.07]], _SHEET, _SHEET),
+        "Excel, several sheets",
+        "Statistics, Specimen 1, ...",
+        workbook([["Series", "Fmax"], ["n = 3", "N"], ["x", 1.07]], _SHEET, _SHEET),
         ending=".xlsx",
         columns={"Standard force [N]": FORCE_N},
     ),
     Form(
-        what="Excel, a note in a far cell",
-        line="",
-        content=workbook(
-            [[*row, "", "checked"] if k == 8 else row for k, row in enumerate(_SHEET)]
-        ),
+        "Excel, a note in a far cell",
+        "",
+        workbook([[*row, "", "checked"] if k == 8 else row for k, row in enumerate(_SHEET)]),
         ending=".xlsx",
         columns={"Standard force [N]": FORCE_N},
     ),
+    Form("NumPy .npz", "", archive("t.npy"), ending=".npz", refused="a NumPy archive"),
+    Form("ROS 1 bag", "", b"#ROSBAG V2.0\n\x45\0\0\0", ending=".bag", refused="a ROS 1 bag"),
     Form(
-        what="NumPy .npz",
-        line="",
-        content=archive("t.npy"),
-        ending=".npz",
-        refused="a NumPy archive",
-    ),
-    Form(
-        what="ROS 1 bag",
-        line="",
-        content=b"#ROSBAG V2.0\n\x45\0\0\0",
-        ending=".bag",
-        refused="a ROS 1 bag",
-    ),
-    Form(
-        what="MATLAB .mat",
-        line="",
-        content=b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(128),
+        "MATLAB .mat",
+        "",
+        b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(128),
         ending=".mat",
         refused="a MATLAB file",
     ),
     Form(
-        what="LabVIEW .tdms",
-        line="",
-        content=b"TDSm\x0e\0\0\0".ljust(64, b"\0"),
+        "LabVIEW .tdms",
+        "",
+        b"TDSm\x0e\0\0\0".ljust(64, b"\0"),
         ending=".tdms",
         refused="a LabVIEW .tdms file",
     ),

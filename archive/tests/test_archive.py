@@ -13,7 +13,7 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from archive.tests.archive_jobs import killing_job, threads_job
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
@@ -34,7 +34,14 @@ from palpate_archive.evaluating import (
 )
 from palpate_archive.layout import KINDS, Archive
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def page() -> str:
+    """The page's rig is calibrated for this file's recordings."""
+    return "archive"
 
 
 def palpate(*arguments: str) -> int:
@@ -98,24 +105,6 @@ def test_added_frames_match_recording(archive: Archive, recorded: Path) -> None:
     assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
 
 
-def test_commands_of_page_run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/archive.md`; its rig is calibrated for this file's recordings."""
-    run_page("archive", tmp_path, monkeypatch, capsys, request)
-
-
-def test_add_recordings_skips_archived_recordings(archive: Archive, recorded: Path) -> None:
-    before = {kind: archive.parts(kind) for kind in KINDS}
-    assert list(add_recordings(archive, [recorded / "g1.mcap"], station="north")) == [{}]
-    again = list(add_recordings(archive, [recorded / "g1.mcap"], station="south"))
-    assert again == [{}]
-    assert {kind: archive.parts(kind) for kind in KINDS} == before
-
-
 def test_add_store_adds_grasps_once(archive: Archive, recorded: Path) -> None:
     with Store.open(str(recorded / "items.sqlite")) as store:
         assert add_store(archive, store, station="north") == {"grasps": 2}
@@ -143,8 +132,10 @@ def test_join_files_preserves_rows_and_sources(archive: Archive, recorded: Path)
         assert join_files(archive, kind) == (1, 1)
         [after] = contents(archive.root / kind).values()
         pd.testing.assert_frame_equal(after, before[kind].reset_index(drop=True))
+    # Archived recordings are not added again.
+    for station in ("north", "south"):
+        assert list(add_recordings(archive, [recorded / "g2.mcap"], station=station)) == [{}]
     assert {kind: set(archive.sources(kind)) for kind in KINDS} == sources
-    assert list(add_recordings(archive, [recorded / "g2.mcap"], station="north")) == [{}]
 
 
 def test_join_files_after_interruption_completes(archive: Archive) -> None:

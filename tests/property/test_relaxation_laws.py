@@ -69,7 +69,7 @@ def test_relaxation_of_signed_values_is_equivariant_to_scale_sign_and_offset(
             arrays(np.float64, (3, n), elements=st.floats(1e-3, 1e6, width=64)),
             arrays(np.float64, n, elements=st.floats(1e-4, 1.0)),
         )
-    ),
+    )
 )
 def test_relaxation_of_positive_values_predicts_positive_values(
     drawn: tuple[np.ndarray, np.ndarray],

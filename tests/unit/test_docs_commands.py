@@ -1,85 +1,37 @@
-"""The pages' commands: `sh` blocks and Python run; options of others exist.
+"""The documentation's pages: commands run, options exist, tables and pictures agree.
 
-A page is a story: its blocks run in order, in one folder and one Python namespace. Commands that
-need a board stand in `console` blocks behind a `$`; of those the verb and its options are checked.
+Commands that need a board stand in `console` blocks behind a `$`; of those the verb and its options
+are checked.
 """
 
 from __future__ import annotations
 
+import json
 import re
-import runpy
 import shlex
-import shutil
+import subprocess
 import sys
-from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.pages import ROOT, blocks, test_commands_of_page_run
 from typer.core import TyperGroup
 
-from palpate.cli import VERBS, build_app, run
+from palpate.cli import VERBS, build_app
 
-ROOT = Path(__file__).resolve().parents[2]
+__all__ = ["test_commands_of_page_run"]
+
 #: Pages whose `sh` and `python` blocks are run.
 EXECUTED = (
-    "index",
-    "first-grasp",
-    "settle",
-    "python",
-    "build-a-sensor",
-    "bring-up",
-    "own-gripper-or-sensor",
-    "ripeness",
-    "architecture",
-    "items",
-    "bruise",
-    "sort",
-    "grasp-produce",
-    "foxglove",
-    "force",
-)
-#: A comment before a block says that its commands exit otherwise than with 0.
-BLOCK = re.compile(
-    r"^(?:<!-- exit (?P<status>\d) -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
+    *("index", "first-grasp", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
+    *("own-gripper-or-sensor", "architecture", "items", "bruise", "sort", "grasp-produce"),
+    *("foxglove", "force"),
 )
 
 
-def blocks(page: str) -> list[tuple[str, int, str]]:
-    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    return [(m["kind"], int(m["status"] or 0), m["text"]) for m in BLOCK.finditer(text)]
-
-
-def run_line(line: str) -> int:
-    program, *arguments = shlex.split(line, comments=True)
-    if program == "palpate":
-        return run(build_app(), arguments, name="palpate")
-    assert program == "python", f"no idea how to run {line!r}"
-    sys.argv = arguments
-    runpy.run_path(str(ROOT / arguments[0]), run_name="__main__")
-    return 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", EXECUTED)
-def test_docs_page_blocks_run(
-    page: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["palpate"])
-    names: dict[str, object] = {}
-    for kind, status, text in blocks(page):
-        if kind == "python":
-            exec(compile(text, f"docs/{page}.md", "exec", dont_inherit=True), names)
-        if kind == "sh":
-            for line in text.splitlines():
-                if line == "palpate demo packhouse":  # run once, by the README's test
-                    shutil.copytree(request.getfixturevalue("packhouse"), "demo-packhouse")
-                    continue
-                assert run_line(line) == status, line
-    assert "Traceback" not in capsys.readouterr().err
+@pytest.fixture(params=EXECUTED)
+def page(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
 
 
 def shown_commands() -> list[tuple[str, str]]:
@@ -127,3 +79,31 @@ def test_docs_sensor_picture_matches_pattern_drawing() -> None:
 
     shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
     assert shown == draw_combined_svg(lay_out(PRESETS["paper-3x2"]))
+
+
+DOCS = ROOT / "docs"
+
+
+@pytest.mark.parametrize(
+    ("board", "label"),
+    [("twin", "`sim-rigid`"), ("mega2560", "Mega 2560, hobby servo"), ("uno", "Uno, hobby servo")],
+)
+def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None:
+    grasps = json.loads((DOCS / "boards" / f"{board}.json").read_text())["grasps"]
+    held = [grasp for grasp in grasps if grasp["outcome"] == "held"]
+    assert not any(grasp["damaged"] or grasp["frames_lost"] for grasp in grasps)
+    peaks_n = [grasp["peak_force_n"] for grasp in grasps]
+    answer_s, grasp_s = (
+        np.median([grasp[name] for grasp in held]) for name in ("decision_time_s", "grasp_s")
+    )
+    row = (
+        f"| {label} | {len(held)} of {len(grasps)} | {np.median(peaks_n):.2f} | "
+        f"{max(peaks_n):.2f} | {answer_s:.2f} | {grasp_s:.2f} |"
+    )
+    assert row in (DOCS / "boards.md").read_text(encoding="utf-8")
+
+
+def test_reference_tables_agree_with_the_code() -> None:
+    check = [sys.executable, "docs/generate_tables.py", "--check"]
+    status = subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode
+    assert status == 0, "run python docs/generate_tables.py"

@@ -58,10 +58,7 @@ COMMANDS = (
     ("calibrate-rest", "calibrate rest --rig sim-rigid --out pad.json"),
     ("calibrate-force", "calibrate force --rig sim-rigid --seed 1 --out pad-1.json"),
     ("calibrate-compliance", "calibrate compliance --rig sim-rigid --out pad-force.json"),
-    (
-        "calibrate-damage",
-        "calibrate damage --curves curves.csv --index index.csv --out other.json",
-    ),
+    ("calibrate-damage", "calibrate damage --curves curves.csv --index index.csv --out other.json"),
 )
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
 from pathlib import Path
 
 import pytest
+from tests.pages import ROOT, run_line
 
-from palpate.cli import VERBS, build_app, run
+from palpate.cli import VERBS
 
-ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 #: The paths of three users: what stands in `sh` blocks, but for the `make` lines and the clones.
 PATHS = [
@@ -24,21 +22,12 @@ PATHS = [
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
 def test_readme_commands_run_in_an_empty_folder(
-    path: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)
-    for line in path.splitlines():
-        for command in line.split("&&"):
-            program, *arguments = shlex.split(command, comments=True)
-            if program == "cd":
-                os.chdir(arguments[0])
-                continue
-            assert program == "palpate"
-            assert run(build_app(), arguments, name="palpate") == 0, command
+    for command in re.split(r"\n|&&", path.strip()):
+        assert run_line(command) == 0, command
     assert "Traceback" not in capsys.readouterr().err
 
 
@@ -49,8 +38,8 @@ def test_make_demo_prints_numbers_and_draws_picture(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     recipe = (ROOT / "Makefile").read_text().split("\ndemo: ")[1].split("\n\n")[0]
-    for line in re.findall(r"\t\$\(BIN\)/palpate (.*)", recipe):
-        assert run(build_app(), shlex.split(line), name="palpate") == 0
+    for line in re.findall(r"\t\$\(BIN\)/(palpate .*)", recipe):
+        assert run_line(line) == 0, line
     shown = capsys.readouterr().out
     for quantity in ("Size, mm", "Grip force, N", "Firmness, 0 to 100", "Stiffness, N/mm"):
         assert re.search(rf"{quantity} +[\d.]+  +[\d.]+ … [\d.]+", shown), quantity

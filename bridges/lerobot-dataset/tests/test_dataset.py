@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
@@ -29,7 +29,15 @@ from palpate.rig import open_rig
 from palpate.rig.recorded import record_grasp
 from palpate_lerobot.episode import read_grasp
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def page() -> str:
+    """The page's rigs are calibrated for this file's recordings."""
+    return "lerobot"
+
 
 TARGET_N = 2.0
 #: A camera's rate, at which LeRobot's data sets are recorded.
@@ -125,27 +133,19 @@ def release_during(file: Path, *, phase: Phase, recorded_end: bool) -> GraspResu
     return result
 
 
-def test_grasp_released_by_user_is_an_episode(tmp_path: Path) -> None:
+def test_grasp_released_by_user_is_an_episode_if_its_end_is_recorded(tmp_path: Path) -> None:
     file = tmp_path / "released.mcap"
     result = release_during(file, phase=Phase.HOLD, recorded_end=True)
     track = read_grasp(file)
     assert (track.outcome, len(track.time_s)) == ("held", result.frames)
-
-
-@pytest.mark.parametrize(
-    ("phase", "recorded_end", "reason"),
-    [
+    for phase, recorded_end, reason in (
         (Phase.HOLD, False, "gripper_fault"),
         (Phase.SQUEEZE, True, "the user stopped the grasp"),
-    ],
-)
-def test_read_grasp_without_recorded_end_is_refused(
-    tmp_path: Path, phase: Phase, recorded_end: bool, reason: str
-) -> None:
-    file = tmp_path / "cut.mcap"
-    release_during(file, phase=phase, recorded_end=recorded_end)
-    with pytest.raises(RecordingError, match=rf"cut\.mcap: .*{reason}"):
-        read_grasp(file)
+    ):
+        cut = tmp_path / f"{phase.value}.mcap"
+        release_during(cut, phase=phase, recorded_end=recorded_end)
+        with pytest.raises(RecordingError, match=rf"{phase.value}\.mcap: .*{reason}"):
+            read_grasp(cut)
 
 
 def test_states_match_recording(recorded: Path, dataset: Path) -> None:
@@ -163,16 +163,6 @@ def test_states_match_recording(recorded: Path, dataset: Path) -> None:
     firm = frames["observation.state"][frames["episode_index"] == 1]
     assert firm[:, 1].max() == pytest.approx(TARGET_N, rel=0.5)
     assert firm[:8, 1].max() < 0.5
-
-
-def test_commands_of_page_run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/lerobot.md`; its rigs are calibrated for this file's recordings."""
-    run_page("lerobot", tmp_path, monkeypatch, capsys, request)
 
 
 def test_frames_have_numbers_and_times_of_lerobot_format(dataset: Path) -> None:

@@ -5,14 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.test_docs_commands import test_docs_page_blocks_run as run_page
+from tests.pages import test_commands_of_page_run
 
-from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
@@ -25,6 +22,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate_mujoco import MujocoWorld
 
+__all__ = ["test_commands_of_page_run"]
 pytestmark = pytest.mark.slow
 
 SEED = 3
@@ -33,6 +31,13 @@ SEED = 3
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     return open_rig("mujoco", object_name="strawberry", seed=SEED)
+
+
+@pytest.fixture
+def page(rig: Rig) -> str:
+    """Return the page that opens the rig of this file, already calibrated."""
+    assert (rig.name, rig.subject) == ("mujoco", "strawberry")
+    return "mujoco"
 
 
 @pytest.fixture(scope="module")
@@ -53,33 +58,9 @@ def planned(calibration: Calibration, world: MujocoWorld, target_force_n: float)
     return plan_grasp(calibration, gripper=TwinGripper(world), target_force_n=target_force_n)
 
 
-def learn_from_springs(n: float) -> DamageModel:
-    """Return a damage limit learned from springs that yield at about one force."""
-    rng, paths, limits_n = np.random.default_rng(3), [], []
-    for stiffness in np.geomspace(2.0, 12.0, 24):
-        limits_n.append(float(n * np.exp(0.1 * rng.standard_normal())))
-        curve, path = ClosingCurve(), []
-        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
-            path += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
-        paths.append(path)
-    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
-
-
 def test_strawberry_is_held_and_measured(rig: Rig) -> None:
     # Four standard deviations of the size error (`benchmarks/mujoco_rig.py`).
     check_held(rig, size_mm=0.8)
-
-
-def test_commands_of_page_run(
-    rig: Rig,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    request: pytest.FixtureRequest,
-) -> None:
-    """Run the page `docs/mujoco.md`, which opens the rig of this file, already calibrated."""
-    assert (rig.name, rig.subject) == ("mujoco", "strawberry")
-    run_page("mujoco", tmp_path, monkeypatch, capsys, request)
 
 
 def test_swinging_jaw_holds_and_measures_strawberry() -> None:
@@ -126,15 +107,6 @@ def test_force_ceiling_ends_grasp_and_opens(calibration: Calibration) -> None:
     assert result.outcome is Outcome.FORCE_LIMIT
     assert world.drive_value(world.now_s()) == pytest.approx(74.0, abs=0.1)
     assert world.force_n(world.now_s()) == 0.0
-
-
-def test_damage_limit_keeps_force_below_target(calibration: Calibration) -> None:
-    world = MujocoWorld(draw_subject("springs-4"), seed=SEED)
-    plan = replace(planned(calibration, world, 8.0), damage=learn_from_springs(4.0))
-    result = grasp(world, plan)
-    assert result.outcome is Outcome.HELD
-    assert "damage_limit" in [moment.name for moment in result.moments]
-    assert world.truth().peak_force_n < 5.0
 
 
 def test_core_lists_rigs_without_importing_mujoco() -> None:

@@ -1,8 +1,10 @@
-"""`palpate calibrate force | compliance | settling`, on the twin."""
+"""`palpate calibrate rest | force | compliance | settling`, on the twin."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,12 @@ import pytest
 from tests.commands import Command
 
 from palpate.cli import build_app, run
+from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import read_holds
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration, RestValues
+from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
 from palpate.sensor.rest_calibration import replace_rest
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -54,80 +57,26 @@ def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Comman
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "message"),
+    ("loads", "half", "message"),
     [
-        (("--block-mm", "4"), 2, "give the thickness in millimetres"),
-        (("--out", "none.json"), 2, "none.json does not exist yet"),
-        (("--rig", "sim-soft"), 3, "no load cell"),
+        ("", False, "give another --out"),
+        ("", True, "incomplete or invalid JSON"),
+        ("load_n\n5\n5\n5\n5\n", False, "at least 3 different weights are needed, not 1 (5 N)"),
+        ("load_n\n100\n250\n500\n1000\n", False, "in grams"),
     ],
 )
-def test_calibrate_compliance_invalid_input_is_refused_in_one_line(
-    arguments: tuple[str, ...], status: int, message: str, palpate: Command
+def test_calibrate_force_refused_leaves_the_file_of_another_sensor(
+    tmp_path: Path, loads: str, half: bool, message: str, palpate: Command
 ) -> None:
-    assert message in palpate.refused("calibrate", "compliance", *arguments, status=status)
-
-
-def write_other_sensor(path: Path) -> None:
+    path, table = tmp_path / "pad.json", tmp_path / "loads.csv"
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
     replace_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(path)
-
-
-def truncate_file(path: Path) -> None:
-    write_other_sensor(path)
-    path.write_text(path.read_text()[: path.stat().st_size // 2])
-
-
-@pytest.mark.parametrize(
-    ("prepare", "message"),
-    [(write_other_sensor, "give another --out"), (truncate_file, "incomplete or invalid JSON")],
-)
-def test_calibrate_other_sensors_file_is_left_unchanged(
-    tmp_path: Path, prepare: object, message: str, palpate: Command
-) -> None:
-    path = tmp_path / "pad.json"
-    prepare(path)  # type: ignore[operator]
-    before = path.read_bytes()
-    assert message in palpate("calibrate", "force", "--out", path, status=2).err
+    before = path.read_bytes()[: path.stat().st_size // (1 + half)]
+    path.write_bytes(before)
+    table.write_text(loads)
+    options = ("--rig", "real.toml", "--loads", table) if loads else ()
+    assert message in palpate("calibrate", "force", *options, "--out", path, status=2).err
     assert path.read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("load_n\n5\n5\n5\n5\n", "at least 3 different weights are needed, not 1 (5 N)"),
-        ("load_n\n100\n250\n500\n1000\n", "in grams"),
-    ],
-)
-def test_calibrate_force_bad_loads_preserve_the_old_file(
-    tmp_path: Path, text: str, message: str, palpate: Command
-) -> None:
-    path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
-    write_other_sensor(path)
-    before = path.read_bytes()
-    loads.write_text(text)
-    error = palpate(
-        "calibrate",
-        "force",
-        "--rig",
-        "real.toml",
-        "--loads",
-        loads,
-        "--out",
-        path,
-        status=2,
-    ).err
-    assert message in error
-    assert path.read_bytes() == before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("step", ["rest", "force", "compliance"])
-def test_calibrate_unwritable_output_is_refused(
-    step: str, tmp_path: Path, palpate: Command
-) -> None:
-    path = tmp_path / "none" / "pad.json"
-    error = palpate("calibrate", step, "--rig", "sim-rigid", "--out", path, status=2).err
-    assert f"the folder {path.parent} does not exist" in error
 
 
 @pytest.mark.slow
@@ -137,8 +86,6 @@ def test_calibrate_settling_stores_only_long_holds(tmp_path: Path, palpate: Comm
     holds = list(read_holds(out))
     assert {hold.channel for hold in holds} >= {"mean"}
     assert all(hold.time_s[-1] >= 19.5 for hold in holds)
-    error = palpate("calibrate", "settling", path, "--out", tmp_path / "fit.txt", status=2).err
-    assert ".csv or .parquet" in error
 
 
 def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Command) -> None:
@@ -158,8 +105,6 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     assert "hold two is already in" in error
     [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]
     assert abs(row["error_percent"]) < 0.2
-    error = palpate("calibrate", "settling", new, "--rig", "sim-rigid", status=2).err
-    assert "simulated rigs have no holds file" in error
 
 
 def record_holds(folder: Path) -> Path:
@@ -175,3 +120,86 @@ def record_holds(folder: Path) -> Path:
                 frame = array.read(timeout_s=1.0)
                 writer.add_observation(frame, gripper=gripper.state())
     return path
+
+
+PAIRS = ForcePairs(
+    run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
+)
+
+
+def test_calibrate_rest_writes_the_calibration_file_unless_the_sensor_is_loaded(
+    rig_file: Callable[..., Path], palpate: Command
+) -> None:
+    rig = rig_file(seed=3)
+    shown = palpate("calibrate", "rest", "--rig", rig).out
+    made = Calibration.load(rig.parent / "sensor.json")
+    assert made.rest_ohm == pytest.approx(World(None, seed=3).pixel_resistance_ohm(0.0), rel=0.01)
+    assert made.rest.frames >= 75
+    assert made.made_at is not None
+    assert 0 < min(map(min, made.rest.spread_percent)) < 1
+    assert "R3 C1" in shown
+    before = (rig.parent / "sensor.json").read_text()
+    err = palpate("calibrate", "rest", "--rig", rig_file(pressed=True), status=2).err
+    assert "%" in err.splitlines()[-1]
+    assert (rig.parent / "sensor.json").read_text() == before
+
+
+def test_calibrate_rest_of_a_calibrated_rig_renews_the_rest_alone(
+    rig_file: Callable[..., Path], palpate: Command
+) -> None:
+    rig = rig_file()
+    path = rig.parent / "sensor.json"
+    calibrate = ("calibrate", "rest", "--rig", rig)
+    palpate(*calibrate)
+    first = replace(Calibration.load(path), force=PAIRS, made_at="2020-01-01T00:00:00+00:00")
+    first.save(path)
+    assert palpate(*calibrate, "--json").document["renewed"] is True
+    renewed = Calibration.load(path)
+    assert (renewed.force, renewed.made_at) == (PAIRS, first.made_at)
+    # As if the sheet had been drier at the first calibration.
+    drier = tuple(tuple(1.3 * ohm for ohm in row) for row in first.rest.ohm)
+    replace(first, rest=replace(first.rest, ohm=drier)).save(path)
+    assert "--empty" in palpate(*calibrate, status=2).err.splitlines()[-1]
+    palpate(*calibrate, "--empty")
+    renewed = Calibration.load(path)
+    assert renewed.force == PAIRS
+    assert renewed.rest.ohm[0][0] == pytest.approx(first.rest.ohm[0][0], rel=0.02)
+    # A file of another layout.
+    divider = replace(first.layout.divider, reference_ohm=1e3)
+    replace(first, layout=replace(first.layout, divider=divider)).save(path)
+    assert "--new" in palpate(*calibrate, status=2).err
+    palpate(*calibrate, "--new")
+    assert Calibration.load(path).force.force_n == ()
+
+
+def test_calibrate_force_each_weight_reports_the_interval_widths(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    series = WeightSeries(tolerance_percent=0.0)
+    for load_n in (1.5, 4.0, 9.0):
+        series.add(8.0 * load_n**1.2, load_n)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith("1.5 N measured; half-width of the interval: ")
+    assert "most useful next" in lines[0]
+    document = series.to_dict()
+    assert set(document) == {"1.5_n", "4_n", "9_n"}
+    assert all(each["after"] < 0.5 * each["before"] for each in document.values())
+
+
+def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
+    series, placed = WeightSeries(tolerance_percent=80.0), list[float]()
+    for load_n in _iterate_until_tolerance([1.5, 4.0, 9.0, 6.0, 2.0], series):
+        placed.append(load_n)
+        series.add(8.0 * load_n**1.2, load_n)
+    assert placed == [1.5, 4.0, 9.0]
+
+
+def test_calibrate_force_mistyped_weight_is_requested_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed = iter(["1.5", "4,0", "-4", "408", "4", "9", ""])
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
+    assert list(_prompt_for_loads(WeightSeries(tolerance_percent=0.0))) == [1.5, 4.0, 9.0]
+    errors = capsys.readouterr().err.splitlines()
+    assert [line.split(": ", 1)[0] for line in errors] == ["load '4,0'", "load '-4'", "load '408'"]

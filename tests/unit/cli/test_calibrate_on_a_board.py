@@ -58,58 +58,25 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench.board.unplug()
 
 
-def test_calibrate_cell_known_weight_prints_the_rig_file_table(
-    bench: Bench, palpate: Command
-) -> None:
+def test_calibrate_cell_scales_the_first_cell_then_a_second(bench: Bench, palpate: Command) -> None:
+    calibrate = ("calibrate", "cell", "--rig", bench.rig, "--known-n", "10")
     bench.rig.write_text(TABLES)
+    assert "calibrate cell 0 first" in palpate(*calibrate, "--cell", "1", status=2).err
+    assert "changed by only 0 counts" in palpate(*calibrate, status=2).err
     bench.board.raw = [1_000, 0]
 
     def place_weight(instruction: str) -> None:
-        bench.board.raw[0] = 1_000 if "remove everything" in instruction else 1_000 - 2_000_000
+        placed = "remove everything" not in instruction
+        bench.board.raw = [1_000 - 2_000_000 * placed, 1_000_000 * placed]
 
     bench.react = place_weight
-    line = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10").out
+    line = palpate(*calibrate).out
     assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
     assert not has_load_cell(str(bench.rig))
     bench.rig.write_text(TABLES + line)
     assert has_load_cell(str(bench.rig))
-
-
-def test_calibrate_cell_second_cell_is_added_to_the_rig_file(
-    bench: Bench, palpate: Command
-) -> None:
-    bench.rig.write_text(TABLES)
-    options = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
-    assert "calibrate cell 0 first" in palpate("calibrate", "cell", *options, status=2).err
-    bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
-
-    def place_weight(instruction: str) -> None:
-        bench.board.raw[1] = 0 if "remove everything" in instruction else 1_000_000
-
-    bench.react = place_weight
-    document = palpate("calibrate", "cell", *options).document
-    assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--rig", "sim-rigid", "--known-n", "10"), "is simulated"),
-        (("--rig", "none.toml", "--known-n", "-1"), "above 0 newtons"),
-    ],
-)
-def test_calibrate_load_cell_faults_are_refused_in_one_line(
-    arguments: tuple[str, ...], message: str, palpate: Command
-) -> None:
-    assert message in palpate.refused("calibrate", "cell", *arguments)
-
-
-def test_calibrate_cell_without_weight_on_the_cell_is_refused(
-    bench: Bench, palpate: Command
-) -> None:
-    bench.rig.write_text(TABLES)
-    error = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10", status=2).err
-    assert "changed by only 0 counts" in error
+    document = palpate(*calibrate, "--cell", "1", "--json").document
+    assert document["newtons_per_count"] == pytest.approx([-5e-6, 1e-5])
 
 
 @pytest.mark.slow

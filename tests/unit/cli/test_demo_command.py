@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shlex
 import shutil
 from pathlib import Path
 
 import pytest
 from tests.commands import Command
+from tests.pages import run_line
 
 from palpate.cli.demo import NAMES
 from palpate.produce.store import Store
@@ -25,12 +24,7 @@ def test_demo_suggested_commands_run(
     shutil.copytree(packhouse, "demo-packhouse")
     for _, suggested in NAMES.values():
         for line in suggested:
-            program, *arguments = shlex.split(line, comments=True)
-            if program == "cd":
-                os.chdir(arguments[0])
-                continue
-            assert program == "palpate"
-            palpate(*arguments, status=int("exit status 1" in line))
+            assert run_line(line) == int("exit status 1" in line), line
     tables = sorted((tmp_path / "demo-recordings").glob("*.csv"))
     assert len(tables) == 3
     for table in tables:
@@ -48,7 +42,3 @@ def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path, palpat
         assert len(set(values)) == len(fruits) == 6
     assert all(grasp.pixel_settled_percent is not None for grasp in grasps)
     assert "already exists" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
-
-
-def test_demo_of_an_unknown_name_lists_the_demos(palpate: Command) -> None:
-    assert "recordings, packhouse" in palpate("demo", "circus", status=2).err

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import threading
-import tty
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,59 +13,16 @@ from tests.conftest import skip
 from palpate.cli.flash import explain_failure
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
-from palpate.sensor.wire import unpack
-from palpate.sensor.wire_messages import BoardIdentity, Identify
-from palpate_studies.board_bytes import encode_message
+from palpate_studies.benchmarks.pty_board import run_board, run_on_port
 
 HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
 
 
-@dataclass
-class Board:
-    """Answers `Identify` at the other end of a pseudo-terminal."""
-
-    port: str
-    queries: list[int] = field(default_factory=list)
-
-
 @pytest.fixture
-def board() -> Iterator[Board]:
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    board = Board(port=os.ttyname(slave))
-
-    def answer() -> None:
-        pending = b""
-        while True:
-            try:
-                data = os.read(master, 256)
-            except OSError:
-                return
-            if not data or data.endswith(b"end"):
-                return
-            *packets, pending = (pending + data).split(b"\0")
-            for packet in packets:
-                unpacked = unpack(packet)
-                if unpacked is not None and unpacked[0] == Identify.kind:
-                    board.queries.append(unpacked[1][0])
-                    os.write(master, encode_message(identity(unpacked[1][0])))
-
-    thread = threading.Thread(target=answer)
-    thread.start()
-    yield board
-    os.write(slave, b"end")
-    thread.join(timeout=10)
-    os.close(slave)
-    os.close(master)
-
-
-def identity(tag: int) -> BoardIdentity:
-    return BoardIdentity(
-        tag=tag, protocol=1, version=(1, 2, 3), features=3, rows=4, cols=2, oversampling=1,
-        max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
-        reset_cause=1, streaming=False, conversion_us=104, baud=1_000_000, rate_hz=250.0,
-        highest_rate_hz=600.0, board="Arduino Mega 2560",
-    )  # fmt: skip
+def port() -> Iterator[str]:
+    """Return the port of a board that answers `Identify`."""
+    with run_on_port(partial(run_board, rate_hz=100.0)) as (port, _):
+        yield port
 
 
 @pytest.fixture
@@ -95,28 +49,27 @@ def install_avrdude(
 
 @pytest.mark.slow
 def test_flash_runs_avrdude_then_queries_the_board(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, port: str, image: Path, palpate: Command
 ) -> None:
     log = install_avrdude(tmp_path, monkeypatch, output="avrdude done. Thank you.", status=0)
-    shown = palpate("flash", "--port", board.port, "--image", image).out
+    shown = palpate("flash", "--port", port, "--image", image).out
     arguments = log.read_text().split()
-    assert arguments[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", board.port]
+    assert arguments[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", port]
     assert arguments[-1] == f"flash:w:{image}:i"
     assert "-D" in arguments
-    assert board.queries
-    assert "Arduino Mega 2560 runs palpate's firmware 1.2.3" in shown
+    assert "pty runs palpate's firmware 0.0.0" in shown
 
 
 def test_flash_failure_ends_with_a_line_that_names_the_port(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, port: str, image: Path, palpate: Command
 ) -> None:
     log = install_avrdude(tmp_path, monkeypatch, output="not in sync: resp=0x00", status=1)
-    flash = ("flash", "--port", board.port, "--board", "nano", "--image", image)
-    assert board.port in palpate(*flash, status=3).err.splitlines()[-1]
-    assert not board.queries
+    shown = palpate("flash", "--port", port, "--board", "nano", "--image", image, status=3)
+    assert port in shown.err.splitlines()[-1]
+    assert "firmware" not in shown.out
     # The last attempt is at the baud rate of the Nano's old bootloader.
     arguments = log.read_text().split()
-    assert arguments[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", board.port]
+    assert arguments[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", port]
     assert arguments[6:8] == ["-b", "57600"]
 
 
@@ -145,19 +98,19 @@ def test_flash_failure_is_explained(output: str, line: str) -> None:
 
 
 def test_flash_checks_tool_port_and_image_before_writing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, port: str, image: Path, palpate: Command
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setenv("PATH", str(tmp_path))
-        error = palpate("flash", "--port", board.port, status=3).err
+        error = palpate("flash", "--port", port, status=3).err
         assert "sudo apt install avrdude" in error
     log = install_avrdude(tmp_path, monkeypatch, output="", status=0)
     error = palpate("flash", "--port", "/dev/no-such-port", "--image", image, status=3).err
     assert "no port /dev/no-such-port" in error
     image.write_text(HEX.replace(":00000001FF\n", ""))
-    error = palpate("flash", "--port", board.port, "--image", image, status=2).err
+    error = palpate("flash", "--port", port, "--image", image, status=2).err
     assert "a truncated Intel hex file" in error
-    palpate("flash", "--port", board.port, "--image", tmp_path / "none.hex", status=2)
+    palpate("flash", "--port", port, "--image", tmp_path / "none.hex", status=2)
     assert not log.exists()
 
 

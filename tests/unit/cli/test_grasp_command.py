@@ -97,26 +97,6 @@ def test_grasp_with_soft_fingers_reports_no_size_and_a_stiffness_bound(palpate: 
         assert document[name]["low"] <= document["truth"][name] <= document[name]["high"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--object", "brick"], "no simulated object 'brick'; available: ecoflex-10"),
-        (["--rig", "nowhere"], "no rig 'nowhere'; available: sim-rigid, sim-soft"),
-        (["--rig", "nowhere.toml"], "rig file nowhere.toml: no such file"),
-    ],
-)
-def test_grasp_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: list[str], message: str
-) -> None:
-    assert message in palpate.refused("grasp", *arguments)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("force_n", ["900", "nan"])
-def test_grasp_impossible_force_is_refused_in_one_line(palpate: Command, force_n: str) -> None:
-    assert "target" in palpate.refused("grasp", "--target-force-n", force_n)
-
-
 def test_default_rig_is_that_of_the_folder_before_that_of_the_environment(
     tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,15 +1,23 @@
-"""Help of every verb: it fits the terminal and shows every bracketed text."""
+"""Help, completion in bash and the progress bar."""
 
 from __future__ import annotations
 
+import json
+import os
+import pty
 import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from tests.commands import Command
 
+from palpate import __version__
 from palpate.cli import VERBS, build_app
+from palpate.produce.records import Item
+from palpate.produce.store import Store
 
 #: Verbs of other packages that parse the rest of the line themselves.
 NAMED = ("study", "bench")
@@ -42,4 +50,104 @@ def test_python_m_palpate_runs_the_command() -> None:
         [sys.executable, "-m", "palpate", "--version"], capture_output=True, text=True
     )
     assert done.returncode == 0
-    assert done.stdout.startswith("palpate ")
+    assert done.stdout == f"palpate {__version__}\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a command `palpate` and a store of items."""
+    path = tmp_path_factory.mktemp("completion")
+    command = path / "palpate"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m palpate "$@"\n')
+    command.chmod(0o755)
+    with Store.open(path / "palpate-items.sqlite") as store:
+        for name in ("fruit-3", "apple-1"):
+            store.add_item(Item(item_id=name))
+    return path
+
+
+def complete(line: str, folder: Path) -> list[str]:
+    """Return the completions that bash offers for the last word of a line."""
+    words = line.split(" ")
+    script = (
+        'eval "$(_PALPATE_COMPLETE=source_bash palpate)"; '
+        f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; "
+        '_palpate_completion palpate; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(
+        [shutil.which("bash") or "bash", "-c", script],
+        cwd=folder,
+        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PALPATE_STORE": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("palpate gra", ["grasp"]),
+        ("palpate grasp --object straw", ["strawberry"]),
+        ("palpate grasp --rig sim-f", ["sim-firmware"]),
+        ("palpate calibrate se", ["settling"]),
+        ("palpate study table1", ["table1"]),
+        ("palpate grasp --item fruit-3", ["fruit-3"]),
+        ("palpate items --store nowhere.sqlite fruit", []),
+    ],
+)
+def test_completion_in_bash_lists_verbs_and_options(
+    line: str, offered: list[str], folder: Path
+) -> None:
+    assert complete(line, folder) == offered
+    assert not (folder / "nowhere.sqlite").exists()
+
+
+def run_on_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
+    """Run Python with a terminal for standard error; return both outputs."""
+    terminal, end = pty.openpty()
+    done = subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
+        stdout=subprocess.PIPE,
+        stderr=end,
+        text=True,
+    )
+    os.close(end)
+    shown = b""
+    while True:
+        try:
+            shown += os.read(terminal, 4096)
+        except OSError:  # the other end is closed: the command has ended
+            break
+    os.close(terminal)
+    out = done.stdout.read()
+    done.stdout.close()
+    assert done.wait() == 0, shown
+    return out, shown
+
+
+@pytest.mark.slow
+def test_settle_for_a_program_shows_no_progress_bar(tmp_path: Path) -> None:
+    rows = [f"a,{k / 10},{99 - k / 50}" for k in range(210)]
+    (tmp_path / "holds.csv").write_text("\n".join(["hold_id,time_s,value", *rows]))
+    settle = ["-m", "palpate", "settle", "holds.csv", "--json"]
+    out, shown = run_on_terminal(settle, folder=tmp_path)
+    assert b"settling" not in shown
+    assert json.loads(out)["rows"]
+
+
+def test_progress_leaves_printed_output_on_stdout(tmp_path: Path) -> None:
+    script = (
+        "from palpate.cli.output import progress\n"
+        "with progress('counting') as show:\n"
+        "    print('answer')\n"
+    )
+    out, shown = run_on_terminal(["-c", script], folder=tmp_path)
+    assert b"counting" in shown
+    assert out == "answer\n"
+    assert b"answer" not in shown

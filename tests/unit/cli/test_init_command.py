@@ -15,7 +15,7 @@ import pytest
 from tests.commands import Command
 
 from palpate.gripper.hobby_servo import ServoTravel
-from palpate.sensor.board_array import find_layout, open_board
+from palpate.sensor.board_array import open_board
 
 
 def test_init_options_are_written_to_the_rig_file(tmp_path: Path, palpate: Command) -> None:
@@ -78,15 +78,6 @@ def test_init_known_gripper_writes_its_opener_and_what_it_needs_of_the_board(
         assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
 
-def test_init_writes_matrix_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "rig.toml"
-    palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
-    content = tomllib.loads(path.read_text())["array"]
-    layout = find_layout(content["layout"], fingers=content["fingers"], pitch_mm=6.5)
-    assert (layout.pixels, layout.fingers, layout.pitch_mm) == (18, 2, 6.5)
-    assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
-
-
 def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("mine = 1\n")
@@ -94,33 +85,6 @@ def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate:
     assert path.read_text() == "mine = 1\n"
     palpate("init", path, "--force", "--port", "auto")
     assert "port" not in tomllib.loads(path.read_text())["array"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["rig.json"], "must end in .toml"),
-        (["rig.toml", "--layout", "round"], "unknown layout"),
-        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be divided equally"),
-        (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "has 2 fingers, not 3"),
-        (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
-        (["rig.toml", "--rate-hz", "nan"], "frame rate nan Hz: must be positive and finite"),
-        (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),
-        (["rig.toml", "--gripper", "claw"], "module:function"),
-        (["rig.toml", "--gripper", "servo", "--gripper-port", "/dev/x"], "not for servo"),
-        (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
-    ],
-)
-def test_init_invalid_options_write_no_file(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    palpate: Command,
-    arguments: list[str],
-    message: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert message in palpate("init", *arguments, status=2).err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_init_prompts_on_a_terminal(tmp_path: Path) -> None:

@@ -5,43 +5,31 @@ from __future__ import annotations
 import json
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, engine
+
+pytestmark = pytest.mark.usefixtures("folder")
 
 #: The rate of the paper's board: a simulated grasp then costs a third.
 SEED = ("--seed", "1", "--rate-hz", "15")
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PALPATE_STORE", raising=False)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("COLUMNS", "120")
-    return tmp_path
-
-
-def grasp(item_id: str, *, days: int = 0, value: float = 3.0) -> Grasp:
-    return make_grasp(
+def grasp(item_id: str, *, days: int = 0, **values: float) -> Grasp:
+    return stored_grasp(
         item_id,
-        taken_at=NOON + timedelta(days=days),
+        {"stiffness_n_per_mm": 3.0} | values,
+        hours=24 * days,
         rig="hall.toml",
         origin="hardware" if item_id != "S1" else "twin",
-        measurements={
-            "stiffness_n_per_mm": Measurement(
-                value=value, low=value - 1, high=value + 1, unit="n_per_mm"
-            )
-        },
         pixel_settled_percent=((-40.0, None), (-42.0, -41.0)),
         angle_deg=90.0,
     )
@@ -52,7 +40,9 @@ def filled() -> None:
     with Store.open() as store:
         store.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=NOON))
         store.add_item(Item(item_id="K2", kind="kiwi", first_seen=NOON + timedelta(days=1)))
-        store.add_grasps([grasp("A17"), grasp("A17", days=2, value=2.25), grasp("K2", days=1)])
+        store.add_grasps(
+            [grasp("A17"), grasp("A17", days=2, stiffness_n_per_mm=2.25), grasp("K2", days=1)]
+        )
         store.add_verdict(
             Verdict(
                 item_id="A17",
@@ -96,25 +86,9 @@ def test_grasp_with_unreachable_shared_store_is_stored_locally(
     assert "without data of other stations" in err
 
 
-def test_items_page_shows_firmness_rank_within_the_kind(palpate: Command) -> None:
-    with Store.open() as store:
-        for number, index in enumerate([65.0, *range(10, 90, 10)]):
-            name = f"A{number}"
-            store.add_item(Item(item_id=name, kind="avocado"))
-            firmness = Measurement(value=index, low=index - 5, high=index + 5, unit="index")
-            one = grasp(name)
-            store.add_grasp(replace(one, measurements={**one.measurements, "firmness": firmness}))
-        store.add_grasp(grasp("A1", days=1))
-    found = palpate("items", "A0", "--json").document
-    assert found["firmness_rank"] == {"items": 8, "softer": 0.75}
-    assert "firmer than 75 % of 8 items of its kind" in palpate("items", "A0").out
-
-
 @pytest.mark.slow
 def test_grasp_prints_the_result_before_contacting_the_store(
-    palpate: Command,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    palpate: Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[str] = []
 
@@ -141,25 +115,6 @@ def test_grasp_local_store_failure_exits_with_3(
     assert "the grasp is NOT stored" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--store", "x.sqlite"), "--store x.sqlite: name the item with --item NAME"),
-        (("--item", " "), "item ' ': must be 1 to 200 printable characters"),
-        (
-            ("--item", "A", "--store", "no/x.sqlite"),
-            "the folder no does not exist; create it first",
-        ),
-    ],
-)
-def test_grasp_invalid_store_is_refused_before_the_gripper_moves(
-    palpate: Command, arguments: tuple[str, ...], message: str
-) -> None:
-    out, err = palpate("grasp", *arguments, status=2)
-    assert message in err
-    assert out == ""
-
-
 @pytest.mark.usefixtures("filled")
 def test_items_list_and_page_show_grasps_and_verdicts(palpate: Command) -> None:
     out = palpate("items").out
@@ -167,12 +122,13 @@ def test_items_list_and_page_show_grasps_and_verdicts(palpate: Command) -> None:
     assert "2.25" in out
     assert "simulated" not in out
     assert "--limit shows more" in palpate("items", "--limit", "1").out
-    (line,) = palpate("items", "--json", "--kind", "avocado").document["items"]
-    assert line["grasps"] == 2
-    assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
-    assert line["stiffness_n_per_mm"]["value"] == 2.25
-    assert line["verdicts"]["ripeness"]["text"] == "ripe"
-    assert line["verdicts"]["bruise"] is None
+    for filters in (("--kind", "avocado"), ("--batch", "Monday"), ("--day", "2026-05-03")):
+        (line,) = palpate("items", "--json", *filters).document["items"]
+        assert (line["item_id"], line["grasps"]) == ("A17", 2)
+        assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
+        assert line["stiffness_n_per_mm"]["value"] == 2.25
+        assert line["verdicts"]["ripeness"]["text"] == "ripe"
+        assert line["verdicts"]["bruise"] is None
     out = palpate("items", "A17").out
     for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
         assert words in out
@@ -181,20 +137,20 @@ def test_items_list_and_page_show_grasps_and_verdicts(palpate: Command) -> None:
     assert page["verdicts"][0]["text"] == "ripe"
 
 
-@pytest.mark.usefixtures("filled")
-@pytest.mark.parametrize(
-    "filters", [("--kind", "avocado"), ("--batch", "Monday"), ("--day", "2026-05-03")]
-)
-def test_items_filters_select_by_kind_batch_and_time(
-    palpate: Command, filters: tuple[str, ...]
+def test_items_page_ranks_firmness_within_the_kind_and_labels_simulated_items(
+    palpate: Command,
 ) -> None:
-    found = palpate("items", "--json", *filters).document["items"]
-    assert [item["item_id"] for item in found] == ["A17"]
-
-
-def test_items_page_labels_simulated_items(palpate: Command) -> None:
     with Store.open() as store:
-        store.add_grasp(grasp("S1"))
+        for number, index in enumerate([65.0, *range(10, 90, 10)]):
+            name = f"A{number}"
+            store.add_item(Item(item_id=name, kind="avocado"))
+            store.add_grasp(grasp(name, firmness=index))
+        store.add_grasps([grasp("A1", days=1), grasp("S1")])
+    found = palpate("items", "A0", "--json").document
+    assert found["firmness_rank"] == {"items": 8, "softer": 0.75}
+    shown = palpate("items", "A0").out
+    assert "firmer than 75 % of 8 items of its kind" in shown
+    assert "SIMULATED" not in shown
     assert "simulated on the twin" in palpate("items").out
     assert "SIMULATED" in palpate("items", "S1").out
 
@@ -208,24 +164,6 @@ def test_items_say_option_stores_a_label(palpate: Command) -> None:
         (label,) = store.verdicts(About.RIPENESS, source=Source.PERSON)
         assert (label.text, label.probability) == ("overripe", None)
         assert label.grasp_id == store.grasps_of("A17")[-1].grasp_id
-
-
-@pytest.mark.usefixtures("filled")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("B9",), "no item 'B9'; `palpate items` lists them"),
-        (("A17", "--say", "taste=good"), "NAME is one of ripeness, bruise, identity, bin"),
-        (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
-        (("--day", "yesterday"), "--day yesterday: not a date; use the form 2026-05-01"),
-        (("--export", "all.csv"), "--export all.csv: the file name must end in .parquet"),
-        (("--store", "none.sqlite"), "no such file"),
-    ],
-)
-def test_items_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in palpate.refused("items", *arguments)
 
 
 @pytest.mark.usefixtures("filled")

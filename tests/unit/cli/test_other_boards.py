@@ -114,32 +114,17 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "is_connected", "status", "message"),
-    [
-        ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different positive integers"),
-        ('layout = "4x2"', False, 3, "no port"),
-        ('layout = "4x2"', True, 0, ""),
-    ],
-)  # fmt: skip
 def test_rig_file_opens_a_text_protocol_board(
-    options: str,
-    is_connected: bool,
-    status: int,
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The built-in opener on the real clock, while another thread sends."""
     clock = SendingClock(time.monotonic())
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     board.waits = False
     desk = Desk(board, folder=tmp_path, opener="open_text", capsys=capsys)
-    if not is_connected:
-        board.unplug()
     desk.rig.write_text(
         'calibration = "pad.json"\n[array]\nopen = "palpate.sensor.text_lines:open_board"\n'
-        f'port = "{board.port}"\n{options}\n'
+        f'port = "{board.port}"\nlayout = "4x2"\n'
     )
     done = threading.Event()
 
@@ -150,10 +135,9 @@ def test_rig_file_opens_a_text_protocol_board(
     sender = threading.Thread(target=send)
     sender.start()
     try:
-        desk.run("record", tmp_path / "rest.mcap", "--duration", "0.5", status=status)
+        desk.run("record", tmp_path / "rest.mcap", "--duration", "0.5")
     finally:
         done.set()
         sender.join()
         clock.close()
-    assert message in desk.errors
-    assert desk.errors.count("palpate:") == (status > 1)
+    assert "palpate:" not in desk.errors

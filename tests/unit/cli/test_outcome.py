@@ -5,32 +5,26 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from io import StringIO
 
 import pytest
 import typer
 from tests.commands import Command
 
-from palpate import __version__
 from palpate.cli import lazy_group, run
 
 SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block", "--rate-hz", "15")
 
 
-def test_version_option_prints_the_version(palpate: Command) -> None:
-    assert palpate("--version").out == f"palpate {__version__}\n"
-
-
-def test_run_without_a_verb_prints_the_help(palpate: Command) -> None:
-    captured = palpate(status=2)
-    assert "grasp" in captured.out
+@pytest.mark.parametrize(("words", "named"), [((), "grasp"), (("calibrate",), "rest")])
+def test_run_without_a_verb_or_step_prints_the_help(
+    words: tuple[str, ...], named: str, palpate: Command
+) -> None:
+    captured = palpate(*words, status=2)
+    assert named in captured.out
     assert captured.err == ""
-
-
-@pytest.mark.parametrize("wrong", ["--nonsense", "gras"])
-def test_run_usage_errors_are_one_line_with_the_remedy(wrong: str, palpate: Command) -> None:
-    assert "`palpate --help`" in palpate.refused(wrong)
 
 
 @pytest.mark.slow
@@ -71,52 +65,36 @@ def test_run_closed_output_pipe_exits_with_0() -> None:
         assert process.stderr.read() == ""
 
 
-def test_run_missing_permission_reports_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
-    app = typer.Typer()
-
-    @app.command()
-    def write() -> None:
-        raise PermissionError(13, "Permission denied", "out.csv")
-
-    assert run(app, [], name="palpate") == 2
-    assert capsys.readouterr().err.startswith(
-        "palpate: out.csv: Permission denied; change the permissions"
-    )
+class CtrlC(StringIO):
+    def readline(self, size: int | None = -1, /) -> str:
+        raise KeyboardInterrupt
 
 
-def test_run_prompt_without_input_exits_with_2(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def deny() -> None:
+    raise PermissionError(13, "Permission denied", "out.csv")
+
+
+@pytest.mark.parametrize(
+    ("act", "stdin", "status", "message"),
+    [
+        (deny, StringIO(), 2, "out.csv: Permission denied; change the permissions"),
+        (lambda: typer.prompt("loads", err=True), StringIO(), 2, "no answer on standard input"),
+        (lambda: typer.prompt("loads", err=True), CtrlC(), 130, "stopped"),
+    ],
+)
+def test_run_failure_while_acting_is_reported_with_its_status(
+    act: Callable[[], object],
+    stdin: StringIO,
+    status: int,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("sys.stdin", StringIO())
+    monkeypatch.setattr("sys.stdin", stdin)
     app = typer.Typer()
-
-    @app.command()
-    def ask() -> None:
-        typer.prompt("loads", err=True)
-
-    assert run(app, [], name="palpate") == 2
-    assert (
-        "palpate: no answer on standard input; run the command in a terminal"
-        in capsys.readouterr().err
-    )
-
-
-def test_run_ctrl_c_at_a_prompt_exits_with_130(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class CtrlC(StringIO):
-        def readline(self, size: int | None = -1, /) -> str:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr("sys.stdin", CtrlC())
-    app = typer.Typer()
-
-    @app.command()
-    def ask() -> None:
-        typer.prompt("loads", err=True)
-
-    assert run(app, [], name="palpate") == 130
-    assert "palpate: stopped" in capsys.readouterr().err
+    app.command()(act)
+    assert run(app, [], name="palpate") == status
+    assert f"palpate: {message}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

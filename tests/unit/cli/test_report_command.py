@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
 from palpate.grasp.result import Outcome
-from palpate.measurement import Measurement, Status
-from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
+from palpate.measurement import Status
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 
 VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
@@ -50,17 +51,21 @@ class Checker(HTMLParser):
         assert self.open.pop() == tag
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PALPATE_STORE", raising=False)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path
-
-
 def verdict(item_id: str, text: str, **known: object) -> Verdict:
     usual = {"about": About.RIPENESS, "given_at": NOON}
     return Verdict(item_id=item_id, text=text, **(usual | known))  # type: ignore[arg-type]
+
+
+def grasp(item_id: str, *, hours: float) -> Grasp:
+    return stored_grasp(
+        item_id,
+        {name: value - hours / 100 for name, value in VALUES.items()},
+        hours=hours,
+        status=Status.OK if hours else Status.SATURATED,
+        outcome=Outcome.HELD if hours else Outcome.SLIPPED,
+        pixel_settled_percent=((-31.0, -30.0), (None, -45.0)),
+        angle_deg=90.0,
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -75,26 +80,6 @@ def store(folder: Path) -> None:
             store.add_verdict(verdict(name, stage, probability=0.875, explanation="1.5 < 2 N/mm"))
             later = NOON + timedelta(hours=5)
             store.add_verdict(verdict(name, "ripe", given_at=later, source=Source.PERSON))
-
-
-def grasp(item_id: str, *, hours: float) -> Grasp:
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(hours=hours),
-        outcome=Outcome.HELD if hours else Outcome.SLIPPED,
-        measurements={
-            name: Measurement(
-                value=value - hours / 100,
-                low=value - 1,
-                high=value + 1,
-                unit=MEASURED[name],
-                status=Status.OK if hours else Status.SATURATED,
-            )
-            for name, value in VALUES.items()
-        },
-        pixel_settled_percent=((-31.0, -30.0), (None, -45.0)),
-        angle_deg=90.0,
-    )
 
 
 @pytest.fixture
@@ -117,7 +102,7 @@ def test_report_of_an_item_shows_its_grasps(report: Callable[..., str]) -> None:
         assert words in page
 
 
-def test_report_of_a_batch_shows_its_items_stages_and_days_to_ripe(
+def test_report_of_a_batch_shows_its_items_stages_and_days_and_of_a_day_its_grasps(
     report: Callable[..., str],
 ) -> None:
     page = report("--batch", "Monday")
@@ -137,8 +122,6 @@ def test_report_of_a_batch_shows_its_items_stages_and_days_to_ripe(
     bars = page[page.index("Ripeness") :]
     assert bars.index("hard") < bars.index("overripe")
 
-
-def test_report_of_a_day_contains_only_that_days_grasps(report: Callable[..., str]) -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "4.25 *" in page
     assert "3.77" not in page
@@ -158,18 +141,3 @@ def test_report_file_is_named_after_its_item_and_not_overwritten(palpate: Comman
     page.write_text("mine")
     assert "report-A17.html: already exists" in palpate("report", "A17", status=2).err
     assert page.read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "give exactly one of ITEM, --batch NAME or --day DATE"),
-        (("i9",), "no item 'i9'"),
-        (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
-        (("--day", "May"), "--day May: not a date"),
-    ],
-)
-def test_report_invalid_input_is_refused_in_one_line(
-    palpate: Command, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in palpate.refused("report", *arguments)

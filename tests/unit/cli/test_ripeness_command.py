@@ -1,4 +1,4 @@
-"""`palpate ripeness` on the store of `palpate demo packhouse`."""
+"""`palpate ripeness` and `palpate bruise` on the store of `palpate demo packhouse`."""
 
 from __future__ import annotations
 
@@ -18,18 +18,14 @@ from palpate.produce.store import Store
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "batch_ripeness.py"
 
 
+pytestmark = pytest.mark.usefixtures("folder")
+
+
 @pytest.fixture(scope="module")
 def made(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(
         shutil.copy(packhouse / "palpate-items.sqlite", tmp_path_factory.mktemp("ripeness"))
     )
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-    return tmp_path
 
 
 @pytest.mark.slow
@@ -70,13 +66,15 @@ def test_ripeness_of_one_item_is_explained_plotted_and_stored(
     assert verdicts[-1].text in output
 
 
-def test_ripeness_of_item_without_kind_uses_its_first_day(
-    made: Path, tmp_path: Path, palpate: Command
+def test_ripeness_of_item_without_kind_uses_its_first_day_and_stores_no_assumption(
+    made: Path, palpate: Command
 ) -> None:
-    with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as other:
-        other.add_item(Item(item_id="mine"))
-        for grasp in store.grasps_of("fruit-1"):
-            other.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
+    with Store.open(made, create=False) as store, Store.open("one.sqlite") as other:
+        grasps = store.grasps_of("fruit-1")
+        for name, own in (("mine", grasps), ("new", grasps[:1])):
+            other.add_item(Item(item_id=name))
+            for grasp in own:
+                other.add_grasp(replace(grasp, item_id=name, calibration_id=None))
     shown = palpate("ripeness", "mine", "--store", "one.sqlite", "--json")
     assert "judged relative to its first day, because its kind is unknown" in shown.err
     item = json.loads(shown.out)["items"][0]
@@ -84,42 +82,11 @@ def test_ripeness_of_item_without_kind_uses_its_first_day(
     # The stiffness has fallen by a third in two days, which leaves the stage uncertain.
     assert item["stage"] == max(item["probabilities"], key=item["probabilities"].get)
     assert item["unsure"]
-
-
-def test_ripeness_assumed_from_first_day_is_not_stored(
-    made: Path, tmp_path: Path, palpate: Command
-) -> None:
-    with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as other:
-        other.add_item(Item(item_id="new"))
-        first = store.grasps_of("fruit-1")[0]
-        other.add_grasp(replace(first, item_id="new", calibration_id=None))
-    output = palpate("ripeness", "new", "--store", "new.sqlite").out
+    output = palpate("ripeness", "new", "--store", "one.sqlite").out
     assert "assumed" in output
     assert "no earlier day to compare" in " ".join(output.split())
-    with Store.open(tmp_path / "new.sqlite", create=False) as other:
+    with Store.open("one.sqlite", create=False) as other:
         assert other.verdicts_of("new") == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "give an item or --batch NAME"),
-        (("nobody",), "nobody"),
-        (("fruit-1", "--stages", "ripe"), "at least two different stages"),
-        (
-            ("fruit-1", "--ripe", "green"),
-            "must be a stage after the first: conditioned, ripe, overripe",
-        ),
-        (("fruit-1", "--plot", "fruit.bmp"), "a plot ends in .png"),
-    ],
-)
-def test_ripeness_invalid_input_is_refused_in_one_line(
-    arguments: tuple[str, ...], message: str, made: Path, palpate: Command
-) -> None:
-    shown = palpate("ripeness", *arguments, "--store", made, status=2).err.strip()
-    assert message in shown
-    assert "\n" not in shown
 
 
 @pytest.mark.slow
@@ -130,3 +97,28 @@ def test_ripeness_example_script_prints_and_plots_its_batch(
     output = capsys.readouterr().out
     assert output.startswith("Monday (simulated): 6 fruits")
     assert (folder / "batch.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_bruise_dropped_apple_names_the_bruised_pixels(made: Path, palpate: Command) -> None:
+    found = palpate("bruise", "A17", "--json", "--store", made, status=1).document
+    assert found["bruised"]
+    assert found["simulated"]
+    assert "simulated" in found["learned_on"]
+    first, second = found["sides"]
+    assert (first["angle_deg"], second["angle_deg"]) == (90.0, 0.0)
+    assert first["probability"] > 0.5 > second["probability"]
+    assert first["against"] == "history"
+    assert first["pixels"]
+    assert found["before_percent"] < found["now_percent"] < 0
+
+
+@pytest.mark.slow
+def test_bruise_sound_apple_exits_with_0_and_stores_the_verdict(
+    made: Path, palpate: Command
+) -> None:
+    shown = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", made).out
+    assert shown.startswith("apple-1: sound (simulated)")
+    with Store.open(made) as store:
+        verdicts = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
+    assert [verdict.text for verdict in verdicts] == ["sound"]

@@ -11,33 +11,6 @@ import pytest
 from tests.commands import Command
 
 
-@pytest.mark.parametrize(
-    ("options", "status", "message"),
-    [
-        (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; available: sim-rigid"),
-        (["--rig", "mujoco", "--rate-hz", "15"], 2, "--rate-hz is for sim-rigid"),
-        (["--object", "moon"], 2, "no simulated object 'moon'; available: ecoflex-10"),
-        (["--host", "0.0.0.0"], 2, "set --token"),
-        (["--host", "[::]"], 2, "--host :: allows other machines to move the gripper"),
-        (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
-        (["--token", "short"], 2, "the token has 5 characters; use at least 8"),
-        (["--store", "none/items.sqlite"], 2, "the folder none does not exist; create it first"),
-        (["--folder", f"{__file__}/data"], 2, "test_serve_command.py is not a writable folder"),
-    ],
-)
-def test_serve_invalid_options_are_refused_in_one_line(
-    options: list[str],
-    status: int,
-    message: str,
-    palpate: Command,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert message in palpate.refused("serve", *options, status=status)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.slow
 def test_serve_taken_port_is_reported(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import os
 import threading
@@ -14,7 +13,6 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 from tests.commands import Command
-from tests.pdf_fonts import check_fonts
 
 from palpate.cli import settle_report
 from palpate.demo.recordings import write_recordings
@@ -54,24 +52,9 @@ def test_settle_predicts_every_hold_and_scores_those_with_a_settled_value(
     assert rows["flat"]["predicted"] == pytest.approx(7)
     assert rows["flat"]["error_of_remaining_percent"] is None
     assert rows["single"]["predicted"] == 3.5
-    assert found["summary"][0]["holds"] == 8
-    assert found["summary"][0]["holds_with_settled_value"] == 6
-    shown = palpate("settle", holds_csv).out
-    assert " 6 of 8 " in shown
-
-
-def test_settle_json_figures_are_consistent(holds_csv: Path, palpate: Command) -> None:
-    found = document(palpate, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
-    rows = [row for row in found["rows"] if row["error_percent"] is not None]
-    for row in rows:
-        error = 100 * (row["predicted"] - row["settled"]) / abs(row["settled"])
-        assert row["error_percent"] == pytest.approx(error)
-        assert row["low"] is None
-    assert [entry["cutoff_s"] for entry in found["summary"]] == [5.0, 1.0]
-    errors = [abs(row["error_percent"]) for row in rows if row["cutoff_s"] == 5.0]
-    assert found["summary"][0]["median_abs_error_percent"] == pytest.approx(np.median(errors))
-    assert found["summary"][0]["median_error_of_remaining_percent"] == pytest.approx(100)
-    assert found["summary"][0]["coverage"] is None
+    (entry,) = found["summary"]
+    assert (entry["holds"], entry["holds_with_settled_value"]) == (8, 6)
+    assert " 6 of 8 " in palpate("settle", holds_csv).out
 
 
 def test_settle_fit_on_changes_intervals_but_not_predictions(
@@ -103,15 +86,13 @@ def test_settle_learn_from_affects_only_relaxation(
     )
     assert after < before
     assert plain[1::2] == trained[1::2]
-    error = palpate("settle", holds_csv, "--learn-from", holds_csv, status=2).err
-    assert "errors on training holds are meaningless" in error
 
 
 def test_settle_until_half_width_reports_the_decision_time(
     holds_csv: Path, palpate: Command
 ) -> None:
     found = document(palpate, holds_csv, "--until-half-width", "5")
-    [entry] = found["summary"]
+    (entry,) = found["summary"]
     decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
     assert entry["holds_decided"] == len(decided) >= 5
     assert entry["median_decision_s"] == pytest.approx(np.median(decided))
@@ -152,20 +133,6 @@ def test_settle_out_does_not_overwrite_its_input(
     assert other.read_bytes() == before
 
 
-def test_settle_warns_once_of_times_in_milliseconds(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "holds.csv"
-    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
-    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    assert palpate("settle", path).err.count("convert milliseconds") == 1
-
-
-@pytest.mark.slow
-def test_settle_plot_has_editable_text(holds_csv: Path, tmp_path: Path, palpate: Command) -> None:
-    plot = tmp_path / "plot.pdf"
-    palpate("settle", holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot)
-    check_fonts(plot)
-
-
 @pytest.mark.slow
 def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
     write_recordings(tmp_path)
@@ -173,49 +140,6 @@ def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
     assert "Value in ohm predicted" in palpate("settle", tmp_path / "counts.csv", *divider).out
     rows = palpate("settle", tmp_path, "--json").document["rows"]
     assert {row["unit"] for row in rows} == {"ohm", "counts"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--method", "magic"], "no method 'magic'; available: recorded, exponential"),
-        (["--cutoff", "0"], "--cutoff 0"),
-        (["--cutoff", "21"], "at most the horizon (20 s)"),
-        (["--level", "1"], "--level 1"),
-        (["--horizon", "inf"], "--horizon inf"),
-        (["--until-half-width", "0"], "--until-half-width 0"),
-        (["--plot", "plot.bmp"], "a plot ends in"),
-        (["--out", "rows.txt"], ".json, .csv or .parquet"),
-        (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
-        (["--mean"], "requires --rest START:END"),
-        (["--interval", "-1"], "--interval -1"),
-    ],
-)
-def test_settle_invalid_options_exit_with_2_in_one_line(
-    holds_csv: Path, palpate: Command, arguments: list[str], message: str
-) -> None:
-    assert message in palpate.refused("settle", holds_csv, *arguments)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the file is empty"),
-        ("hold_id,time_s,value\na,0,1\na,1,oops\n", "line 3: value is 'oops'"),
-        ("time_s,percent\n" + "".join(f"{n / 20},{(-1) ** n * 1.7e308}\n" for n in range(400)), ""),
-    ],
-    ids=["empty", "word", "overflow"],
-)
-def test_settle_bad_file_exits_with_2_in_one_line(
-    tmp_path: Path, palpate: Command, text: str, message: str
-) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
-    out = tmp_path / "unwritten.json"
-    error = palpate.refused("settle", path, "--json", "--out", out)
-    assert f"{path}" in error
-    assert message in error
-    assert not out.exists()
 
 
 def test_settle_pipe_is_read_once_and_refused_if_reread(
@@ -232,25 +156,13 @@ def test_settle_pipe_is_read_once_and_refused_if_reread(
     assert len(found["rows"]) == 8
 
 
-@pytest.mark.slow
-def test_settle_real_holds_have_finite_predictions(real_data: Path, palpate: Command) -> None:
-    found = document(palpate, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
-    assert len(found["rows"]) == found["summary"][0]["holds"] == 131
-    assert all(row["predicted"] is not None for row in found["rows"])
-    assert all(row["settled"] is not None for row in found["rows"])
-
-
 def test_settle_table_in_a_narrow_terminal_has_every_column(
     holds_csv: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(settle_report, "PIPED_WIDTH", 60)
     lines = palpate("settle", holds_csv).out.splitlines()
-    # A heading of two words may wrap to two lines.
-    heads = [
-        f"{above} {line}".split() for above, line in itertools.pairwise(lines) if "cut-off" in line
-    ]
-    holds = ["hold", "cut-off", "predicted", "±", "settled", "error", "status"]
-    assert set(holds) <= set(heads[0])
+    heads = ["hold", "cut-off", "predicted", "±", "settled", "error", "status"]
+    assert set(heads) <= set(" ".join(lines).split())
     assert sum(line.rstrip().endswith(" ok") for line in lines) >= 5
     assert all(len(line) <= 60 for line in lines)
 
@@ -305,16 +217,25 @@ def test_settle_names_the_sheet_and_reads_another(tmp_path: Path, palpate: Comma
     assert "available: Sheet, First, Second" in palpate.refused("settle", path, "--sheet", "x")
 
 
+def write_holds(path: Path, rows: list[str]) -> Path:
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    return path
+
+
+def test_settle_warns_once_of_times_in_milliseconds(tmp_path: Path, palpate: Command) -> None:
+    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
+    path = write_holds(tmp_path / "holds.csv", rows)
+    assert palpate("settle", path).err.count("convert milliseconds") == 1
+
+
 def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Command) -> None:
     rows = [
         f"h{k},{t:.1f},{(100 + k) * (1 - 0.03 * np.log1p(t)):.4f}"
         for k in range(9)
         for t in np.arange(0, 41, 0.2)
     ]
-    for name, part in (("new", rows[:205]), ("past", rows[205:])):
-        text = "\n".join(["hold_id,time_s,value", *part]) + "\n"
-        (tmp_path / f"{name}.csv").write_text(text)
-    new, learn = tmp_path / "new.csv", ("--learn-from", tmp_path / "past.csv")
+    new = write_holds(tmp_path / "new.csv", rows[:205])
+    learn = ("--learn-from", write_holds(tmp_path / "past.csv", rows[205:]))
     statuses = [
         document(palpate, new, *options)["rows"][0]["status"]
         for options in ((), ("--horizon", "40"), ("--horizon", "40", *learn))
@@ -324,8 +245,7 @@ def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Com
 
 def test_settle_of_a_slow_logger_has_a_settled_value(tmp_path: Path, palpate: Command) -> None:
     rows = [f":x:,{t},{100 - 5 * np.log1p(t):.4f}" for t in (0, *range(1, 40, 2))]
-    path = tmp_path / "slow.csv"
-    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    path = write_holds(tmp_path / "slow.csv", rows)
     [row] = document(palpate, path, "--cutoff", "7")["rows"]
     assert row["settled"] == pytest.approx(100 - 5 * np.log1p(19.75), rel=1e-3)
     # The name is no picture.

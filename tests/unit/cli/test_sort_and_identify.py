@@ -6,16 +6,15 @@ import io
 import itertools
 import json
 import re
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.closings import write_damage_file
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 
@@ -51,24 +50,14 @@ size_mm = [45, 80]
 
 def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n: int = 0) -> Grasp:
     size, stiffness = np.array(at) * np.exp(np.array([0.02, 0.1]) * rng.standard_normal(2))
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(minutes=n),
-        rig="test",
-        measurements={
-            "size_mm": Measurement(value=size, low=size - 0.4, high=size + 0.4, unit="mm"),
-            "stiffness_n_per_mm": Measurement(
-                value=stiffness, low=stiffness / 1.3, high=stiffness * 1.3, unit="n_per_mm"
-            ),
-        },
-    )
+    half = {"size_mm": 0.4, "stiffness_n_per_mm": 0.26 * stiffness}
+    values = {"size_mm": size, "stiffness_n_per_mm": stiffness}
+    return stored_grasp(item_id, values, hours=n / 60, half=half, rig="test")
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> Path:
-    """Return a store with ten labelled items of each kind and four unlabelled items."""
+def fill_store(path: Path) -> None:
+    """Write a store with ten labelled items of each kind and four unlabelled items."""
     rng = np.random.default_rng(8)
-    path = tmp_path / "items.sqlite"
     with Store.open(path) as opened:
         for kind, at in KINDS.items():
             for number in range(10):
@@ -79,6 +68,11 @@ def store(tmp_path: Path) -> Path:
             opened.add_item(Item(item_id=name, batch="crate"))
             opened.add_grasps([grasp(name, at, rng=rng, n=n) for n in range(2)])
         opened.add_item(Item(item_id="never", batch="crate"))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    fill_store(path := tmp_path / "items.sqlite")
     return path
 
 
@@ -121,31 +115,6 @@ def test_identify_reports_too_few_labels(palpate: Command, tmp_path: Path) -> No
     assert "label 15 more items" in out
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--identify", "nobody"], "no item 'nobody'"),
-        (["--identify", "never"], "item 'never' was never grasped; grasp it first"),
-        ([], "give the sorting rules with --rules FILE, or an item with --identify ITEM"),
-        (["--identify", "K", "--rig", "sim-rigid"], "can't be combined with --identify"),
-        (["--rules", "rules.toml", "--batch", "x"], "batch 'x' contains no grasped items"),
-        (["--rules", "rules.toml", "--target-force-n", "5"], "requires --rig"),
-        (["--rules", "pears.toml"], "line 7: class 'pear' has fewer than 3 labelled items"),
-    ],
-)
-def test_sort_invalid_input_is_refused_in_one_line(
-    palpate: Command,
-    store: Path,
-    rules: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    options: list[str],
-    message: str,
-) -> None:
-    monkeypatch.chdir(rules.parent)
-    Path("pears.toml").write_text(RULES.replace('class = "kiwi"', 'class = "pear"'))
-    assert message in palpate.refused("sort", *options, "--store", store)
-
-
 def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rules: Path) -> None:
     arguments = ("sort", "--rules", rules, "--store", store, "--batch", "crate")
     found = palpate(*arguments, "--json").document
@@ -158,27 +127,19 @@ def test_sort_of_a_stored_batch_is_a_dry_run(palpate: Command, store: Path, rule
     out = palpate(*arguments).out
     assert "dry run" in out
     assert "simulated" in out
-    # A person's label replaces the prediction.
-    with Store.open(store) as opened:
-        opened.add_item(Item(item_id="X", kind="kiwi"))
-    rows = palpate(*arguments, "--json").document["rows"]
-    row = next(row for row in rows if row["item_id"] == "X")
-    assert (row["bin"], row["probability"]) == ("kiwi", 1.0)
-
-
-def test_sort_rules_on_verdicts_use_stored_verdicts(
-    palpate: Command, store: Path, tmp_path: Path
-) -> None:
-    path = tmp_path / "bruised.toml"
-    path.write_text('default = "shop"\n[[rule]]\nbin = "juice"\nbruised = true\n')
+    # A person's label replaces the prediction, and rules use stored verdicts.
     bruise = Verdict(
-        item_id="K", about=About.BRUISE, text="bruised", probability=0.95, given_at=NOON
+        item_id="E", about=About.BRUISE, text="bruised", probability=0.95, given_at=NOON
     )
     with Store.open(store) as opened:
+        opened.add_item(Item(item_id="X", kind="kiwi"))
         opened.add_verdict(bruise)
-    arguments = ("sort", "--rules", path, "--store", store, "--batch", "crate", "--json")
-    bins = {row["item_id"]: row["bin"] for row in palpate(*arguments).document["rows"]}
-    assert bins == {"K": "juice", "E": "shop", "X": "shop"}
+    rules.write_text(
+        RULES.replace("[[rule]]", '[[rule]]\nbin = "juice"\nbruised = true\n[[rule]]', 1)
+    )
+    rows = {row["item_id"]: row for row in palpate(*arguments, "--json").document["rows"]}
+    assert (rows["X"]["bin"], rows["X"]["probability"]) == ("kiwi", 1.0)
+    assert (rows["K"]["bin"], rows["E"]["bin"]) == ("kiwi", "juice")
 
 
 @pytest.mark.slow
@@ -235,21 +196,6 @@ def test_sort_by_name_has_its_force_raised_by_target_and_lowered_by_damage_file(
     gentle_n, firm_n, firm_but_limited_n = peak_n
     assert gentle_n + 1.0 < firm_n < 10.0
     assert 0 < firm_but_limited_n < gentle_n
-
-
-def test_sort_target_force_requires_a_rig(palpate: Command, rules: Path) -> None:
-    err = palpate.refused("sort", "--rules", rules, "--target-force-n", "5")
-    assert "requires --rig, because nothing is grasped" in err
-
-
-@pytest.mark.slow
-def test_sort_soft_fingers_refuse_rules_on_class_or_size(palpate: Command, tmp_path: Path) -> None:
-    path = tmp_path / "size.toml"
-    path.write_text(SIZE_RULES)
-    err = palpate(
-        "sort", "--rules", path, "--rig", "sim-soft", "--store", tmp_path / "s.sqlite", status=2
-    ).err
-    assert "line 4: requires class or size, but fingers driven by pressure measure neither" in err
 
 
 @pytest.mark.slow

@@ -1,17 +1,16 @@
-"""`palpate teach`: labels from a table or the store, and the accuracy."""
+"""`palpate teach` and `palpate qualify`: labels and readings from a table or the store."""
 
 from __future__ import annotations
 
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.commands import Command
-from tests.factories import NOON, make_grasp
+from tests.factories import NOON
+from tests.unit.cli.stored import stored_grasp
 
-from palpate.measurement import Measurement
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 
 
@@ -26,23 +25,7 @@ def write_table(path: Path, *, unlabelled: int = 2) -> Path:
     return path
 
 
-def grasp(
-    item_id: str, firmness: float, *, minutes: int = 0, percent: tuple[float, ...] = ()
-) -> Grasp:
-    values = {"size_mm": (60.0, "mm"), "stiffness_n_per_mm": (firmness / 10, "n_per_mm")}
-    values |= {"firmness": (firmness, "index"), "settled_percent": (-40.0, "percent")}
-    values |= {"force_n": (5.0, "n")}
-    return make_grasp(
-        item_id,
-        taken_at=NOON + timedelta(minutes=minutes),
-        rig="test",
-        origin="hardware",
-        measurements={
-            name: Measurement(value=v, low=v - 0.1, high=v + 0.1, unit=unit)
-            for name, (v, unit) in values.items()
-        },
-        pixel_settled_percent=((percent[:2], percent[2:]) * 2) if percent else None,
-    )
+VALUES = {"size_mm": 60.0, "settled_percent": -40.0, "force_n": 5.0}
 
 
 @pytest.fixture
@@ -55,20 +38,14 @@ def store(tmp_path: Path) -> Path:
             opened.add_item(Item(item_id=name, kind="avocado"))
             firmness = float(random.normal(30 + 30 * is_firm, 3))
             load = tuple(random.normal((-60, -40 - 15 * is_firm, -50, -50), 1.0).tolist())
-            opened.add_grasp(grasp(name, firmness, minutes=number, percent=load))
-            for about, text in (
-                (About.RIPENESS, ("ripe", "hard")[is_firm]),
-                (About.BRUISE, ("bruised", "sound")[is_firm]),
-            ):
-                opened.add_verdict(
-                    Verdict(
-                        item_id=name,
-                        about=about,
-                        text=text,
-                        given_at=NOON + timedelta(minutes=number),
-                        source=Source.PERSON,
-                    )
-                )
+            firm = {"firmness": firmness, "stiffness_n_per_mm": firmness / 10}
+            pixels = (load[:2], load[2:]) * 2
+            given = {"rig": "test", "origin": "hardware", "pixel_settled_percent": pixels}
+            opened.add_grasp(stored_grasp(name, VALUES | firm, half=0.1, **given))
+            person = {"item_id": name, "given_at": NOON, "source": Source.PERSON}
+            ripeness, bruise = (("ripe", "bruised"), ("hard", "sound"))[is_firm]
+            opened.add_verdict(Verdict(about=About.RIPENESS, text=ripeness, **person))
+            opened.add_verdict(Verdict(about=About.BRUISE, text=bruise, **person))
     return path
 
 
@@ -112,25 +89,30 @@ def test_teach_learns_each_question_from_the_store(
     assert document["named"] == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("grade", "--table", "none.csv"), "can't be read"),
-        (("grade", "--table", "bare.csv"), "no numeric column"),
-        (("grade", "--table", "few.csv"), "at least two labels are required"),
-        (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),
-        (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
-    ],
-)
-def test_teach_invalid_input_is_refused_with_a_remedy(
-    store: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    palpate: Command,
-    arguments: tuple[str, ...],
-    message: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("bare.csv").write_text("item_id,label\nA1,soft\n")
-    Path("few.csv").write_text("item_id,label,firmness\nA1,soft,41\n")
-    assert message in palpate.refused("teach", *arguments)
+def write_readings(path: Path, *, items: int = 40) -> Path:
+    random = np.random.default_rng(1)
+    lines = ["item_id,side,reference,grasp"]
+    for item in range(items):
+        firmness = random.normal(14.0, 2.0)
+        for side in ("left", "right"):
+            reference = firmness + random.normal(0.0, 1.0)
+            lines.append(f"A{item},{side},{reference:.2f},{3 * firmness + random.normal():.2f}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.slow
+def test_qualify_prints_and_reports_every_figure(tmp_path: Path, palpate: Command) -> None:
+    file, page = write_readings(tmp_path / "readings.csv"), tmp_path / "page.html"
+    options = ("--tolerance", "1", "--unit", "lbf", "--limit", "14")
+    shown = palpate("qualify", file, *options, "--report", page).out
+    assert shown.startswith("40 items, 80 paired readings")
+    for words in ("limit of agreement", "maximum R squared", "below 14", "grasps to average"):
+        assert words in shown
+    assert page.read_text().count("<svg") == 2
+    assert "already exists" in palpate.refused("qualify", file, "--report", page)
+    document = palpate("qualify", file, "--json").document
+    assert document["items"] == 40
+    assert document["tolerance"] == pytest.approx(document["scatter"]["reference"]["within"])
+    figure = document["figures"]["r_squared_ceiling"]
+    assert figure["low"] < figure["value"] < figure["high"] < 1.0

@@ -135,27 +135,48 @@ def test_decimal_option_decides(
 
 
 @pytest.mark.parametrize(
-    ("header", "unit", "factor"),
+    ("head", "unit", "factor"),
     [
-        ("Load (lbf)", "newton", 4.4482216),
-        ("weight_g", "newton", 9.80665e-3),
-        ("Kraft [kN]", "newton", 1e3),
-        ("p [mbar]", "pascal", 100.0),
+        ("time_s,Load (lbf)\n", "newton", 4.4482216),
+        ("time_s,weight_g\n", "newton", 9.80665e-3),
+        ("time_s,Kraft [kN]\n", "newton", 1e3),
+        ("time_s,p [mbar]\n", "pascal", 100.0),
+        ("time,force\ns,cN\n", "newton", 0.01),
+        ("time_s,force_daN\n", "newton", 10.0),
+        ("s,kN\ntime,force\n", "newton", 1e3),
+        ("time_s,load_mg\n", "newton", 9.80665e-6),
+        ("time_s,p [hPa]\n", "pascal", 100.0),
+        ("time_s,p [kgf/cm²]\n", "pascal", 98066.5),
+        ('"TOA5","x"\n"TIMESTAMP","F"\n"TS","mN"\n"","Avg"\n', "newton", 1e-3),
     ],
 )
-def test_force_alone_is_read_in_newton_and_beside_readings_named(
-    header: str, unit: str, factor: float, tmp_path: Path
+def test_force_or_pressure_alone_is_read_in_newton_or_pascal(
+    head: str, unit: str, factor: float, tmp_path: Path
 ) -> None:
-    alone = write(tmp_path / "a.csv", f"time_s,{header}\n", lambda r: f"{TIME_S[r]},{FORCE_N[r]}")
-    [found] = read_recordings(alone)
-    assert found.units == {header: unit}
-    np.testing.assert_allclose(found.columns[header], factor * FORCE_N, rtol=1e-6)
+    [found] = read_recordings(
+        write(tmp_path / "a.csv", head, lambda r: f"{TIME_S[r]},{FORCE_N[r]}")
+    )
+    assert [*found.units.values()] == [unit]
+    np.testing.assert_allclose([*found.columns.values()], [factor * FORCE_N], rtol=1e-6)
+
+
+@pytest.mark.parametrize("force", ["Load (lbf)", "weight_g", "Kraft [kN]", "p [mbar]"])
+def test_force_beside_readings_is_named(force: str, tmp_path: Path) -> None:
     both = write(
-        tmp_path / "b.csv", f"time_s,{header},A0\n", lambda r: f"{TIME_S[r]},{FORCE_N[r]},{ONE[r]}"
+        tmp_path / "b.csv", f"time_s,{force},A0\n", lambda r: f"{TIME_S[r]},{FORCE_N[r]},{ONE[r]}"
     )
     [found] = read_recordings(both)
     assert [*found.columns] == ["A0"]
-    assert any(header in remark for remark in found.remarks)
+    assert any(force in remark for remark in found.remarks)
+
+
+def test_interval_replaces_a_clock_and_needs_no_decimal_mark(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "time_s,A0\n", lambda r: f"{TIME_S[r]},{ONE[r]}")
+    [found] = read_recordings(path, interval_s=0.5)
+    assert any("time_s" in remark for remark in found.remarks)
+    path = write(tmp_path / "log.csv", "A0,A1\n", lambda r: f"{ONE[r]},{TWO[r]}")
+    [found] = read_recordings(path, interval_s=0.1)
+    np.testing.assert_allclose([*found.columns.values()], [ONE, TWO])
 
 
 def test_rows_of_a_coarse_clock_are_spread_over_its_tick(tmp_path: Path) -> None:
@@ -220,28 +241,6 @@ def test_clocks_and_lines_of_loggers_are_read(
     np.testing.assert_allclose(found.time_s - found.time_s[0], TIME_S, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("head", "factor"),
-    [
-        ("time,force\ns,cN\n", 0.01),
-        ("time_s,force_daN\n", 10.0),
-        ("s,kN\ntime,force\n", 1e3),
-        ("time_s,load_mg\n", 9.80665e-6),
-        ("time_s,p [hPa]\n", 100.0),
-        ("time_s,p [kgf/cm²]\n", 98066.5),
-        ('"TOA5","x"\n"TIMESTAMP","F"\n"TS","mN"\n"","Avg"\n', 1e-3),
-    ],
-)
-def test_units_of_force_and_pressure_are_converted(
-    head: str, factor: float, tmp_path: Path
-) -> None:
-    path = write(tmp_path / "log.csv", head, lambda r: f"{TIME_S[r]},{FORCE_N[r]}")
-    [found] = read_recordings(path)
-    [values] = found.columns.values()
-    np.testing.assert_allclose(values, factor * FORCE_N, rtol=1e-6)
-    assert {*found.units.values()} <= {"newton", "pascal"}
-
-
 def test_frames_of_two_lines_from_a_terminal_are_split_by_place(tmp_path: Path) -> None:
     def frame(row: int) -> str:
         at = stamp(row, "%H:%M:%S.%f -> ")
@@ -250,18 +249,6 @@ def test_frames_of_two_lines_from_a_terminal_are_split_by_place(tmp_path: Path) 
     [found] = read_recordings(write(tmp_path / "log.txt", "", frame))
     [*each] = found.columns.values()
     np.testing.assert_allclose(each, [ONE, ONE + 90, TWO, TWO + 90])
-
-
-def test_interval_is_named_if_it_replaces_a_clock(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.csv", "time_s,A0\n", lambda r: f"{TIME_S[r]},{ONE[r]}")
-    [found] = read_recordings(path, interval_s=0.5)
-    assert any("time_s" in remark for remark in found.remarks)
-
-
-def test_counts_without_a_clock_in_named_columns_need_no_decimal_mark(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.csv", "A0,A1\n", lambda r: f"{ONE[r]},{TWO[r]}")
-    [found] = read_recordings(path, interval_s=0.1)
-    np.testing.assert_allclose([*found.columns.values()], [ONE, TWO])
 
 
 def test_summary_and_empty_rows_of_a_workbook_do_no_harm(tmp_path: Path) -> None:

@@ -1,15 +1,26 @@
-"""Figures for print: editable text, minus signs, axis labels and colours."""
+"""Figures: editable text, minus signs, axis labels, colours and titles."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.text import Text
 from tests.pdf_fonts import check_fonts
 
+from palpate.holds import Hold
 from palpate.plots.pixel_colors import FALL, RISE, is_dark, pixel_color
-from palpate.plots.style import PLOT_ENDINGS, legend_below, log_axis, new_figure, save_figure
+from palpate.plots.settle import Panel, settle_figure
+from palpate.plots.style import (
+    PLOT_ENDINGS,
+    legend_below,
+    letter_panels,
+    log_axis,
+    new_figure,
+    save_figure,
+)
 
 
 @pytest.mark.slow
@@ -53,3 +64,28 @@ def test_pixel_color_becomes_lighter_with_the_change(
     assert steps == list(arm)
     assert is_dark(0.0)
     assert not is_dark(sign * 80.0)
+
+
+def test_settle_figure_long_titles_do_not_overlap() -> None:
+    time_s = np.arange(0.0, 20.0, 0.1)
+    names = [f"q15late_press_60s_15_a{n}_9346f7" for n in range(3)]
+    panels = [
+        Panel(
+            title=f"{name}\nerror +6.7 % of settled, 30 % of the rest",
+            hold=Hold(hold_id=name, channel=None, time_s=time_s, values=np.exp(-time_s)),
+            cutoff_s=2.5,
+        )
+        for name in names
+    ]
+    figure = settle_figure(panels, methods={}, horizon_s=20.0, level=0.9)
+    letter_panels(figure)
+    figure.draw_without_rendering()
+    boxes = [
+        one.get_window_extent()
+        for one in figure.findobj(Text)
+        if isinstance(one, Text) and (one.get_text() in "abc" or one.get_text()[:3] == "q15")
+        if one.get_text()
+    ]
+    assert len(boxes) == 6
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert max(one.x1 for one in boxes) <= figure.bbox.x1

@@ -11,10 +11,7 @@ from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.plots.inline_svg import THEME, inline_svg, page_figure
 from palpate.plots.item_history import history_figure
-from palpate.plots.many_items import (
-    kind_of,
-    softening_figure,
-)
+from palpate.plots.many_items import kind_of, softening_figure
 from palpate.plots.style import INK
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory

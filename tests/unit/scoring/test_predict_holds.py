@@ -1,17 +1,23 @@
-"""Predictions of many holds: order, batches, and no use of samples after the cut-off."""
+"""Predictions and decisions of many holds: no sample after the cut-off is used; their scores."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from tests.commands import Command
 
-from palpate.holds import Hold
+from palpate import read_holds, score
+from palpate.holds import Hold, find_recorded_value, measure_settled_value
 from palpate.measurement import Status
 from palpate.scoring import predictions as evaluate
-from palpate.scoring.predictions import decide_holds, predict_holds
+from palpate.scoring.deciding import EARLIEST_S, find_decision
+from palpate.scoring.predictions import Prediction, decide_holds, predict_holds, summarise
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
+from palpate_studies.bootstrap import bootstrap_interval
 
 METHODS = {"exponential": Exponential(), "recorded": Recorded()}
 
@@ -86,3 +92,127 @@ def test_decide_holds_equals_prediction_at_the_decision_time() -> None:
         [hold("a")], methods=methods, cutoffs_s=[row.cutoff_s], horizon_s=20.0, level=0.9
     )
     assert same.predicted == pytest.approx(row.predicted, rel=1e-12)
+
+
+TIME_S = np.arange(0.0, 21.0, 0.07)
+HOLD = 100.0 - 4.0 * np.log(TIME_S + 0.5)
+
+
+def test_find_decision_smaller_half_width_decides_later() -> None:
+    loose, strict = (
+        find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=percent)
+        for percent in (8.0, 2.0)
+    )
+    assert loose.decided
+    assert strict.decided
+    assert EARLIEST_S < loose.time_s < strict.time_s
+    half_width = (strict.estimate.high - strict.estimate.low) / 2
+    assert half_width <= 0.02 * strict.estimate.value
+
+
+def test_find_decision_ignores_later_samples() -> None:
+    decision = find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=4.0)
+    changed = np.where(decision.time_s < TIME_S, 1e6, HOLD)
+    second = find_decision(TIME_S, changed, method=Relaxation(), half_width_percent=4.0)
+    assert second.time_s == decision.time_s
+    assert second.estimate.value == decision.estimate.value
+
+
+def test_find_decision_constant_hold_is_not_decided() -> None:
+    decision = find_decision(
+        TIME_S, np.full_like(TIME_S, 5.0), method=Relaxation(), half_width_percent=1.0
+    )
+    assert not decision.decided
+    assert decision.estimate.status is Status.NOT_SETTLING
+
+
+def test_measure_settled_value_is_the_mean_of_the_last_half_second_up_to_the_horizon() -> None:
+    time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
+    values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])
+    assert measure_settled_value(time_s, values, horizon_s=20.0) == 3.0
+    for time_s, reaches in (
+        (np.array([0.0, 10.0, 30.0]), False),
+        (np.arange(0, 19.91, 0.05), False),
+        (np.arange(0, 19.96, 0.05), True),
+    ):
+        settled = measure_settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
+        assert np.isfinite(settled) == reaches
+
+
+def test_find_recorded_value_includes_the_sample_at_the_cutoff() -> None:
+    time_s = np.array([0.5, 1.0, 2.0])
+    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=2.0) == 20.0
+    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=1.99) == 10.0
+    assert np.isnan(find_recorded_value(time_s, time_s, cutoff_s=0.4))
+
+
+def test_summarise_ignores_unknown_values() -> None:
+    fixed = {"hold_id": "a", "method": "m", "cutoff_s": 1.0, "status": Status.OK}
+    rows = [
+        Prediction(
+            predicted=value,
+            low=value - half,
+            high=value + half,
+            settled=known,
+            recorded=last,
+            **fixed,
+        )
+        for value, half, known, last in (
+            (101.0, 2.0, 100.0, 110.0),
+            (98.0, 1.0, 100.0, 104.0),
+            (103.0, 1.0, 100.0, 106.0),
+            (7.0, 1.0, np.nan, 9.0),
+            (1.0, 1.0, 0.0, 1.0),
+        )
+    ]
+    *scores, no_base = rows
+    summary = summarise(scores)
+    assert summary["median_abs_error_percent"] == 2.0
+    assert summary["mean_abs_error_percent"] == 2.0
+    assert summary["p90_abs_error_percent"] == pytest.approx(2.8)
+    assert summary["median_error_of_remaining_percent"] == 50.0
+    assert summary["coverage"] == pytest.approx(1 / 3)
+    assert summary["median_half_width_percent"] == 1.0
+    assert np.isnan(no_base.error_percent)
+    assert (no_base.of_remaining_percent, no_base.coverage) == (100.0, 1.0)
+
+
+def test_bootstrap_interval_resamples_specimens_not_holds() -> None:
+    values = np.repeat([0.0, 1.0], 50)
+    groups = ["a"] * 50 + ["b"] * 50
+    by_specimen = bootstrap_interval(values, groups, statistic=np.mean)
+    by_hold = bootstrap_interval(values, [str(i) for i in range(100)], statistic=np.mean)
+    assert by_specimen == (0.0, 1.0)
+    assert 0.4 < by_hold[0] < by_hold[1] < 0.6
+
+
+METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path, time_s = tmp_path / "holds.csv", np.arange(0.0, 25.0, 0.1)
+    with path.open("w") as file:
+        file.write("hold_id,time_s,value\n")
+        for name, top in (("a", 900.0), ("b", 700.0)):
+            file.writelines(f"{name},{t:.1f},{top - 60 * np.log1p(t):.2f}\n" for t in time_s)
+    return path
+
+
+def test_score_agrees_with_the_settle_command(path: Path, palpate: Command) -> None:
+    options = [text for name in METHODS for text in ("--method", name)]
+    options += [text for cutoff_s in CUTOFFS_S for text in ("--cutoff", str(cutoff_s))]
+    table = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    printed = palpate("settle", path, *options, "--json").document
+    assert table.to_dict()["summary"] == printed["summary"]
+    lines = [line.rstrip() for line in palpate("settle", path, *options).out.splitlines()]
+    assert [line for line in str(table).splitlines() if line.rstrip() not in lines] == []
+
+
+def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:
+    frame = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    table = frame.to_dataframe()
+    assert list(zip(table["method"], table["cutoff_s"], strict=True)) == [
+        (method, cutoff_s) for method in METHODS for cutoff_s in CUTOFFS_S
+    ]
+    assert (table["holds"] == 2).all()

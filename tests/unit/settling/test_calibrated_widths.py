@@ -9,7 +9,6 @@ from palpate.holds import Hold
 from palpate.settling.baselines import Recorded
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.exponential import Exponential
-from palpate.settling.relaxation import Relaxation
 
 TIME_S = np.arange(0.0, 20.5, 0.1)
 SEEN = TIME_S <= 2.5
@@ -59,14 +58,3 @@ def test_calibrated_with_too_few_holds_has_no_interval() -> None:
     assert np.isnan(interval(eight, 0.9))
     assert np.isfinite(interval(eight, 0.8))
     assert np.isnan(interval(Calibrated(method=Recorded(), holds=[], learn=False), 0.5))
-
-
-def test_calibrated_without_learning_narrows_the_interval_of_relaxation() -> None:
-    hold = holds(1, seed=4)[0].values[None, SEEN]
-    plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
-    sharp = Calibrated(method=Relaxation(), holds=holds(60, seed=5), learn=False)
-    found = sharp.predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
-    assert found.value.tolist() == plain.value.tolist()
-    assert found.high[0] - found.low[0] < 0.7 * (plain.high[0] - plain.low[0])
-    half = sharp.predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.5)
-    assert half.high[0] - half.low[0] < found.high[0] - found.low[0]

@@ -98,10 +98,3 @@ def test_fit_exponential_accepts_a_distant_asymptote_only_for_clear_data() -> No
     change = noisy.max(axis=1) - noisy[:, -1]
     assert (np.abs(unclear.settled - noisy[:, -1]) <= change).all()
     assert (unclear.status == Status.NOT_SETTLING).mean() > 0.3
-
-
-def test_fit_exponential_of_a_batch_equals_single_holds() -> None:
-    holds = random_holds(50, noise=0.5, seed=3)
-    batch = fit_exponential(TIME_S, holds)
-    alone = np.array([fit_exponential(TIME_S, hold[None]).settled[0] for hold in holds])
-    assert batch.settled == pytest.approx(alone, rel=1e-9)

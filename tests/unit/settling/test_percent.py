@@ -49,11 +49,7 @@ def test_predict_holds_uses_the_unit_of_the_hold() -> None:
         row
         for unit in ("percent", None)
         for row in predict_holds(
-            [replace(hold, unit=unit)],
-            methods=methods,
-            cutoffs_s=[2.5],
-            horizon_s=20.0,
-            level=0.9,
+            [replace(hold, unit=unit)], methods=methods, cutoffs_s=[2.5], horizon_s=20.0, level=0.9
         )
     ]
     expected = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")

@@ -48,6 +48,7 @@ def test_predict_settled_of_few_or_constant_samples_is_finite(method: str, sampl
         found = predict_settled(TIME_S[:samples], values, cutoff_s=1.0, method=method)
         assert np.isfinite(found.value)
         assert method == "recorded" or found.status != Status.OK
+        assert samples > 1 or found.value == values[0]
 
 
 @pytest.mark.parametrize(
@@ -89,3 +90,12 @@ def test_log_law_is_exact_for_logarithmic_creep(method: str, from_s: float) -> N
     for cutoff_s in (1.0, 2.5):
         found = predict_settled(TIME_S, creep, cutoff_s=cutoff_s, method=method)
         assert found.value == pytest.approx(50.0 - 3.0 * np.log(20.0 + from_s), rel=1e-9)
+
+
+def test_log_law_extrapolates_a_logarithm_from_the_peak_of_each_hold() -> None:
+    time_s = np.arange(0, 4, 0.1)
+    since = np.stack([time_s, time_s - time_s[3]])
+    holds = np.where(since < 0, 8.0, 9 - 0.7 * np.log(np.maximum(since, 0) + 0.2))
+    found = predict_settled(time_s, holds, cutoff_s=4.0, method="log_law")
+    assert found.value == pytest.approx(9 - 0.7 * np.log(20.2 - np.array([0, time_s[3]])))
+    assert found.status.tolist() == [Status.OK, Status.OK]

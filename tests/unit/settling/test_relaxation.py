@@ -48,14 +48,6 @@ def test_relaxation_ignores_a_large_contact_transient() -> None:
     assert predict(time_s, values).hold(0).value == pytest.approx(settled, rel=0.25)
 
 
-@pytest.mark.parametrize("values", [[7.0], [7.0, 6.0]])
-def test_relaxation_with_one_or_two_samples_is_finite_and_too_short(values: list[float]) -> None:
-    estimate = predict(np.arange(len(values)) / 10, np.array(values)).hold(0)
-    assert np.isfinite([estimate.value, estimate.low, estimate.high]).all()
-    assert estimate.status is Status.TOO_SHORT
-    assert len(values) > 1 or estimate.value == 7.0
-
-
 @pytest.mark.parametrize(
     ("reading", "half"), [(620.0, 0.5), (3.03, 0.005), (0.25, 0.005), (0.0, 0.5)]
 )
@@ -176,7 +168,7 @@ def test_relaxation_error_and_coverage_on_real_silicone_holds(
 def test_relaxation_error_on_real_velostat_holds(
     real_data: Path, cutoff_s: float, median_percent: float
 ) -> None:
-    error, _, _ = score(real_data / "holds_velostat.csv.gz", cutoff_s=cutoff_s).T
+    error, *_ = score(real_data / "holds_velostat.csv.gz", cutoff_s=cutoff_s).T
     assert np.median(error) < median_percent
     assert error.max() < 50.0
 
