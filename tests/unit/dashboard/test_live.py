@@ -53,13 +53,6 @@ def frames(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0, counts: i
 
 
 @pytest.fixture
-def session() -> Session:
-    session = Session(send=lambda message: None)
-    session.devices.live.open_source(SOURCE)
-    return session
-
-
-@pytest.fixture
 def live(session: Session) -> Live:
     return session.devices.live
 
