@@ -1,10 +1,12 @@
-"""Pages run on a separate event loop; the server's loop answers a stop."""
+"""Pages run on a separate event loop, the server's loop answers a stop, and its external URL."""
 
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from starlette.applications import Starlette
@@ -14,7 +16,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from palpate.dashboard import transport
-from palpate.dashboard.transport import AppThread
+from palpate.dashboard.transport import AppThread, external_url
 
 
 async def ask(
@@ -40,6 +42,10 @@ async def ask(
     return sent
 
 
+async def stop(request: Request) -> PlainTextResponse:
+    return PlainTextResponse("stopped")
+
+
 def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -> None:
     blocked, over = threading.Event(), threading.Event()
 
@@ -47,9 +53,6 @@ def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -
         blocked.set()
         assert over.wait(60.0)
         return PlainTextResponse("page")
-
-    async def stop(request: Request) -> PlainTextResponse:
-        return PlainTextResponse("stopped")
 
     async def visit(app: AppThread) -> tuple[bytes, bytes]:
         viewer = asyncio.create_task(ask(app, "/page"))
@@ -71,11 +74,11 @@ def test_app_thread_forwards_request_bodies_and_websockets_to_the_page_thread() 
         threads.append(threading.current_thread().name)
         return PlainTextResponse(await request.body())
 
-    async def talk(socket: WebSocket) -> None:
+    async def talk(web_socket: WebSocket) -> None:
         threads.append(threading.current_thread().name)
-        await socket.accept()
-        await socket.send_text(await socket.receive_text())
-        await socket.close()
+        await web_socket.accept()
+        await web_socket.send_text(await web_socket.receive_text())
+        await web_socket.close()
 
     routes = [Route("/echo", echo, methods=["POST"]), WebSocketRoute("/talk", talk)]
     with AppThread(Starlette(routes=routes), direct=frozenset()) as app:
@@ -97,9 +100,6 @@ def test_app_thread_refuses_requests_above_its_limit_except_direct_ones(
     async def page(request: Request) -> PlainTextResponse:
         await asyncio.to_thread(done.wait, 30.0)
         return PlainTextResponse("page")
-
-    async def stop(request: Request) -> PlainTextResponse:
-        return PlainTextResponse("stopped")
 
     async def visit(app: AppThread) -> list[int]:
         waiting = [asyncio.create_task(ask(app, "/page")) for _ in range(2)]
@@ -123,3 +123,16 @@ def test_app_thread_raises_errors_of_the_application_on_the_server_loop() -> Non
         pytest.raises(RuntimeError, match="broken page"),
     ):
         asyncio.run(ask(app, "/"))
+
+
+@pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
+def test_external_url_of_a_wildcard_host_accepts_connections(
+    host: str, family: socket.AddressFamily
+) -> None:
+    with socket.socket(family) as listening:
+        listening.bind((host, 0))
+        listening.listen()
+        parts = urlsplit(external_url(host, listening.getsockname()[1]))
+        assert parts.hostname not in ("0.0.0.0", "::", None)
+        with socket.create_connection((parts.hostname, parts.port), timeout=10):
+            pass

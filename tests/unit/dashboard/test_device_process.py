@@ -47,7 +47,7 @@ from palpate.dashboard.messages import (
     Trouble,
     Update,
 )
-from palpate.errors import DeviceError
+from palpate.errors import DamageWarning, DeviceError
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
 from palpate.rig.simulated import GuidedBench
@@ -296,7 +296,7 @@ def test_calibrate_rest_saves_the_file_and_sends_the_new_source(
     assert np.abs(ended.found.change_percent).max() < 20
     assert {update.link.lost for update in opened.updates} == {0}
     assert made.force.force_n, "the force pairs must be preserved"
-    since = opened.notes[opened.notes.index(OrderStarted(order=ended.order)) :]
+    since = notes_since(opened, ended.order)
     renewed = [isinstance(note, FrameSource) for note in since[: since.index(ended)]]
     assert any(renewed), "the link must be restarted before the end"
 
@@ -373,6 +373,31 @@ def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
         assert getattr(again.result, name) == getattr(held.found.result, name)
     opened.send(Confirm())
     assert not opened.ended(play).trouble
+    assert not any(isinstance(note, Trouble) for note in notes_since(opened, play))
+
+
+@pytest.mark.slow
+def test_replay_of_a_truncated_recording_says_so(
+    opened: Page, held: OrderEnded, tmp_path: Path
+) -> None:
+    play = Play(file=tmp_path / "run.mcap", speed=FAST)
+    play.file.write_bytes(held.order.recording.read_bytes()[:-60])
+
+    def play_until_trouble() -> str:
+        opened.send(play)
+        trouble = opened.until_note(lambda note: isinstance(note, Trouble))
+        opened.send(StopNow())
+        opened.ended(play)
+        return trouble.text
+
+    with pytest.warns(DamageWarning):
+        shown = play_until_trouble()
+    assert shown.startswith("run.mcap: not finished")
+
+
+def notes_since(page: Page, order: Order) -> list[Note]:
+    """Return the notes since the start of an order."""
+    return page.notes[page.notes.index(OrderStarted(order=order)) :]
 
 
 def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPosition:

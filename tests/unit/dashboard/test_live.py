@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
+from palpate.dashboard.panel_sensor import findings_html
 from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ForceLaws
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
@@ -173,17 +175,29 @@ def test_document_past_hand_is_opening_only_after_the_release(session: Session, 
     assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
 
 
-def test_document_findings_are_assigned_to_their_pixels(session: Session, live: Live) -> None:
-    counts = np.rint(np.random.default_rng(1).normal(300, 0.6, (100, 4, 2))).astype(np.int32)
+def test_findings_are_assigned_to_their_pixels_and_shown_with_marked_commands(
+    session: Session, live: Live
+) -> None:
+    counts = np.rint(np.random.default_rng(2).normal(300, 0.6, (150, 4, 2))).astype(np.int32)
+    columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
+    known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)
+    known_ohm[1, 0] *= 2.0
     counts[:, 2, 1] = 0
     counts[:, 3] = 0
-    columns = FrameColumns(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
     live.add_frames(frames(1))
-    session.devices.health = check_health(columns, layout=RIGID_LAYOUT)
+    health = check_health(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
+    session.devices.health = health
     findings = page_of(session)["pixels"]["findings"]
-    assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
-    assert {one["severity"] for one in findings} == {"fault"}
-    assert "reads open" in findings[0]["text"]
+    faults = [one for one in findings if one["severity"] == "fault"]
+    assert {(one["row"], one["col"]) for one in faults} == {(2, 1), (3, 0), (3, 1)}
+    assert "reads open" in faults[0]["text"]
+    assert any(" -" in one.text for one in health.findings)
+    shown = findings_html(health)
+    assert "<code>palpate calibrate rest</code>" in shown
+    assert "`" not in shown
+    words = re.sub(r"<[^>]*>", "", shown)
+    assert "\N{MINUS SIGN}" in words
+    assert not re.search(r"(?<!\w)-\d", words)
 
 
 def test_session_of_a_rig_without_a_gripper_refuses_a_grasp(session: Session) -> None:
