@@ -168,19 +168,6 @@ def test_firmware_reset_starts_a_new_stream(any_desk: Desk) -> None:
     assert any_desk.decoder.counters.lost == 0
 
 
-def test_firmware_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
-    desk.ask(wm.SetPressure(target_kpa=30.0, slew_kpa_per_s=500.0), wm.Start())
-    desk.run(0.1)
-    assert desk.board.output_kpa == pytest.approx(30.0, abs=0.1)
-    desk.board.hang()
-    messages = desk.run(0.4)
-    identity = next(m for m in messages if isinstance(m, wm.BoardIdentity))
-    assert identity.reset_cause & 8, "watchdog"
-    assert desk.board.output_kpa == 0
-    desk.ask(wm.Start())
-    assert desk.frames(0.1)[-1].status & wm.BoardStatus.WATCHDOG_RESET
-
-
 def test_firmware_pressure_follows_the_slew_rate_and_vents_without_a_heartbeat(desk: Desk) -> None:
     desk.ask(
         wm.SetPressure(target_kpa=40.0, slew_kpa_per_s=200.0),

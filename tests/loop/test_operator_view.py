@@ -205,7 +205,7 @@ def test_operator_page_fits_every_possible_text_at_every_size(
             assert page.evaluate(FIT_LOSS_TEXTS, losses) == [], size
 
 
-def test_operator_page_guides_through_a_grasp_a_reload_and_a_lost_connection(
+def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_stop(
     browser: Browser, address: str
 ) -> None:
     with visit_as_driver(browser, f"{address}operate", viewport=PHONE, **CALM) as page:
@@ -239,10 +239,6 @@ def test_operator_page_guides_through_a_grasp_a_reload_and_a_lost_connection(
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         expect(page.locator("#force-now")).to_have_text("hand open")
         page.get_by_label("Next item").fill("")
-
-
-def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, address: str) -> None:
-    with visit_as_driver(browser, f"{address}operate", viewport=PHONE, **CALM) as page:
         start_grasp(page)
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\.\d$"))
         page.locator("#stop").click()

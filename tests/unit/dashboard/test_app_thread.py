@@ -12,31 +12,22 @@ import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket
+from starlette.routing import Route
 
 from palpate.dashboard import transport
 from palpate.dashboard.transport import AppThread, external_url
 
 
-async def ask(
-    app: AppThread, path: str, *, body: bytes = b"", kind: str = "http"
-) -> list[dict[str, Any]]:
+async def ask(app: AppThread, path: str) -> list[dict[str, Any]]:
     """Send a request; return the messages of the response."""
-    scope: dict[str, Any] = {"type": kind, "path": path, "headers": [], "query_string": b""}
-    if kind == "http":
-        scope["method"] = "POST"
-        waiting = [{"type": "http.request", "body": body, "more_body": False}]
-    else:
-        scope["subprotocols"] = []
-        waiting = [{"type": "websocket.connect"}, {"type": "websocket.receive", "text": "here"}]
+    scope = {"type": "http", "method": "POST", "path": path, "headers": [], "query_string": b""}
     sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
-        return waiting.pop(0)
+        return {"type": "http.request", "body": b"", "more_body": False}
 
     async def send(message: Any) -> None:
-        sent.append({**message, "thread": threading.current_thread().name})
+        sent.append(message)
 
     await app(scope, receive, send)
     return sent
@@ -65,30 +56,6 @@ def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -
     routes = [Route("/page", page, methods=["POST"]), Route("/stop", stop, methods=["POST"])]
     with AppThread(Starlette(routes=routes), direct=frozenset({"/stop"})) as app:
         assert asyncio.run(visit(app)) == (b"stopped", b"page")
-
-
-def test_app_thread_forwards_request_bodies_and_websockets_to_the_page_thread() -> None:
-    threads: list[str] = []
-
-    async def echo(request: Request) -> PlainTextResponse:
-        threads.append(threading.current_thread().name)
-        return PlainTextResponse(await request.body())
-
-    async def talk(web_socket: WebSocket) -> None:
-        threads.append(threading.current_thread().name)
-        await web_socket.accept()
-        await web_socket.send_text(await web_socket.receive_text())
-        await web_socket.close()
-
-    routes = [Route("/echo", echo, methods=["POST"]), WebSocketRoute("/talk", talk)]
-    with AppThread(Starlette(routes=routes), direct=frozenset()) as app:
-        answer = asyncio.run(ask(app, "/echo", body=b"a body"))
-        messages = asyncio.run(ask(app, "/talk", kind="websocket"))
-    assert answer[1]["body"] == b"a body"
-    assert [one.get("text") for one in messages] == [None, "here", None]
-    assert threads == ["pages", "pages"]
-    # Responses are sent on the server's own loop.
-    assert {one["thread"] for one in [*answer, *messages]} == {"MainThread"}
 
 
 def test_app_thread_refuses_requests_above_its_limit_except_direct_ones(
