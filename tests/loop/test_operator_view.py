@@ -239,6 +239,7 @@ def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_s
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         expect(page.locator("#force-now")).to_have_text("hand open")
         page.get_by_label("Next item").fill("")
+        expect(page.locator(".taken")).to_have_count(0)
         start_grasp(page)
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\.\d$"))
         page.locator("#stop").click()
