@@ -80,9 +80,14 @@ class Page:
 
     def until_note(self, wanted: Note | Callable[[Note], bool]) -> Any:
         """Return the next note that equals another or fulfils a condition."""
-        fits = wanted if callable(wanted) else wanted.__eq__
-        update = self.until(lambda update: any(fits(note) is True for note in update.notes))
-        return next(note for note in update.notes if fits(note) is True)
+
+        def fits(note: Note) -> bool:
+            return (
+                wanted(note) if callable(wanted) else type(note) is type(wanted) and note == wanted
+            )
+
+        update = self.until(lambda update: any(map(fits, update.notes)))
+        return next(filter(fits, update.notes))
 
     def until_frames(self, wanted: Callable[[Frames], bool] = lambda frames: True) -> Frames:
         frames = self.until(lambda update: update.frames is not None and wanted(update.frames))
