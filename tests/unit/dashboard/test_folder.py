@@ -58,7 +58,10 @@ def test_recording_can_be_renamed_and_deleted(folder: Path) -> None:
     assert not (folder / "ripe 3.mcap").exists()
 
 
-@pytest.mark.parametrize("stem", ["../mine", "a/b", "", ".mine", "two"])
+INVALID = ["../mine", "a/b", "", ".mine", "  ", "..", "..\\a", "a\0b", "x" * 81, "~"]
+
+
+@pytest.mark.parametrize("stem", [*INVALID, "two"])
 def test_rename_recording_to_an_invalid_or_existing_name_is_refused(
     folder: Path, stem: str
 ) -> None:

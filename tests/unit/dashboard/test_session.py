@@ -145,6 +145,8 @@ def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_
     rehearsal.session.order("a", PLAY)
     with pytest.raises(InputError, match="this time is not"):
         rehearsal.session.request("a", Seek(time_s))
+    with pytest.raises(InputError, match="take over first"):
+        rehearsal.session.request("b", Seek(1.0))
     rehearsal.session.request("a", Seek(1e9))
     assert rehearsal.sent == [PLAY, Seek(1e9)]
 
