@@ -15,10 +15,7 @@ from palpate.dashboard.access import (
     MAX_WRONG_TOKENS,
     AccessControl,
     WrongTokens,
-    check_token,
-    is_loopback,
 )
-from palpate.errors import InputError
 
 TOKEN = "correct-horse"
 
@@ -81,27 +78,6 @@ def ask(
 
     asyncio.run(gate(scope, receive, send))
     return Answer(messages)
-
-
-@pytest.mark.parametrize(
-    ("host", "token", "why"),
-    [
-        *((host, None, "set --token") for host in ("0.0.0.0", "::", "robot.local")),
-        ("127.0.0.1", "abc", "has 3 characters; use at least 8"),
-        ("127.0.0.1", "7letter", "has 7 characters"),
-        *((host, None, "") for host in ("127.0.0.1", "::1")),
-        *((host, "8letters", "") for host in ("127.0.0.1", "0.0.0.0")),
-    ],
-)
-def test_check_token_requires_one_of_8_characters_beyond_the_loopback(
-    host: str, token: str | None, why: str
-) -> None:
-    assert is_loopback(host) == (host in ("127.0.0.1", "::1"))
-    if not why:
-        check_token(host, token)
-        return
-    with pytest.raises(InputError, match=why):
-        check_token(host, token)
 
 
 @pytest.mark.parametrize(
