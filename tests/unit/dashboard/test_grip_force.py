@@ -18,6 +18,7 @@ from palpate.estimate.gain import Gain
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import Moment
 from palpate.measurement import Measurement
+from palpate.sensor.array import RIGID_LAYOUT
 
 LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01, range=(0.01, 100.0))
 LAWS = ForceLaws(reading=PixelReading.sum_pixels(), early=LAW, settled=LAW)
@@ -62,6 +63,21 @@ def test_live_force_is_none_while_opening_and_returns_after_a_halt(live: Live) -
     assert live.force is None
     live.add_frames(pressed(1, from_s=0.2))
     assert live.force is not None
+
+
+def test_live_finger_forces_average_to_the_grip_force(live: Live) -> None:
+    held = pressed(5)
+    # Excess conductances in the ratio 3:1; a divider has counts / (1024 - counts).
+    for finger, excess in ((0, 0.6), (1, 0.2)):
+        conductance = 300 / 724 * (1 + excess)
+        rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
+        held.counts[:, rows] = round(1024 * conductance / (1 + conductance))
+    live.add_frames(held)
+    first, second = live.finger_forces_n(live.force, live.ohm)
+    assert first / second == pytest.approx(3.0, rel=0.03)
+    assert (first + second) / 2 == pytest.approx(live.force.middle)
+    live.add_frames(frames(5, from_s=1.0))
+    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,6 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.page_document import document
 from palpate.dashboard.panel_sensor import findings_html
 from palpate.dashboard.session import Session
-from palpate.estimate.force_now import ForceLaws
-from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
@@ -100,28 +98,6 @@ def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
     # With the divider's resistor of 4700 ohm below, R is proportional to 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
-
-
-def test_live_finger_forces_average_to_the_grip_force(live: Live) -> None:
-    law = PixelForceLaw(
-        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
-    )
-    laws = ForceLaws(reading=PixelReading.sum_pixels(), early=law, settled=law)
-    live.open_source(replace(SOURCE, laws=laws))
-    pressed = frames(5)
-    pressed.reported[:] = 40.0
-    # Excess conductances in the ratio 3:1; a divider has counts / (1024 - counts).
-    rest = 300 / 724
-    for finger, excess in ((0, 0.6), (1, 0.2)):
-        conductance = rest * (1 + excess)
-        rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
-        pressed.counts[:, rows] = round(1024 * conductance / (1 + conductance))
-    live.add_frames(pressed)
-    first, second = live.finger_forces_n(live.force, live.ohm)
-    assert first / second == pytest.approx(3.0, rel=0.03)
-    assert (first + second) / 2 == pytest.approx(live.force.middle)
-    live.add_frames(frames(5, from_s=1.0))
-    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
 
 
 def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
