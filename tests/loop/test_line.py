@@ -255,10 +255,11 @@ async def begin_over_opcua(station: Station) -> None:
 
 
 async def begin_over_modbus(
-    station: Station, during: Callable[[AsyncModbusTcpClient], Awaitable[None]] | None = None
+    station: Station,
+    during: Callable[[AsyncModbusTcpClient], Awaitable[None]] | None = None,
+    **options: float,
 ) -> None:
-    client = AsyncModbusTcpClient("127.0.0.1", port=station.modbus, timeout=1, retries=0)
-    async with client:
+    async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus, **options) as client:
         await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
         await reach(client, LineState.IDLE)
         await client.write_register(modbus.TARGET, 200)
@@ -300,6 +301,6 @@ def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(station: St
             await reach(second, LineState.IDLE)
             return await read_registers(second, modbus.RESULTS, 2)
 
-    asyncio.run(begin_over_modbus(station, lose))
+    asyncio.run(begin_over_modbus(station, lose, timeout=1))
     station.start()
     assert asyncio.run(find()) == [0, 0]
