@@ -164,9 +164,10 @@ def test_findings_are_assigned_to_their_pixels_and_shown_with_marked_commands(
     health = check_health(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
     session.devices.health = health
     findings = page_of(session)["pixels"]["findings"]
-    faults = [one for one in findings if one["severity"] == "fault"]
-    assert {(one["row"], one["col"]) for one in faults} == {(2, 1), (3, 0), (3, 1)}
-    assert "reads open" in faults[0]["text"]
+    faults = {(one["row"], one["col"]) for one in findings if one["severity"] == "fault"}
+    assert faults == {(1, 0), (2, 1), (3, 0), (3, 1)}
+    (text,) = (one["text"] for one in findings if (one["row"], one["col"]) == (2, 1))
+    assert "reads open" in text
     assert any(" -" in one.text for one in health.findings)
     shown = findings_html(health)
     assert "<code>palpate calibrate rest</code>" in shown
