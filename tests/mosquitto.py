@@ -9,7 +9,7 @@ import socket
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from queue import Empty, Queue
+from queue import Queue
 from typing import Any
 
 import paho.mqtt.client as paho
@@ -103,16 +103,6 @@ class Subscriber:
             topic, document, _ = self.received.get(timeout=TIMEOUT_S)
             if topic == name and fits(document):
                 return document
-
-    def all(self, name: str) -> list[Any]:
-        """Return the remaining documents of a topic received so far."""
-        found = []
-        try:
-            while True:
-                topic, document, _ = self.received.get_nowait()
-                found += [document] if topic == name else []
-        except Empty:
-            return found
 
     def close(self) -> None:
         self._client.disconnect()

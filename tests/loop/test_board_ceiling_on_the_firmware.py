@@ -18,7 +18,6 @@ from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.rig import Rig
 from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import BoardStatus, Contents
 from palpate.twin.devices import TwinGripper
@@ -27,15 +26,6 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
-
-
-@pytest.fixture(scope="module")
-def calibrations() -> dict[str, Calibration]:
-    kinds: tuple[GripperKind, ...] = ("rigid", "soft")
-    return {
-        kind: calibrate_twin(seed=2, level="lab", apart_from="strawberry", kind=kind)
-        for kind in kinds
-    }
 
 
 @dataclass(kw_only=True)
@@ -64,7 +54,7 @@ class Desk:
             self.world.drive_value(self.world.clock.now_s())
 
 
-def desk_of(kind: GripperKind, calibration: Calibration) -> Iterator[Desk]:
+def desk_of(kind: GripperKind) -> Iterator[Desk]:
     obj = draw_object(np.random.default_rng(3), "apple")
     world = World(obj, seed=2, sheet_seed=2, level="lab", gripper=kind, frame_rate_hz=50.0)
     board = FirmwareBoard(seed=1)
@@ -78,19 +68,20 @@ def desk_of(kind: GripperKind, calibration: Calibration) -> Iterator[Desk]:
         contents=Contents.PRESSURE if soft else Contents.PIXELS,
     )
     gripper = PneumaticGripper(array, clock=world.clock) if soft else TwinGripper(world)
+    calibration = calibrate_twin(seed=2, level="lab", apart_from="strawberry", kind=kind)
     rig = Rig(name="desk", array=array, gripper=gripper, clock=world.clock, calibration=calibration)
     yield Desk(world=world, board=board, rig=rig)
     rig.close()
 
 
 @pytest.fixture
-def rigid(calibrations: dict[str, Calibration]) -> Iterator[Desk]:
-    yield from desk_of("rigid", calibrations["rigid"])
+def rigid() -> Iterator[Desk]:
+    yield from desk_of("rigid")
 
 
 @pytest.fixture
-def soft(calibrations: dict[str, Calibration]) -> Iterator[Desk]:
-    yield from desk_of("soft", calibrations["soft"])
+def soft() -> Iterator[Desk]:
+    yield from desk_of("soft")
 
 
 def crush(desk: Desk) -> None:

@@ -16,7 +16,6 @@ from tests.served_pages import (
     grasp,
     open_tab,
     release,
-    visit,
     visit_as_driver,
     wait_for_draws,
 )
@@ -182,24 +181,6 @@ def test_recording_has_a_url(page: Page, folder: Path) -> None:
     expect(page.locator(".care")).to_have_count(0)
     expect(page).to_have_url(re.compile("/recordings$"))
     expect(page.locator(".q-notification")).to_have_count(0)
-
-
-def test_replay_slider_moved_by_a_watcher_is_refused(page: Page, browser: Browser) -> None:
-    start_replay(page)
-    page.locator("#play").click()
-    # The position of a running replay moves by itself.
-    expect(page.locator("#play")).to_have_text("Play")
-    before = page.locator("#played").inner_text()
-    seek(page, 0.8)
-    expect(page.locator("#played")).not_to_have_text(before)
-    expect_verdict(page, "holding")
-    at = page.locator("#played").inner_text()
-    with visit(browser, page.url) as other:
-        expect(other.locator("#played")).to_have_text(at)
-        seek(other, 0.1)
-        expect(other.locator(".q-notification").first).to_contain_text("take over first")
-        expect(page.locator("#played")).to_have_text(at)
-    end_replay(page)
 
 
 def test_recording_can_be_downloaded_renamed_and_deleted(page: Page, folder: Path) -> None:

@@ -9,9 +9,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import IO
 
@@ -22,7 +22,7 @@ from jsonschema import Draft202012Validator
 from tests.foxglove_client import FoxgloveClient, Received, foxglove_client
 
 from palpate.recording.channels import SCHEMAS, decode
-from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate.signal.relative import CONTACT_PERCENT
 
 COMMAND = (sys.executable, "-c", "from palpate.cli import main; main()", "live")
@@ -63,23 +63,22 @@ def receive_until_contact(client: FoxgloveClient) -> list[Received]:
     raise AssertionError("no contact")
 
 
+Session = tuple[FoxgloveClient, dict[str, list[Received]]]
+
+
 @pytest.fixture(scope="module")
-def session() -> tuple[FoxgloveClient, list[Received]]:
+def session() -> Session:
+    """A client, and the messages that it received, by topic."""
     with live("sim-rigid", "--force") as address:
         # A client that disconnects immediately does not affect others.
         with foxglove_client(address) as first:
             first.subscribe()
         with foxglove_client(address) as client:
             client.subscribe()
-            received = receive_until_contact(client)
+            received = defaultdict[str, list[Received]](list)
+            for message in receive_until_contact(client):
+                received[message.topic].append(message)
     return client, received
-
-
-Session = tuple[FoxgloveClient, list[Received]]
-
-
-def messages_of(session: Session, topic: str) -> list[Received]:
-    return [message for message in session[1] if message.topic == topic]
 
 
 def test_foxglove_messages_conform_to_the_schemas_of_a_recording(session: Session) -> None:
@@ -89,48 +88,42 @@ def test_foxglove_messages_conform_to_the_schemas_of_a_recording(session: Sessio
         assert channels[topic]["encoding"] == "json"
         assert json.loads(channels[topic]["schema"]) == schema
     assert channels["/heat_map"]["schemaName"] == "foxglove.RawImage"
-    validators = {
-        topic: Draft202012Validator(json.loads(channel["schema"]))
-        for topic, channel in channels.items()
-        if channel["schemaEncoding"] == "jsonschema"
+    described = {
+        topic for topic, channel in channels.items() if channel["schemaEncoding"] == "jsonschema"
     }
-    checked = {message.topic for message in session[1] if message.topic in validators}
-    for message in session[1]:
-        if message.topic in validators:
-            validators[message.topic].validate(message.content)
+    for topic in described:
+        validator = Draft202012Validator(json.loads(channels[topic]["schema"]))
+        for message in session[1][topic]:
+            validator.validate(message.content)
+    checked = {topic for topic in described if session[1][topic]}
     assert checked == {"/frames", "/gripper", "/events", "/change", "/force", "/link"}
 
 
 def test_foxglove_stream_contains_every_frame_with_all_its_messages(session: Session) -> None:
+    messages = session[1]["/frames"]
     frames = [
         decode("/frames", json.dumps(message.content).encode(), layout=RIGID_LAYOUT)
-        for message in messages_of(session, "/frames")
+        for message in messages
     ]
     assert len(frames) > 30
-    numbers = [frame.sequence for frame in frames if isinstance(frame, Frame)]
-    assert all(after == before + 1 for before, after in pairwise(numbers))
-    times = [message.log_time_ns for message in messages_of(session, "/frames")][1:]
+    assert set(np.diff([frame.sequence for frame in frames])) == {1}
+    times = [message.log_time_ns for message in messages][1:]
     for topic in ("/gripper", "/change", "/heat_map", "/force"):
         # The client may have connected during the first frame.
-        assert [message.log_time_ns for message in messages_of(session, topic)][
-            -len(times) :
-        ] == times, topic
+        found = [message.log_time_ns for message in session[1][topic]]
+        assert found[-len(times) :] == times, topic
 
 
 def test_foxglove_log_time_is_the_unix_time_of_the_frame(session: Session) -> None:
-    frames = messages_of(session, "/frames")
-    zero_ns = {
-        round((message.log_time_ns - 1e9 * message.content["time_s"]) / 1e6) for message in frames
-    }
-    assert max(zero_ns) - min(zero_ns) <= 1
-    (start,) = {int(session[0].server["sessionId"])}  # the server's start, Unix time in ms
-    assert 0 < frames[0].log_time_ns / 1e6 - start < 60e3
+    frames = session[1]["/frames"]
+    zero_ms = [round(one.log_time_ns / 1e6 - 1e3 * one.content["time_s"]) for one in frames]
+    assert np.ptp(zero_ms) <= 1
+    start_ms = int(session[0].server["sessionId"])  # the server's start, Unix time
+    assert 0 < frames[0].log_time_ns / 1e6 - start_ms < 60e3
 
 
 def test_foxglove_heat_map_contains_the_values_of_the_change_channel(session: Session) -> None:
-    for image, change in zip(
-        messages_of(session, "/heat_map"), messages_of(session, "/change"), strict=False
-    ):
+    for image, change in zip(session[1]["/heat_map"], session[1]["/change"], strict=False):
         assert (image.content.height, image.content.width) == (4, 2)
         assert (image.content.encoding, image.content.step) == ("32FC1", 8)
         stamp = image.content.timestamp
@@ -141,27 +134,23 @@ def test_foxglove_heat_map_contains_the_values_of_the_change_channel(session: Se
         assert change.content["mean_percent"] == pytest.approx(np.mean(numbers))
 
 
-def test_foxglove_force_has_an_interval_and_increases_at_contact(session: Session) -> None:
-    forces = [message.content for message in messages_of(session, "/force")]
+def test_foxglove_force_and_contact_event_belong_to_their_frames(session: Session) -> None:
+    forces = [message.content for message in session[1]["/force"]]
     assert all(0 <= one["low_n"] <= one["force_n"] <= one["high_n"] for one in forces)
     assert forces[-1]["force_n"] > 2 * forces[0]["force_n"]
-
-
-def test_foxglove_contact_event_has_the_time_of_its_frame(session: Session) -> None:
-    changes = {message.log_time_ns: message.content for message in messages_of(session, "/change")}
-    contacts = [m for m in messages_of(session, "/events") if m.content["name"] == "contact"]
-    for contact in contacts:
-        rows = {"finger 0": (0, 1), "finger 1": (2, 3)}[contact.content["text"]]
-        change = changes[contact.log_time_ns]
-        lowest = min(change[f"r{row}c{col}_percent"] for row in rows for col in (0, 1))
-        assert lowest <= CONTACT_PERCENT
-    earlier = [m.content["mean_percent"] for m in messages_of(session, "/change")[:30]]
-    assert min(earlier) > CONTACT_PERCENT
+    changes = {message.log_time_ns: message.content for message in session[1]["/change"]}
+    for event in session[1]["/events"]:
+        if event.content["name"] == "contact":
+            rows = {"finger 0": (0, 1), "finger 1": (2, 3)}[event.content["text"]]
+            change = changes[event.log_time_ns]
+            lowest = min(change[f"r{row}c{col}_percent"] for row in rows for col in (0, 1))
+            assert lowest <= CONTACT_PERCENT
+    assert min(one["mean_percent"] for one in list(changes.values())[:30]) > CONTACT_PERCENT
 
 
 def test_foxglove_labels_simulated_data_in_server_name_and_link(session: Session) -> None:
     assert session[0].server["name"] == "palpate sim-rigid (SIMULATED)"
-    links = [message.content for message in messages_of(session, "/link")]
+    links = [message.content for message in session[1]["/link"]]
     assert len(links) > 2
     assert all(one["simulated"] and one["source"] == "sim-rigid" for one in links)
     assert links[-1]["rate_hz"] == pytest.approx(250.0, abs=0.5)

@@ -6,9 +6,8 @@ import asyncio
 import json
 import socket
 import struct
-import subprocess
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,7 +16,7 @@ from asyncua import Client, ua
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from tests.epcis import read_epcis
-from tests.served_pages import SIMULATED, Machine, run_server, serve_dashboard
+from tests.served_pages import SIMULATED, Machine, run_server
 
 from palpate.line import modbus
 from palpate.line.machine import LineState
@@ -29,15 +28,6 @@ TIMEOUT_S = 60.0
 _Answer = TypeVar("_Answer")
 
 
-@dataclass(frozen=True)
-class Served:
-    """URLs and ports of a server."""
-
-    http: str
-    opcua: str
-    modbus: int
-
-
 def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -45,16 +35,30 @@ def free_port() -> int:
         return port
 
 
+class Station:
+    """A server with both protocols, which can be killed and started again at the same ports."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._opcua_port, self.modbus = folder, free_port(), free_port()
+        self.opcua = f"opc.tcp://127.0.0.1:{self._opcua_port}/palpate"
+        self._running = ExitStack()
+
+    def start(self) -> None:
+        ports = ("--opcua", str(self._opcua_port), "--modbus", str(self.modbus))
+        served = run_server(self._folder, *SIMULATED, *ports)
+        self.http, self._process = self._running.enter_context(served)
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._running.close()
+
+
 @pytest.fixture(scope="module")
-def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    opcua_port, modbus_port = free_port(), free_port()
-    options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
-    with serve_dashboard(tmp_path_factory.mktemp("line"), *options) as address:
-        yield Served(
-            http=address,
-            opcua=f"opc.tcp://127.0.0.1:{opcua_port}/palpate",
-            modbus=modbus_port,
-        )
+def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+    station = Station(tmp_path_factory.mktemp("line"))
+    station.start()
+    yield station
+    station.kill()
 
 
 async def wait_until(
@@ -110,13 +114,20 @@ async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
     await wait_until(lambda: read_registers(client, modbus.STATE, 1), lambda now: now[0] == state)
 
 
+@asynccontextmanager
+async def opcua_driver(station: Station) -> AsyncIterator[OpcUa]:
+    """Connect over OPC UA, take over and wait until the rig is idle."""
+    async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
+        hand = OpcUa(client)
+        await hand.call("TakeOver")
+        await hand.reach("idle")
+        yield hand
+
+
 @pytest.mark.system
-def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
+def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
-        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
-            hand = OpcUa(client)
-            await hand.call("TakeOver")
-            await hand.reach("idle")
+        async with opcua_driver(station) as hand:
             before = await hand.value("Result", "Number")
             recording = await hand.grasp(2.0, "]C1010401234500001621B7")
             await hand.reach("holding")
@@ -125,11 +136,8 @@ def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
             document = json.loads(await hand.value("Result", "Document"))
             assert document["recording"] == recording
             assert await hand.value("Result", "Outcome") == "held"
-            return (
-                document,
-                await hand.value("Result", "SizeMm"),
-                await hand.value("Result", "Item"),
-            )
+            size_mm, item = [await hand.value("Result", name) for name in ("SizeMm", "Item")]
+            return document, size_mm, item
 
     document, size_mm, item = asyncio.run(work())
     machine = Machine(station.http)
@@ -144,7 +152,7 @@ def test_opcua_grasp_result_equals_the_http_result(station: Served) -> None:
     assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
 
 
-def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station: Served) -> None:
+def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station: Station) -> None:
     machine = Machine(station.http)
 
     async def grasp_twice() -> list[tuple[str, int, str, list[int]]]:
@@ -167,7 +175,7 @@ def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station:
                 item = await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
                 (storage,) = await read_registers(client, modbus.STORAGE, 1)
                 values = await read_registers(client, modbus.VALUES, 6)
-                texts = modbus.decode_text(item), modbus.decode_text(waiting)
+                texts = [modbus.decode_text(one) for one in (item, waiting)]
                 found.append((texts[0], storage, texts[1], values))
         return found
 
@@ -181,7 +189,7 @@ def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station:
 
 
 def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
-    station: Served,
+    station: Station,
 ) -> None:
     async def work() -> tuple[int, int, str]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
@@ -193,36 +201,33 @@ def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
     assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
 
 
-def test_opcua_invalid_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
+def test_opcua_invalid_force_is_refused_with_a_status_and_a_reason(station: Station) -> None:
+    codes = ua.StatusCodes
+
     async def work() -> str:
-        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
-            hand = OpcUa(client)
-            await hand.call("TakeOver")
-            await hand.reach("idle")
+        async with opcua_driver(station) as hand:
             with pytest.raises(ua.UaStatusCodeError) as refused:
                 await hand.grasp(900.0)
-            assert refused.value.code == ua.StatusCodes.BadInvalidArgument
+            assert refused.value.code == codes.BadInvalidArgument
             found: str = await hand.value("Refusal")
-            with pytest.raises(ua.UaStatusCodeError) as refused:
-                await hand.call("Grasp", "hard", "", "", 1)
-            assert refused.value.code == ua.StatusCodes.BadTypeMismatch
-            with pytest.raises(ua.UaStatusCodeError) as refused:
-                await hand.call("Grasp")
-            assert refused.value.code == ua.StatusCodes.BadArgumentsMissing
+            for arguments, code in (
+                (("hard", "", "", 1), codes.BadTypeMismatch),
+                ((), codes.BadArgumentsMissing),
+            ):
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await hand.call("Grasp", *arguments)
+                assert refused.value.code == code
             return found
 
     assert "at most 15 N" in asyncio.run(work())
 
 
-def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served) -> None:
+def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Station) -> None:
     async def work() -> None:
         async with (
-            Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client,
+            opcua_driver(station) as hand,
             AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as other,
         ):
-            hand = OpcUa(client)
-            await hand.call("TakeOver")
-            await hand.reach("idle")
             refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
             assert refused.exception_code == 6
             why = await read_registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
@@ -243,27 +248,30 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Served
     asyncio.run(work())
 
 
-async def begin_over_opcua(station: Served) -> None:
-    async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
-        hand = OpcUa(client)
-        await hand.call("TakeOver")
-        await hand.reach("idle")
+async def begin_over_opcua(station: Station) -> None:
+    async with opcua_driver(station) as hand:
         await hand.grasp(2.0)
         await hand.reach("execute")
 
 
-async def begin_over_modbus(station: Served) -> None:
-    async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+async def begin_over_modbus(
+    station: Station,
+    during: Callable[[AsyncModbusTcpClient], Awaitable[None]] | None = None,
+    **options: float,
+) -> None:
+    async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus, **options) as client:
         await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
         await reach(client, LineState.IDLE)
         await client.write_register(modbus.TARGET, 200)
         await client.write_register(modbus.COMMAND, modbus.GRASP)
         await reach(client, LineState.EXECUTE)
+        if during is not None:
+            await during(client)
 
 
 @pytest.mark.parametrize("begin", [begin_over_opcua, begin_over_modbus])
 def test_line_client_lost_during_a_grasp_leaves_the_grasp_to_the_next_client(
-    station: Served, begin: Callable[[Served], Coroutine[Any, Any, None]]
+    station: Station, begin: Callable[[Station], Coroutine[Any, Any, None]]
 ) -> None:
     async def end() -> str:
         async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
@@ -279,58 +287,20 @@ def test_line_client_lost_during_a_grasp_leaves_the_grasp_to_the_next_client(
     assert asyncio.run(end()) == "held"
 
 
-def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(tmp_path: Path) -> None:
-    opcua_port, modbus_port = free_port(), free_port()
-    options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
-
-    async def begin(process: subprocess.Popen[str]) -> None:
-        async with AsyncModbusTcpClient("127.0.0.1", port=modbus_port, timeout=1) as client:
-            await reach(client, LineState.IDLE)
-            await client.write_register(modbus.COMMAND, modbus.GRASP)
-            await reach(client, LineState.EXECUTE)
-            process.kill()
-            process.wait()
-            with pytest.raises(ModbusException):
-                await client.read_holding_registers(modbus.STATE, count=1)
+def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(station: Station) -> None:
+    async def lose(client: AsyncModbusTcpClient) -> None:
+        station.kill()
+        with pytest.raises(ModbusException):
+            await client.read_holding_registers(modbus.STATE, count=1)
 
     async def find() -> list[int]:
         async with (
-            Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate") as first,
-            AsyncModbusTcpClient("127.0.0.1", port=modbus_port) as second,
+            opcua_driver(station),
+            AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as second,
         ):
-            await OpcUa(first).reach("idle")
             await reach(second, LineState.IDLE)
             return await read_registers(second, modbus.RESULTS, 2)
 
-    with run_server(tmp_path, *options) as (_, process):
-        asyncio.run(begin(process))
-    with serve_dashboard(tmp_path, *options):
-        assert asyncio.run(find()) == [0, 0]
-
-
-def test_opcua_beyond_the_loopback_requires_token_and_encryption(tmp_path: Path) -> None:
-    port = free_port()
-    options = (*SIMULATED, "--opcua", f"0.0.0.0:{port}", "--token", "correct-horse-battery")
-
-    async def visit(password: str, *, encrypted: bool) -> str:
-        client = Client(f"opc.tcp://127.0.0.1:{port}/palpate")
-        client.set_user("palpate")
-        client.set_password(password)
-        client.application_uri = "urn:example:client"
-        if encrypted:
-            await client.set_security_string(
-                f"Basic256Sha256,SignAndEncrypt,{tmp_path}/data/opcua-certificate.der,"
-                f"{tmp_path}/data/opcua-key.pem"
-            )
-        async with client:
-            found: str = await OpcUa(client).value("State")
-            return found
-
-    with serve_dashboard(tmp_path, *options):
-        assert asyncio.run(visit("correct-horse-battery", encrypted=True)) in (
-            "idle",
-            "stopped",
-        )
-        for password, encrypted in (("wrong", True), ("correct-horse-battery", False)):
-            with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
-                asyncio.run(visit(password, encrypted=encrypted))
+    asyncio.run(begin_over_modbus(station, lose, timeout=1))
+    station.start()
+    assert asyncio.run(find()) == [0, 0]

@@ -11,7 +11,7 @@ from queue import Queue
 import pytest
 from tests.conftest import skip
 from tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
-from tests.served_pages import SIMULATED, Machine, run_server, serve_dashboard
+from tests.served_pages import SIMULATED, Machine, run_server
 from tests.unit.test_json_schemas import faults
 
 from palpate.mqtt.broker import Broker, read_broker
@@ -49,9 +49,12 @@ def broker_file(folder: Path, port: int) -> str:
     return str(file)
 
 
-def publisher_to(broker: BrokerProcess, store: Path, complaints: Queue[str]) -> Publisher:
+def publisher_to(
+    broker: BrokerProcess, folder: Path, complaints: Queue[str] | None = None
+) -> Publisher:
     plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
-    return Publisher(plain, store=store, on_error=complaints.put)
+    on_error = (Queue() if complaints is None else complaints).put
+    return Publisher(plain, store=folder / "items.sqlite", on_error=on_error)
 
 
 def numbers(documents: list[dict[str, int]]) -> list[int]:
@@ -59,7 +62,7 @@ def numbers(documents: list[dict[str, int]]) -> list[int]:
     return list(dict.fromkeys(document["number"] for document in documents))
 
 
-def test_mqtt_result_has_the_format_of_grasp_json(
+def test_served_grasps_and_stops_with_a_hanging_or_missing_broker_are_not_delayed(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
     with run_server(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
@@ -81,17 +84,6 @@ def test_mqtt_result_has_the_format_of_grasp_json(
         assert late.until("online") == {"online": True, "dropped": 0}
         assert set(late.until("state")) == set(state)
         late.close()
-        process.send_signal(signal.SIGKILL)
-        assert subscriber.until("online") == {"online": False}, "sent by the broker as last will"
-
-
-def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
-    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
-) -> None:
-    with serve_dashboard(
-        tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)
-    ) as address:
-        machine = Machine(address)
         recordings = []
         for number, trouble in enumerate((broker.suspend, broker.kill, broker.start)):
             machine.ready()
@@ -109,6 +101,8 @@ def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
         while len(found) < 3:
             found = list(dict.fromkeys([*found, subscriber.until("result")["recording"]]))
         assert found == recordings
+        process.send_signal(signal.SIGKILL)
+        subscriber.until("online", lambda content: content == {"online": False})  # the last will
 
 
 @pytest.mark.parametrize(
@@ -117,7 +111,7 @@ def test_hanging_or_missing_broker_delays_neither_grasp_nor_stop(
 def test_mqtt_results_arrive_in_order_after_a_broker_outage(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path, first: int
 ) -> None:
-    publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
+    publisher = publisher_to(broker, tmp_path)
     for number in range(first):
         publisher.publish_result({"number": number})
     results = [subscriber.until("result") for _ in range(min(first, 5))]
@@ -135,7 +129,7 @@ def test_mqtt_results_arrive_in_order_after_a_broker_outage(
 def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    first = publisher_to(broker, tmp_path / "items.sqlite", Queue())
+    first = publisher_to(broker, tmp_path)
     subscriber.until("online")
     broker.suspend()
     for number in range(3):
@@ -143,7 +137,7 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     first.close()
     broker.kill()
     broker.start()
-    second = publisher_to(broker, tmp_path / "items.sqlite", Queue())
+    second = publisher_to(broker, tmp_path)
     second.publish_result({"number": 3})
     results = [subscriber.until("result") for _ in range(4)]
     assert numbers(results) == [0, 1, 2, 3]
@@ -152,17 +146,15 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
 
 
 def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
-    broker: BrokerProcess, tmp_path: Path
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
     complaints: Queue[str] = Queue()
     (tmp_path / "items.sqlite").write_bytes(b"not a database" * 100)
-    listening = Subscriber(broker.port, TOPIC)
-    publisher = publisher_to(broker, tmp_path / "items.sqlite", complaints)
+    publisher = publisher_to(broker, tmp_path, complaints)
     publisher.publish_result({"number": 1})
-    assert listening.until("result") == {"number": 1}
+    assert subscriber.until("result") == {"number": 1}
     assert "unsent results are kept in memory only" in complaints.get(timeout=TIMEOUT_S)
     publisher.close()
-    listening.close()
 
 
 def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ def test_operator_page_fits_every_possible_text_at_every_size(
             assert page.evaluate(FIT_LOSS_TEXTS, losses) == [], size
 
 
-def test_operator_page_guides_through_a_grasp_a_reload_and_a_lost_connection(
+def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_stop(
     browser: Browser, address: str
 ) -> None:
     with visit_as_driver(browser, f"{address}operate", viewport=PHONE, **CALM) as page:
@@ -239,10 +239,7 @@ def test_operator_page_guides_through_a_grasp_a_reload_and_a_lost_connection(
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         expect(page.locator("#force-now")).to_have_text("hand open")
         page.get_by_label("Next item").fill("")
-
-
-def test_operator_page_after_a_stop_shows_the_next_step(browser: Browser, address: str) -> None:
-    with visit_as_driver(browser, f"{address}operate", viewport=PHONE, **CALM) as page:
+        expect(page.locator(".taken")).to_have_count(0)
         start_grasp(page)
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\.\d$"))
         page.locator("#stop").click()
@@ -360,27 +357,6 @@ def check_accessibility(page: Page) -> None:
         assert found.violations_count == 0, found.generate_report()
 
 
-def test_pages_have_no_accessibility_violations(browser: Browser, address: str) -> None:
-    with visit_as_driver(browser, address, **CALM) as page:
-        assert page.locator("html").get_attribute("lang") == "en-US"
-        assert (page.locator("h1").count(), page.locator("main").count()) == (1, 1)
-        expect_enabled(page, "#grasp")
-        for tab in ("Set up", "Calibrate", "Doctor", "Recordings", "Items", "Run"):
-            open_tab(page, tab)
-            expect(page.get_by_role("tab", name=tab)).to_have_attribute("aria-selected", "true")
-            expect(page.locator(".q-tab-panel")).to_have_count(1)
-            check_accessibility(page)
-        with visit_as_driver(browser, f"{address}operate", **CALM) as operator:
-            expect_enabled(operator, "#grasp")
-            check_accessibility(operator)
-            # The page opened last is the driver. Axe skips disabled elements, as of the other one.
-            expect(page.locator("#grasp")).to_be_disabled()
-            check_contrast(page, "#grasp")
-            page.context.set_offline(True)
-            expect(page.locator("#lost-title")).to_have_text("No connection")
-            check_contrast(page, "#measure-size_mm .value")
-
-
 #: Contrast of an element's text with its background (WCAG 2), including opacity.
 CONTRAST = """(name) => {
     const part = document.querySelector(name);
@@ -408,10 +384,16 @@ def check_contrast(page: Page, element: str) -> None:
         assert page.evaluate(CONTRAST, element) >= 4.5
 
 
-def test_page_has_no_accessibility_violations_during_hold_replay_and_dialog(
-    browser: Browser, address: str
-) -> None:
-    with visit_as_driver(browser, f"{address}recordings", **CALM) as page:
+def test_pages_have_no_accessibility_violations(browser: Browser, address: str) -> None:
+    with visit_as_driver(browser, address, **CALM) as page:
+        assert page.locator("html").get_attribute("lang") == "en-US"
+        assert (page.locator("h1").count(), page.locator("main").count()) == (1, 1)
+        expect_enabled(page, "#grasp")
+        for tab in ("Set up", "Calibrate", "Doctor", "Items", "Run", "Recordings"):
+            open_tab(page, tab)
+            expect(page.get_by_role("tab", name=tab)).to_have_attribute("aria-selected", "true")
+            expect(page.locator(".q-tab-panel")).to_have_count(1)
+            check_accessibility(page)
         start_grasp(page)
         expect_verdict(page, "holding")
         page.locator(".cell").first.click()
@@ -426,6 +408,16 @@ def test_page_has_no_accessibility_violations_during_hold_replay_and_dialog(
         page.get_by_role("button", name="More about").first.click()
         expect(page.locator(".care")).to_be_visible()
         check_accessibility(page)
+        page.locator(".care").get_by_role("button", name="Close").click()
+        with visit_as_driver(browser, f"{address}operate", **CALM) as operator:
+            expect_enabled(operator, "#grasp")
+            check_accessibility(operator)
+            # The page opened last is the driver. Axe skips disabled elements, as of the other one.
+            expect(page.locator("#grasp")).to_be_disabled()
+            check_contrast(page, "#grasp")
+            page.context.set_offline(True)
+            expect(page.locator("#lost-title")).to_have_text("No connection")
+            check_contrast(page, "#measure-size_mm .value")
 
 
 #: Records the pitch of every tone that the browser plays.

@@ -2,13 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Browser, expect
 from tests.served_pages import Machine, expect_enabled, serve_dashboard, visit_as_driver
 
 PANEL = {"viewport": {"width": 800, "height": 480}}
 SCANS = 3
+RULES = """default = "by hand"
+confidence = 0.9
+most_grasps = 2
+[[rule]]
+bin = "soft"
+firmness = [0, 63]
+[[rule]]
+bin = "firm"
+firmness = [63, 100]
+"""
+#: Measured firmness close to the limit of the rules.
+AVOCADO = ("--rig", "sim-rigid", "--object", "avocado-day-3", "--speed", "10", "--rate-hz", "15")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    (folder / "rules.toml").write_text(RULES)
+    with serve_dashboard(folder, *AVOCADO, "--rules", str(folder / "rules.toml")) as address:
+        yield address
 
 
 def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, address: str) -> None:
@@ -47,30 +68,11 @@ def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, add
         expect(field).to_have_value(f"A-{SCANS - 1}")
 
 
-RULES = """default = "by hand"
-confidence = 0.9
-most_grasps = 2
-[[rule]]
-bin = "soft"
-firmness = [0, 63]
-[[rule]]
-bin = "firm"
-firmness = [63, 100]
-"""
-#: Measured firmness close to the limit of the rules.
-AVOCADO = ("--rig", "sim-rigid", "--object", "avocado-day-3", "--speed", "20", "--rate-hz", "15")
-
-
 def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
-    browser: Browser, tmp_path: Path
+    browser: Browser, address: str
 ) -> None:
-    (tmp_path / "rules.toml").write_text(RULES)
-    options = (*AVOCADO, "--rules", str(tmp_path / "rules.toml"))
-    with (
-        serve_dashboard(tmp_path, *options) as address,
-        visit_as_driver(browser, f"{address}operate", **PANEL) as page,
-    ):
-        machine = Machine(address)
+    machine = Machine(address)
+    with visit_as_driver(browser, f"{address}operate", **PANEL) as page:
         field = page.locator("input.scanned")
         expect(field).to_be_enabled()
         # A damaged label is red and can't be grasped.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from palpate.clock import ManualClock
 from palpate.errors import WireError
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, Frame, PressureArray
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import Contents, SetPressure
+from palpate.sensor.wire_messages import BoardStatus, Contents, SetPressure
 from palpate.twin.devices import TwinArray
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream, open_firmware_array
 from palpate.twin.objects import draw_object
@@ -54,24 +55,25 @@ class Rig:
 
 
 @pytest.fixture
-def closing() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
+def open_board_rig() -> Iterator[Callable[..., Rig]]:
+    """Open a rig that is closed after the test."""
+    with ExitStack() as closing:
 
+        def open_board_rig(**options: Any) -> Rig:
+            rig = Rig(**options)
+            closing.callback(rig.array.close)
+            return rig
 
-def open_board_rig(closing: ExitStack, **options: object) -> Rig:
-    rig = Rig(**options)  # type: ignore[arg-type]
-    closing.callback(rig.array.close)
-    return rig
+        yield open_board_rig
 
 
 @pytest.mark.parametrize(
     ("layout", "rate_hz", "oversampling"), [(RIGID_LAYOUT, 500.0, 1), (SOFT_LAYOUT, 50.0, 8)]
 )
 def test_serial_array_configures_the_board_as_requested(
-    layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
+    layout: ArrayLayout, rate_hz: float, oversampling: int, open_board_rig: Callable[..., Rig]
 ) -> None:
-    rig = open_board_rig(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
+    rig = open_board_rig(layout=layout, rate_hz=rate_hz, oversampling=oversampling)
     identity = rig.array.identity
     assert (identity.board, identity.rate_hz) == ("Arduino Mega 2560", rate_hz)
     assert (identity.rows, identity.cols) == (layout.rows, layout.cols)
@@ -93,7 +95,7 @@ def test_serial_array_configures_the_board_as_requested(
     [(RIGID_LAYOUT, 250.0, 64), (SOFT_LAYOUT, 700.0, 1)],
 )
 def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
-    layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
+    layout: ArrayLayout, rate_hz: float, oversampling: int, open_board_rig: Callable[..., Rig]
 ) -> None:
     with pytest.raises(
         WireError, match=rf"does not support {rate_hz:g} frames/s .*; at most"
@@ -104,17 +106,15 @@ def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     assert highest_hz < rate_hz
     with pytest.raises(WireError, match="at most"):
         Rig(layout=layout, rate_hz=1.01 * highest_hz, oversampling=oversampling)
-    rig = open_board_rig(
-        closing, layout=layout, rate_hz=0.999 * highest_hz, oversampling=oversampling
-    )
+    rig = open_board_rig(layout=layout, rate_hz=0.999 * highest_hz, oversampling=oversampling)
     assert len(rig.frames(0.4)) == pytest.approx(0.4 * highest_hz, rel=0.02, abs=1)
     assert rig.array.counters.lost == 0
 
 
 def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
-    closing: ExitStack,
+    open_board_rig: Callable[..., Rig],
 ) -> None:
-    rig = open_board_rig(closing)
+    rig = open_board_rig()
     before = rig.frames(0.3)
     rig.board.reset()
     after = rig.frames(0.6)
@@ -124,8 +124,8 @@ def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
     assert rig.clock.now_s() - after[-1].time_s < 0.01
 
 
-def test_serial_array_recovers_after_a_watchdog_reset(closing: ExitStack) -> None:
-    rig = open_board_rig(closing, contents=Contents.PRESSURE)
+def test_serial_array_recovers_after_a_watchdog_reset(open_board_rig: Callable[..., Rig]) -> None:
+    rig = open_board_rig(contents=Contents.PRESSURE)
     before = rig.frames(0.2)
     rig.array.send(SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
     before += rig.frames(0.1)
@@ -136,6 +136,7 @@ def test_serial_array_recovers_after_a_watchdog_reset(closing: ExitStack) -> Non
     assert identity.reset_cause & 8, "watchdog"
     assert rig.array.counters.restarts == 1
     assert rig.board.output_kpa == 0, "no pressure was requested after the reset"
+    assert rig.array.read_newest().status & BoardStatus.WATCHDOG_RESET
     _assert_one_gap(before + after, longest_s=0.45)
 
 

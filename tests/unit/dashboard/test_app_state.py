@@ -5,17 +5,16 @@ from __future__ import annotations
 import asyncio
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.unit.dashboard.test_live import HOLDING, SOURCE
 
 from palpate.dashboard import folder as folder_module
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import LISTED_RECORDINGS, RecordingList
-from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.messages import (
-    FrameSource,
     GraspOrder,
     LinkStatus,
     OrderStarted,
@@ -23,11 +22,9 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
 from palpate.produce.sorting.conditions import Within
 from palpate.produce.sorting.rules import Rule, RuleBook
-from palpate.sensor.array import RIGID_LAYOUT
 
 RULES = RuleBook(
     rules=(Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),),
@@ -74,29 +71,13 @@ def test_app_state_stop_waits_for_the_confirmation_of_the_device_process(tmp_pat
 
 def test_app_state_answers_with_rules_only_when_the_bin_is_known(tmp_path: Path) -> None:
     size = Measurement(value=40.0, low=39.5, high=40.5, unit="mm")
-    source = FrameSource(
-        name="sim-rigid",
-        layout=RIGID_LAYOUT,
-        rest_ohm=np.full((4, 2), 9000.0),
-        gripper=GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0),
-        origin="twin",
-    )
-    held = GraspProgress(
-        time_s=1.0,
-        phase="hold",
-        rest_ohm=None,
-        began_s=0.0,
-        force_n=1.0,
-        settled=None,
-        answer=GraspResult(outcome=Outcome.STOPPED, size_mm=size),
-        decided=True,
-    )
+    held = replace(HOLDING, answer=GraspResult(outcome=Outcome.STOPPED, size_mm=size))
     start = OrderStarted(order=GraspOrder(target_force_n=None, recording=tmp_path / "new.mcap"))
 
     async def grasp() -> list[dict[str, object]]:
         app_state = app_state_of(tmp_path, RULES)
         app_state.loop = asyncio.get_running_loop()
-        app_state.receive_update(Update(notes=(source, start), link=LinkStatus()))
+        app_state.receive_update(Update(notes=(SOURCE, start), link=LinkStatus()))
         app_state.receive_update(Update(notes=(), link=LinkStatus(), progress=held))
         seen: list[dict[str, object]] = []
         async with asyncio.timeout(60.0):
@@ -114,12 +95,24 @@ def names_in(folder: Path) -> list[str]:
     return [file.name for file, _ in RecordingList(folder).newest()]
 
 
-def test_recording_list_is_sorted_newest_first_and_skips_dangling_links(tmp_path: Path) -> None:
-    for age_s, name in enumerate(("young.mcap", "middle.mcap", "old.mcap", "table.csv")):
+def test_recording_list_is_sorted_newest_first_and_skips_missing_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("young.mcap", "gone.mcap", "middle.mcap", "old.mcap", "table.csv")
+    for age_s, name in enumerate(names):
         (tmp_path / name).touch()
         os.utime(tmp_path / name, (1e9 - age_s, 1e9 - age_s))
     (tmp_path / "dangling.mcap").symlink_to("nowhere.mcap")
     (tmp_path / "round.mcap").symlink_to("round.mcap")
+    real_listdir = os.listdir
+
+    def listdir(folder: Path) -> list[str]:
+        """Delete a file during the scan."""
+        found = real_listdir(folder)
+        (folder / "gone.mcap").unlink()
+        return found
+
+    monkeypatch.setattr(folder_module.os, "listdir", listdir)
     assert names_in(tmp_path) == ["young.mcap", "middle.mcap", "old.mcap"]
     assert names_in(tmp_path / "not there yet") == []
 
@@ -146,20 +139,3 @@ def test_recording_list_shows_every_change_of_a_long_folder(tmp_path: Path) -> N
     for name in newest()[:-1]:
         (tmp_path / name).unlink()
     assert newest() == [f"{n:03d}.mcap" for n in range(6, -1, -1)]
-
-
-def test_recording_list_omits_a_file_deleted_during_the_scan(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def listdir(folder: Path) -> list[str]:
-        names = real_listdir(folder)
-        for name in names:
-            if "gone" in name:
-                (folder / name).unlink()
-        return names
-
-    real_listdir = os.listdir
-    for name in ("gone-1.mcap", "run.mcap", "gone-2.mcap"):
-        (tmp_path / name).touch()
-    monkeypatch.setattr(folder_module.os, "listdir", listdir)
-    assert names_in(tmp_path) == ["run.mcap"]

@@ -1,43 +1,40 @@
-"""Pages run on a separate event loop; the server's loop answers a stop."""
+"""Pages run on a separate event loop, the server's loop answers a stop, and its external URL."""
 
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
-from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket
+from starlette.routing import Route
 
 from palpate.dashboard import transport
-from palpate.dashboard.transport import AppThread
+from palpate.dashboard.transport import AppThread, external_url
 
 
-async def ask(
-    app: AppThread, path: str, *, body: bytes = b"", kind: str = "http"
-) -> list[dict[str, Any]]:
+async def ask(app: AppThread, path: str) -> list[dict[str, Any]]:
     """Send a request; return the messages of the response."""
-    scope: dict[str, Any] = {"type": kind, "path": path, "headers": [], "query_string": b""}
-    if kind == "http":
-        scope["method"] = "POST"
-        waiting = [{"type": "http.request", "body": body, "more_body": False}]
-    else:
-        scope["subprotocols"] = []
-        waiting = [{"type": "websocket.connect"}, {"type": "websocket.receive", "text": "here"}]
+    scope = {"type": "http", "method": "POST", "path": path, "headers": [], "query_string": b""}
     sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
-        return waiting.pop(0)
+        return {"type": "http.request", "body": b"", "more_body": False}
 
     async def send(message: Any) -> None:
-        sent.append({**message, "thread": threading.current_thread().name})
+        sent.append(message)
 
     await app(scope, receive, send)
     return sent
+
+
+async def stop(request: Request) -> PlainTextResponse:
+    return PlainTextResponse("stopped")
 
 
 def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -> None:
@@ -47,9 +44,6 @@ def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -
         blocked.set()
         assert over.wait(60.0)
         return PlainTextResponse("page")
-
-    async def stop(request: Request) -> PlainTextResponse:
-        return PlainTextResponse("stopped")
 
     async def visit(app: AppThread) -> tuple[bytes, bytes]:
         viewer = asyncio.create_task(ask(app, "/page"))
@@ -64,30 +58,6 @@ def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -
         assert asyncio.run(visit(app)) == (b"stopped", b"page")
 
 
-def test_app_thread_forwards_request_bodies_and_websockets_to_the_page_thread() -> None:
-    threads: list[str] = []
-
-    async def echo(request: Request) -> PlainTextResponse:
-        threads.append(threading.current_thread().name)
-        return PlainTextResponse(await request.body())
-
-    async def talk(socket: WebSocket) -> None:
-        threads.append(threading.current_thread().name)
-        await socket.accept()
-        await socket.send_text(await socket.receive_text())
-        await socket.close()
-
-    routes = [Route("/echo", echo, methods=["POST"]), WebSocketRoute("/talk", talk)]
-    with AppThread(Starlette(routes=routes), direct=frozenset()) as app:
-        answer = asyncio.run(ask(app, "/echo", body=b"a body"))
-        messages = asyncio.run(ask(app, "/talk", kind="websocket"))
-    assert answer[1]["body"] == b"a body"
-    assert [one.get("text") for one in messages] == [None, "here", None]
-    assert threads == ["pages", "pages"]
-    # Responses are sent on the server's own loop.
-    assert {one["thread"] for one in [*answer, *messages]} == {"MainThread"}
-
-
 def test_app_thread_refuses_requests_above_its_limit_except_direct_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -97,9 +67,6 @@ def test_app_thread_refuses_requests_above_its_limit_except_direct_ones(
     async def page(request: Request) -> PlainTextResponse:
         await asyncio.to_thread(done.wait, 30.0)
         return PlainTextResponse("page")
-
-    async def stop(request: Request) -> PlainTextResponse:
-        return PlainTextResponse("stopped")
 
     async def visit(app: AppThread) -> list[int]:
         waiting = [asyncio.create_task(ask(app, "/page")) for _ in range(2)]
@@ -123,3 +90,16 @@ def test_app_thread_raises_errors_of_the_application_on_the_server_loop() -> Non
         pytest.raises(RuntimeError, match="broken page"),
     ):
         asyncio.run(ask(app, "/"))
+
+
+@pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
+def test_external_url_of_a_wildcard_host_accepts_connections(
+    host: str, family: socket.AddressFamily
+) -> None:
+    with socket.socket(family) as listening:
+        listening.bind((host, 0))
+        listening.listen()
+        parts = urlsplit(external_url(host, listening.getsockname()[1]))
+        assert parts.hostname not in ("0.0.0.0", "::", None)
+        with socket.create_connection((parts.hostname, parts.port), timeout=10):
+            pass

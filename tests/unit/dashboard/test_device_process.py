@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,13 +19,14 @@ from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.messages import (
     CalibrateForce,
     CalibrateRest,
-    CalibrationRenewed,
     Confirm,
     Examine,
+    Frames,
     FrameSource,
     Grasped,
     GraspOrder,
     Guide,
+    Note,
     OpenHand,
     OpenRig,
     Order,
@@ -45,7 +47,7 @@ from palpate.dashboard.messages import (
     Trouble,
     Update,
 )
-from palpate.errors import DeviceError
+from palpate.errors import DamageWarning, DeviceError
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
 from palpate.rig.simulated import GuidedBench
@@ -76,15 +78,30 @@ class Page:
             if wanted(update):
                 return update
 
+    def until_note(self, wanted: Note | Callable[[Note], bool]) -> Any:
+        """Return the next note that equals another or fulfils a condition."""
+
+        def fits(note: Note) -> bool:
+            return (
+                wanted(note) if callable(wanted) else type(note) is type(wanted) and note == wanted
+            )
+
+        update = self.until(lambda update: any(map(fits, update.notes)))
+        return next(filter(fits, update.notes))
+
+    def until_frames(self, wanted: Callable[[Frames], bool] = lambda frames: True) -> Frames:
+        frames = self.until(lambda update: update.frames is not None and wanted(update.frames))
+        return frames.frames
+
+    def until_held(self) -> None:
+        self.until(lambda update: update.progress is not None and update.progress.phase == "hold")
+
+    @property
+    def notes(self) -> list[Note]:
+        return [note for update in self.updates for note in update.notes]
+
     def ended(self, order: Order) -> OrderEnded:
-        found: list[OrderEnded] = []
-
-        def wanted(update: Update) -> bool:
-            found.extend(n for n in update.notes if isinstance(n, OrderEnded) and n.order == order)
-            return bool(found)
-
-        self.until(wanted)
-        return found[0]
+        return self.until_note(lambda note: isinstance(note, OrderEnded) and note.order == order)
 
     def done(self, order: Order) -> OrderEnded:
         self.send(order)
@@ -92,7 +109,7 @@ class Page:
 
     def held_and_released(self, order: GraspOrder) -> OrderEnded:
         self.send(order)
-        self.until(lambda update: update.progress is not None and update.progress.phase == "hold")
+        self.until_held()
         self.send(ReleaseNow())
         return self.ended(order)
 
@@ -132,14 +149,9 @@ def held(opened: Page, tmp_path_factory: pytest.TempPathFactory) -> OrderEnded:
     """A grasp that was held for some frames, released and recorded."""
     recording = tmp_path_factory.mktemp("held") / "grasp.mcap"
     opened.send(order := GraspOrder(target_force_n=None, recording=recording))
+    opened.until_held()
     for _ in range(2):
-        opened.until(
-            lambda update: (
-                update.progress is not None
-                and update.progress.phase == "hold"
-                and update.frames is not None
-            )
-        )
+        opened.until_frames()
     opened.send(ReleaseNow())
     return opened.ended(order)
 
@@ -165,62 +177,54 @@ def test_grasp_order_holds_until_release_and_records_every_frame(
 def test_grasp_order_with_a_damage_file_limits_the_force_and_records_the_file(
     opened: Page, tmp_path: Path
 ) -> None:
-    learned = write_damage_file(tmp_path).read_text()
-    order = GraspOrder(
-        target_force_n=8.0,
-        recording=tmp_path / "limited.mcap",
-        damage=learned,
-        kind="kiwi",
-    )
     free = GraspOrder(target_force_n=8.0, recording=tmp_path / "free.mcap")
-    peak_n = {}
-    for one in (free, order):
-        opened.send(one)
-        opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
-        opened.send(ReleaseNow())
-        found = opened.ended(one).found
-        assert isinstance(found, Grasped)
-        peak_n[one] = found.result.peak_force_n or 0.0
-    assert 0 < peak_n[order] < 0.7 * peak_n[free]
+    learned = write_damage_file(tmp_path).read_text()
+    order = replace(free, recording=tmp_path / "limited.mcap", damage=learned, kind="kiwi")
+    free_n, limited_n = (
+        opened.held_and_released(one).found.result.peak_force_n for one in (free, order)
+    )
+    assert 0 < limited_n < 0.7 * free_n
     info = load_recording(order.recording).info
     assert (info.damage, info.kind) == (order.damage, "kiwi")
     assert load_recording(free.recording).info.damage is None
 
 
-def test_stop_during_a_grasp_halts_the_hand_in_its_position(opened: Page, tmp_path: Path) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
-    opened.send(StopNow())
-    ended = opened.ended(order)
-    assert isinstance(ended.found, Grasped)
+def stop_while_closing(page: Page, file: Path, *, number: int = 0) -> GraspOrder:
+    order = GraspOrder(target_force_n=None, recording=file)
+    page.send(order)
+    page.until_frames(lambda frames: frames.reported[-1] < 60.0)
+    page.updates.clear()
+    page.send(StopNow(number))
+    return order
+
+
+def test_stop_during_a_grasp_halts_the_hand_in_its_position_and_is_confirmed_once(
+    opened: Page, tmp_path: Path
+) -> None:
+    ended = opened.ended(stop_while_closing(opened, tmp_path / "stopped.mcap", number=41))
     assert ended.found.result.outcome is Outcome.STOPPED
     assert ended.stopped_after_s <= 0.1
+    opened.send(StopNow(42))
+    opened.until_note(StopConfirmed(42))
+    assert confirmations(opened) == [41, 42]
     # The twin's fingers do not move afterwards.
-    at_mm = opened.until(lambda update: update.frames is not None).frames
-    later = opened.until(
-        lambda u: (
-            u.frames is not None
-            and at_mm is not None
-            and u.frames.time_s[-1] > at_mm.time_s[-1] + 5.0
-        )
-    ).frames
+    at_mm = opened.until_frames()
+    later = opened.until_frames(lambda frames: frames.time_s[-1] > at_mm.time_s[-1] + 5.0)
     assert np.ptp(later.reported) == 0.0
     assert later.reported[-1] == at_mm.reported[-1] < 74.0
     assert not opened.done(OpenHand()).trouble
 
 
+def confirmations(page: Page) -> list[int]:
+    return [note.number for note in page.notes if isinstance(note, StopConfirmed)]
+
+
 def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
     """The release arrives while the recording of the stopped grasp is still being written."""
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
-    opened.send(StopNow())
+    order = stop_while_closing(opened, tmp_path / "stopped.mcap")
     opened.send(ReleaseNow())
     assert not opened.ended(OpenHand()).trouble
-    notes = [note for update in opened.updates for note in update.notes]
-    (ended,) = [note for note in notes if isinstance(note, OrderEnded) and note.order == order]
-    assert isinstance(ended.found, Grasped)
+    (ended,) = [one for one in opened.notes if isinstance(one, OrderEnded) and one.order == order]
     assert ended.found.result.outcome is Outcome.STOPPED
     # A release directly after the end of a grasp is executed too.
     opened.send(ReleaseNow())
@@ -229,16 +233,16 @@ def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pa
 
 def test_stop_cancels_the_running_and_all_queued_orders(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
-    second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
+    second = replace(first, recording=tmp_path / "second.mcap")
     opened.send(first)
-    opened.until(lambda update: OrderStarted(order=first) in update.notes)
+    opened.until_note(OrderStarted(order=first))
     opened.send(second)
     opened.send(StopNow())
     dropped = opened.ended(second)
     assert (dropped.trouble, dropped.stopped) == ("stopped before it started", True)
     assert not opened.done(OpenHand()).trouble
     # The order after the stop has ended, so a dropped order would have started by now.
-    assert OrderStarted(order=second) not in [note for one in opened.updates for note in one.notes]
+    assert OrderStarted(order=second) not in opened.notes
     assert not second.recording.exists()
 
 
@@ -257,7 +261,7 @@ def test_failure_during_a_stop_is_reported_as_a_failure(
     with run_device_process() as page:
         assert not page.done(RIG).trouble
         page.send(first)
-        page.until(lambda update: OrderStarted(order=first) in update.notes)
+        page.until_note(OrderStarted(order=first))
         page.send(OpenHand())
         page.send(StopNow())
         assert page.ended(OpenHand()).stopped
@@ -266,29 +270,9 @@ def test_failure_during_a_stop_is_reported_as_a_failure(
     assert (ended.trouble, ended.stopped) == ("the load cell does not answer", False)
 
 
-def confirmations(page: Page) -> list[int]:
-    notes = [note for update in page.updates for note in update.notes]
-    return [note.number for note in notes if isinstance(note, StopConfirmed)]
-
-
-def test_stop_is_confirmed_once_after_the_hand_has_received_it(
-    opened: Page, tmp_path: Path
-) -> None:
-    order = GraspOrder(target_force_n=None, recording=tmp_path / "confirmed.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.frames is not None and bool(update.frames.moving.any()))
-    opened.updates.clear()
-    opened.send(StopNow(41))
-    assert opened.ended(order).found is not None
-    opened.send(StopNow(42))
-    opened.until(lambda update: StopConfirmed(42) in update.notes)
-    assert confirmations(opened) == [41, 42]
-    assert not opened.done(OpenHand()).trouble
-
-
 def test_stop_without_an_open_rig_is_confirmed_immediately(page: Page) -> None:
     page.send(StopNow(7))
-    page.until(lambda update: StopConfirmed(7) in update.notes)
+    page.until_note(StopConfirmed(7))
 
 
 def test_stop_of_an_unreachable_hand_is_not_confirmed(
@@ -301,34 +285,30 @@ def test_stop_of_an_unreachable_hand_is_not_confirmed(
         patched.setattr(TwinGripper, "stop", broken)
         opened.updates.clear()
         opened.send(StopNow(90))
-        opened.until(lambda update: Trouble("the servo does not answer") in update.notes)
-        opened.until(lambda update: update.frames is not None)
+        opened.until_note(Trouble("the servo does not answer"))
+        opened.until_frames()
     assert confirmations(opened) == []
     opened.send(StopNow(91))
-    opened.until(lambda update: StopConfirmed(91) in update.notes)
+    opened.until_note(StopConfirmed(91))
 
 
 def test_calibrate_rest_saves_the_file_and_sends_the_new_source(
     opened: Page, tmp_path: Path
 ) -> None:
     ended = opened.done(CalibrateRest(file=tmp_path / "pad" / "calibration.json"))
-    assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert np.allclose(made.rest_ohm, ended.found.rest_ohm)
     assert np.abs(ended.found.change_percent).max() < 20
     assert {update.link.lost for update in opened.updates} == {0}
     assert made.force.force_n, "the force pairs must be preserved"
-    notes = [note for update in opened.updates for note in update.notes]
-    since = notes[notes.index(OrderStarted(order=ended.order)) : notes.index(ended)]
-    assert any(isinstance(note, FrameSource) for note in since), (
-        "the link must be restarted before the end"
-    )
+    since = notes_since(opened, ended.order)
+    renewed = [isinstance(note, FrameSource) for note in since[: since.index(ended)]]
+    assert any(renewed), "the link must be restarted before the end"
 
 
 @pytest.mark.slow
 def test_calibrate_force_uses_the_simulated_load_cell(opened: Page, tmp_path: Path) -> None:
     ended = opened.done(CalibrateForce(file=tmp_path / "calibration.json"))
-    assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)
@@ -347,7 +327,7 @@ def test_calibrate_force_can_be_stopped_without_writing_the_file(
     for attempt in range(50):
         order = CalibrateForce(file=tmp_path / f"calibration-{attempt}.json")
         opened.send(order)
-        opened.until(lambda update: any(isinstance(n, Guide) for n in update.notes))
+        opened.until_note(lambda note: isinstance(note, Guide))
         opened.send(StopNow())
         ended = opened.ended(order)
         assert order.file.exists() == (ended.trouble == "")
@@ -367,11 +347,11 @@ def test_examine_of_a_faultless_twin_returns_healthy(opened: Page) -> None:
 def test_record_between_grasps_has_no_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
-    opened.until(lambda update: RecordingChanged(file) in update.notes)
+    opened.until_note(RecordingChanged(file))
     for _ in range(5):
-        opened.until(lambda update: update.frames is not None)
+        opened.until_frames()
     opened.send(Record(None))
-    opened.until(lambda update: RecordingChanged(None) in update.notes)
+    opened.until_note(RecordingChanged(None))
     recorded = load_recording(file)
     assert len(recorded.sequence) > 10
     assert recorded.info.gripper is None, "without a grasp, a replay makes no decisions"
@@ -398,19 +378,36 @@ def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
         assert getattr(again.result, name) == getattr(held.found.result, name)
     opened.send(Confirm())
     assert not opened.ended(play).trouble
+    assert not any(isinstance(note, Trouble) for note in notes_since(opened, play))
+
+
+@pytest.mark.slow
+def test_replay_of_a_truncated_recording_says_so(
+    opened: Page, held: OrderEnded, tmp_path: Path
+) -> None:
+    play = Play(file=tmp_path / "run.mcap", speed=FAST)
+    play.file.write_bytes(held.order.recording.read_bytes()[:-60])
+
+    def play_until_trouble() -> str:
+        opened.send(play)
+        trouble = opened.until_note(lambda note: isinstance(note, Trouble))
+        opened.send(StopNow())
+        opened.ended(play)
+        return trouble.text
+
+    with pytest.warns(DamageWarning):
+        shown = play_until_trouble()
+    assert shown.startswith("run.mcap: not finished")
+
+
+def notes_since(page: Page, order: Order) -> list[Note]:
+    """Return the notes since the start of an order."""
+    return page.notes[page.notes.index(OrderStarted(order=order)) :]
 
 
 def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPosition:
     """Return the first replay position that fulfils a condition."""
-    found: list[ReplayPosition] = []
-
-    def is_there(update: Update) -> bool:
-        places = (note for note in update.notes if isinstance(note, ReplayPosition))
-        found.extend(place for place in places if wanted(place))
-        return bool(found)
-
-    page.until(is_there)
-    return found[0]
+    return page.until_note(lambda note: isinstance(note, ReplayPosition) and wanted(note))
 
 
 @pytest.mark.slow
@@ -419,12 +416,12 @@ def test_replay_sends_the_whole_timeline_and_supports_pause_and_seek(
 ) -> None:
     order, play = held.order, Play(file=held.order.recording)
     opened.send(play)
-    opened.until(lambda update: OrderStarted(order=play) in update.notes)
+    opened.until_note(OrderStarted(order=play))
     opened.updates.clear()
     # Paused during its computation, the replay starts paused.
     opened.send(Pause(True))
     played_to(opened, lambda playing: playing.paused)
-    notes = [note for update in opened.updates for note in update.notes]
+    notes = opened.notes
     (timeline,) = (note for note in notes if isinstance(note, Timeline))
     places = [note for note in notes if isinstance(note, ReplayPosition)]
     assert [(place.time_s, place.paused) for place in places] == [(timeline.start_s, True)]
@@ -434,9 +431,7 @@ def test_replay_sends_the_whole_timeline_and_supports_pause_and_seek(
     assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
     past = [note.frames.time_s for note in notes if isinstance(note, RecordedSegment)]
-    assert np.array_equal(np.concatenate(past), recorded.time_s), (
-        "frames at 15 Hz must not be thinned"
-    )
+    assert np.array_equal(np.concatenate(past), recorded.time_s), "frames must not be thinned"
     starts_s = {phase: time_s for time_s, phase in timeline.phases}
     within_s = (starts_s["hold"] + starts_s["release"]) / 2
     opened.send(Pause(True))

@@ -8,18 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.factories import make_sheet_law
-from tests.unit.dashboard.test_live import SOURCE, frames, progress
+from tests.unit.dashboard.test_live import SOURCE, frames, page_of, progress
 
 from palpate.calibrate.laws import follow_force
 from palpate.dashboard.grasp_progress import Bounds, force_law
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import Frames
-from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.gain import Gain
 from palpate.grasp.result import Moment
-from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
+from palpate.sensor.array import RIGID_LAYOUT
 
 LAW = make_sheet_law(8)
 PRESSED = 450
@@ -32,10 +31,9 @@ def pressed(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0) -> Frame
 
 
 @pytest.fixture
-def live() -> Live:
-    live = Live()
-    live.open_source(replace(SOURCE, law=LAW))
-    return live
+def live(session: Session) -> Live:
+    session.devices.live.open_source(replace(SOURCE, law=LAW))
+    return session.devices.live
 
 
 def pressed_n() -> float:
@@ -44,21 +42,17 @@ def pressed_n() -> float:
     return follow_force(LAW).step(0.0, np.full((4, 2), rest / pressed - 1)).value
 
 
-def test_live_curve_has_a_force_at_every_point(live: Live) -> None:
+def test_live_curve_has_a_force_at_every_point_until_the_hand_is_open(live: Live) -> None:
     live.add_frames(pressed(40, rate_hz=40.0))
     assert len(live.curve) == 40
     for point in live.curve:
         assert point.force.value == pytest.approx(pressed_n(), rel=1e-6)
         assert point.force.low < point.force.value < point.force.high
     assert live.force is live.curve[-1].force
-
-
-def test_live_force_of_an_open_hand_is_none(live: Live) -> None:
-    """A released sheet still has a reading, but an open hand has no contact."""
-    live.add_frames(pressed(1))
-    live.add_frames(frames(40, from_s=0.1, rate_hz=10.0, counts=PRESSED))
+    # A released sheet still has a reading, but an open hand has no contact.
+    live.add_frames(frames(40, from_s=1.1, rate_hz=10.0, counts=PRESSED))
     assert live.force is None
-    assert [point.force is None for point in live.curve] == [False] + [True] * 40
+    assert [point.force is None for point in live.curve] == [False] * 40 + [True] * 40
 
 
 def test_live_force_is_none_while_opening_and_returns_after_a_halt(live: Live) -> None:
@@ -70,21 +64,34 @@ def test_live_force_is_none_while_opening_and_returns_after_a_halt(live: Live) -
     assert live.force is not None
 
 
+def test_live_finger_forces_average_to_the_grip_force(live: Live) -> None:
+    held = pressed(5)
+    # A pixel with excess x has x + 0.096 N; a divider has counts / (1024 - counts).
+    for finger, excess in ((0, 0.6), (1, 0.2)):
+        conductance = 300 / 724 * (1 + excess)
+        rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
+        held.counts[:, rows] = round(1024 * conductance / (1 + conductance))
+    live.add_frames(held)
+    first, second = live.finger_forces_n(live.force, live.ohm)
+    assert first / second == pytest.approx(0.696 / 0.296, rel=0.03)
+    assert (first + second) / 2 == pytest.approx(live.force.middle)
+    live.add_frames(frames(5, from_s=1.0))
+    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
+
+
 @pytest.mark.parametrize(
     ("until_s", "opens_s", "is_known"),
     [(19.9, 99.0, False), (21.0, 99.0, True), (21.0, 15.0, False)],
 )
 def test_document_settled_value_requires_a_still_hand_until_the_horizon(
-    live: Live, until_s: float, opens_s: float, is_known: bool
+    session: Session, live: Live, until_s: float, opens_s: float, is_known: bool
 ) -> None:
     answered = replace(progress(4.0, 5.0), phase="hold", decided=True, settles_s=20.0, data_s=3.9)
-    session = Session(send=lambda message: None)
-    session.devices.live = live
     live.set_progress(answered)
     for time_s in np.arange(0.0, until_s, 0.1):
         hand = frames if time_s >= opens_s else pressed
         live.add_frames(hand(1, from_s=float(time_s)))
-    measured = document(session, generation=-1, after_s=0.0)["measured"]
+    measured = page_of(session)["measured"]
     assert measured["data_s"] == 3.9
     assert (measured["settled"] is not None) == is_known
     if is_known:
@@ -93,8 +100,7 @@ def test_document_settled_value_requires_a_still_hand_until_the_horizon(
         assert percent["value"] == pytest.approx(float(np.nanmean(live.percent)), rel=1e-6)
 
 
-def test_live_force_without_a_calibration_is_none() -> None:
-    live = Live()
+def test_live_force_without_a_calibration_is_none(live: Live) -> None:
     live.open_source(SOURCE)
     live.add_frames(frames(2, counts=PRESSED))
     assert live.force is None
@@ -114,46 +120,28 @@ def test_live_force_uses_the_gain_of_the_contact(live: Live) -> None:
     assert live.force.value == pytest.approx(wide.value), "the gain applies to one contact only"
 
 
-def test_page_document_of_a_grasp_contains_forces_contacts_and_bounds(live: Live) -> None:
-    session = Session(send=lambda message: None)
-    session.devices.live = live
+def test_page_document_of_a_grasp_contains_forces_contacts_and_bounds(
+    session: Session, live: Live
+) -> None:
     settled_n = Measurement(value=3.0, low=2.5, high=3.5, unit="n")
+    bounds = Bounds(target_n=3.0, damage_low_n=5.5, ceiling_n=15.0)
     moments = (
         Moment(time_s=4.0, name="contact"),
         Moment(time_s=4.5, name="finger_contact", finger=1),
         Moment(time_s=4.6, name="finger_contact", finger=0),
         Moment(time_s=5.0, name="finger_removal", finger=0),
     )
-    live.set_progress(
-        replace(
-            progress(6.0, 5.0),
-            settled_n=settled_n,
-            touched_s=3.8,
-            moments=moments,
-            bounds=Bounds(target_n=3.0, damage_low_n=5.5, ceiling_n=15.0),
-        )
-    )
+    shown = replace(progress(6.0, 5.0), settled_n=settled_n, touched_s=3.8)
+    live.set_progress(replace(shown, moments=moments, bounds=bounds))
     live.add_frames(pressed(1))
-    doc = document(session, generation=-1, after_s=0.0)
-    assert doc["curve"][0][2:] == pytest.approx(
-        [live.force.low, live.force.value, live.force.high] if live.force else [], abs=1e-3
-    )
+    doc, force = page_of(session), live.force
+    assert doc["curve"][0][2:] == pytest.approx([force.low, force.value, force.high], abs=1e-3)
     assert doc["band"][0][4:] == [2.5, 3.0, 3.5]
     assert doc["grasp"]["touched_s"] == 3.8
     assert doc["grasp"]["fingers"] == [1], "a removed finger is not in contact"
     assert doc["grasp"]["bounds"] == {"target_n": 3.0, "damage_low_n": 5.5, "ceiling_n": 15.0}
     assert doc["measured"]["force_now"]["value"] == pytest.approx(pressed_n(), rel=1e-6)
     assert doc["measured"]["holds"] is True
-
-
-def test_document_of_an_open_hand_has_no_fingers_in_contact(live: Live) -> None:
-    session = Session(send=lambda message: None)
-    session.devices.live = live
-    assert isinstance(SOURCE.gripper, GripperLimits)
-    live.set_progress(
-        replace(progress(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
-    )
-    live.add_frames(frames(1))
-    doc = document(session, generation=-1, after_s=0.0)
-    assert doc["grasp"]["fingers"] == []
-    assert doc["measured"]["holds"] is False
+    live.add_frames(frames(1, from_s=0.1))
+    opened = page_of(session)
+    assert (opened["grasp"]["fingers"], opened["measured"]["holds"]) == ([], False)

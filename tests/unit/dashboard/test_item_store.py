@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from tests.factories import make_grasp
+from tests.unit.dashboard.test_live import SOURCE as PAGE_SOURCE
 
 from palpate.dashboard.item_store import ItemStore
-from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_history import item_html, item_label
 from palpate.dashboard.panel_html import day_text
 from palpate.estimate.firmness import firmness_index
@@ -32,14 +32,7 @@ RESULT = GraspResult(
     moments=(Moment(time_s=1.9, name="answer"),),
 )
 
-SOURCE = FrameSource(
-    name="sim-rigid",
-    layout=World(None, seed=1).layout,
-    rest_ohm=None,
-    gripper=None,
-    origin="twin",
-    calibration="{}",
-)
+SOURCE = replace(PAGE_SOURCE, calibration="{}")
 WIDE = Measurement(value=60.5, low=60.0, high=61.1, unit="mm")
 
 
@@ -69,23 +62,16 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     item_store = ItemStore(where)
     assert item_store.pages(limit=50) == ()
     assert not Path(where).exists(), "a query must not create a store"
+    closing = {"contact_mm": WIDE}
     item_store.sort_grasp(
-        RESULT,
-        item_id="berry-7",
-        source=SOURCE,
-        recording=recording,
-        closing={"contact_mm": WIDE},
+        RESULT, item_id="berry-7", source=SOURCE, recording=recording, closing=closing
     )
     assert item_store.trouble == ""
     (page,) = item_store.pages(limit=50)
     last = page.grasps[-1].taken_at
     assert item_label(page) == f"berry-7 · {day_text(last)}"
     ripe = Verdict(
-        item_id="berry-7",
-        given_at=last,
-        about=About.RIPENESS,
-        text="ripe",
-        source=Source.PERSON,
+        item_id="berry-7", given_at=last, about=About.RIPENESS, text="ripe", source=Source.PERSON
     )
     labelled = replace(page, item=replace(page.item, kind="kiwi"), verdicts=(ripe,))
     assert item_label(labelled) == f"berry-7 · kiwi · ripe · {day_text(last)}"
@@ -127,14 +113,6 @@ def test_item_figures_omit_firmness_known_only_as_a_bound(recording: Path, tmp_p
     figures = item_store.figures_html(item_store.page("berry-7"))
     assert 'aria-label="Settled change over time"' in figures
     assert "Firmness over time" not in figures
-
-
-def test_unusable_item_store_is_reported_with_its_name(recording: Path, tmp_path: Path) -> None:
-    broken = tmp_path / "broken.sqlite"
-    broken.write_text("this is not a database" * 100)
-    item_store = ItemStore(str(broken))
-    item_store.sort_grasp(RESULT, item_id="berry-7", source=SOURCE, recording=recording)
-    assert str(broken) in item_store.trouble
 
 
 RULES = RuleBook(
@@ -202,30 +180,24 @@ def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
     broken.write_text("this is not a database" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
     placement = item_store.sort_grasp(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
-    assert placement["bin"] is None
-    assert placement["item"]["id"] == "A1"
+    assert (placement["bin"], placement["item"]["id"]) == (None, "A1")
     assert str(broken) in placement["why"]
+    assert str(broken) in item_store.trouble
 
 
 @pytest.mark.slow
 def test_item_figures_show_ripening_only_for_kinds_with_labelled_items(tmp_path: Path) -> None:
     where = str(tmp_path / "items.sqlite")
-    stages = ("hard", "conditioned", "ripe", "overripe")
+    stages = {"hard": 9.0, "conditioned": 5.0, "ripe": 2.5, "overripe": 1.2}
     with Store.open(where) as store:
         for number in range(6):
             name = f"avocado-{number}"
             store.add_item(Item(item_id=name, kind="avocado"))
-            for day, firm in enumerate((9.0, 5.0, 2.5, 1.2)):
+            for day, (stage, firm) in enumerate(stages.items()):
                 taken = datetime(2026, 5, 1 + day, 8, number, tzinfo=UTC)
                 store.add_grasp(grasp_with_stiffness(name, taken, firm * (1 + 0.03 * number)))
-                label = Verdict(
-                    item_id=name,
-                    given_at=taken,
-                    about=About.RIPENESS,
-                    text=stages[day],
-                    source=Source.PERSON,
-                )
-                store.add_verdict(label)
+                label = Verdict(item_id=name, given_at=taken, about=About.RIPENESS, text=stage)
+                store.add_verdict(replace(label, source=Source.PERSON))
         store.add_item(Item(item_id="plum", kind="plum"))
     item_store = ItemStore(where)
     picture = item_store.figures_html(item_store.page("avocado-1"))
@@ -238,13 +210,9 @@ def test_item_figures_show_ripening_only_for_kinds_with_labelled_items(tmp_path:
 def grasp_with_stiffness(item_id: str, taken_at: datetime, firm: float) -> Grasp:
     """Return a grasp with a stiffness measured at 5 N."""
     measured = Measurement(value=firm, low=0.8 * firm, high=1.25 * firm, unit="n_per_mm")
-    return make_grasp(
-        item_id,
-        taken_at=taken_at,
-        outcome="held",
-        measurements={
-            "firmness": firmness_index(measured),
-            "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),
-            "stiffness_n_per_mm": measured,
-        },
-    )
+    measurements = {
+        "firmness": firmness_index(measured),
+        "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),
+        "stiffness_n_per_mm": measured,
+    }
+    return make_grasp(item_id, taken_at=taken_at, outcome="held", measurements=measurements)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.factories import make_sheet_law
 
 from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import (
     Action,
     DeviceActivity,
-    DevicesLost,
     Frames,
     FrameSource,
     Grasped,
@@ -23,6 +22,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
+from palpate.dashboard.panel_sensor import findings_html
 from palpate.dashboard.session import Session
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
@@ -53,10 +53,12 @@ def frames(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0, counts: i
 
 
 @pytest.fixture
-def live() -> Live:
-    live = Live()
-    live.open_source(SOURCE)
-    return live
+def live(session: Session) -> Live:
+    return session.devices.live
+
+
+def page_of(session: Session, *, generation: int = -1, after_s: float = 0.0) -> dict[str, Any]:
+    return document(session, generation=generation, after_s=after_s)
 
 
 def progress(time_s: float, half: float) -> GraspProgress:
@@ -71,6 +73,9 @@ def progress(time_s: float, half: float) -> GraspProgress:
         answer=GraspResult(outcome=Outcome.STOPPED),
         decided=False,
     )
+
+
+HOLDING = replace(progress(9.0, 1.0), phase="hold", decided=True)
 
 
 def test_live_curve_is_bounded_and_retains_a_finished_grasp_until_the_next(live: Live) -> None:
@@ -95,25 +100,6 @@ def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
 
 
-def test_live_finger_forces_average_to_the_grip_force() -> None:
-    live = Live()
-    live.open_source(replace(SOURCE, law=make_sheet_law(8)))
-    pressed = frames(5)
-    pressed.reported[:] = 40.0
-    # A pixel with excess x has x + 0.096 N; a divider has counts / (1024 - counts).
-    rest = 300 / 724
-    for finger, excess in ((0, 0.6), (1, 0.2)):
-        conductance = rest * (1 + excess)
-        rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
-        pressed.counts[:, rows] = round(1024 * conductance / (1 + conductance))
-    live.add_frames(pressed)
-    first, second = live.finger_forces_n(live.force, live.ohm)
-    assert first / second == pytest.approx(0.696 / 0.296, rel=0.03)
-    assert (first + second) / 2 == pytest.approx(live.force.middle)
-    live.add_frames(frames(5, from_s=1.0))
-    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
-
-
 def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is None
     live.add_frames(frames(1))
@@ -124,21 +110,19 @@ def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is None
 
 
-def test_live_without_rest_values_uses_the_first_frames() -> None:
-    live = Live()
+def test_live_without_rest_values_uses_the_first_frames(live: Live) -> None:
     live.open_source(replace(SOURCE, rest_ohm=None))
     live.add_frames(frames(15))
     live.add_frames(frames(1, from_s=1.0, counts=450))
     assert live.percent[0, 0] < -40
 
 
-def test_document_contains_only_points_after_the_requested_time() -> None:
-    session = Session(send=lambda message: None)
-    session.devices.live.open_source(SOURCE)
-    session.devices.live.add_frames(frames(40, rate_hz=40.0))
-    generation = session.devices.live.generation
-    whole = document(session, generation=-1, after_s=0.5)
-    rest = document(session, generation=generation, after_s=0.5)
+def test_document_contains_only_points_after_the_requested_time(
+    session: Session, live: Live
+) -> None:
+    live.add_frames(frames(40, rate_hz=40.0))
+    whole = page_of(session, after_s=0.5)
+    rest = page_of(session, generation=live.generation, after_s=0.5)
     assert len(whole["curve"]) == 40
     assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
     assert whole["source"]["simulated"] is True
@@ -148,45 +132,52 @@ def test_document_contains_only_points_after_the_requested_time() -> None:
     assert rest["past"] == []
 
 
-def test_document_past_hand_is_opening_only_after_the_release() -> None:
-    session = Session(send=lambda message: None)
-    live = session.devices.live
-    live.open_source(SOURCE)
-    closing = frames(10, rate_hz=10.0)
-    live.add_frames(replace(closing, moving=np.ones(10, dtype=bool)))
+def test_document_past_covers_the_whole_curve_with_at_most_200_moments(
+    session: Session, live: Live
+) -> None:
+    live.add_frames(frames(1350, rate_hz=15.0))
+    past_s = [one["time_s"] for one in page_of(session)["past"]]
+    assert 100 < len(past_s) <= 200
+    assert (past_s[0], past_s[-1]) == (0.0, pytest.approx(90.0, abs=0.5))
+    assert np.ptp(np.diff(past_s)) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_document_past_hand_is_opening_only_after_the_release(session: Session, live: Live) -> None:
+    moves = np.ones(10, dtype=bool)
+    live.add_frames(replace(frames(10, rate_hz=10.0), moving=moves))
     live.set_progress(replace(progress(0.95, 1.0), phase="release"))
-    opening = frames(10, from_s=1.0, rate_hz=10.0)
-    live.add_frames(replace(opening, moving=np.ones(10, dtype=bool)))
-    past = document(session, generation=-1, after_s=0.0)["past"]
+    live.add_frames(replace(frames(10, from_s=1.0, rate_hz=10.0), moving=moves))
+    past = page_of(session)["past"]
     assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
 
 
-def test_document_open_pixel_is_null() -> None:
-    session = Session(send=lambda message: None)
-    session.devices.live.open_source(SOURCE)
-    session.devices.live.add_frames(frames(1, counts=0))
-    pixels = document(session, generation=-1, after_s=0.0)["pixels"]
-    assert pixels["percent"][0] == [None, None]
-    assert pixels["ohm"][0] == [None, None]
-
-
-def test_document_findings_are_assigned_to_their_pixels() -> None:
-    counts = np.rint(np.random.default_rng(1).normal(300, 0.6, (100, 4, 2))).astype(np.int32)
+def test_findings_are_assigned_to_their_pixels_and_shown_with_marked_commands(
+    session: Session, live: Live
+) -> None:
+    counts = np.rint(np.random.default_rng(2).normal(300, 0.6, (150, 4, 2))).astype(np.int32)
+    columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
+    known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)
+    known_ohm[1, 0] *= 2.0
     counts[:, 2, 1] = 0
     counts[:, 3] = 0
-    columns = FrameColumns(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
-    session = Session(send=lambda message: None)
-    session.devices.live.open_source(SOURCE)
-    session.devices.live.add_frames(frames(1))
-    session.devices.health = check_health(columns, layout=RIGID_LAYOUT)
-    findings = document(session, generation=-1, after_s=0.0)["pixels"]["findings"]
-    assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
-    assert {one["severity"] for one in findings} == {"fault"}
-    assert "reads open" in findings[0]["text"]
+    live.add_frames(frames(1))
+    health = check_health(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
+    session.devices.health = health
+    findings = page_of(session)["pixels"]["findings"]
+    faults = {(one["row"], one["col"]) for one in findings if one["severity"] == "fault"}
+    assert faults == {(1, 0), (2, 1), (3, 0), (3, 1)}
+    (text,) = (one["text"] for one in findings if (one["row"], one["col"]) == (2, 1))
+    assert "reads open" in text
+    assert any(" -" in one.text for one in health.findings)
+    shown = findings_html(health)
+    assert "<code>palpate calibrate rest</code>" in shown
+    assert "`" not in shown
+    words = re.sub(r"<[^>]*>", "", shown)
+    assert "\N{MINUS SIGN}" in words
+    assert not re.search(r"(?<!\w)-\d", words)
 
 
-def test_session_of_a_rig_without_a_gripper_refuses_a_grasp() -> None:
-    session = Session(send=lambda message: None)
+def test_session_of_a_rig_without_a_gripper_refuses_a_grasp(session: Session) -> None:
     session.devices.apply_update(
         Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
     )
@@ -195,28 +186,30 @@ def test_session_of_a_rig_without_a_gripper_refuses_a_grasp() -> None:
     assert session.refusal(Action.GRASP, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.EXAMINE, viewer="a") == ""
-    doc = document(session, generation=-1, after_s=0.0)
-    assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Ready")
-    assert doc["hand"] is None
+    page = page_of(session)
+    assert (page["verdict"]["text"], page["operator"]["word"]) == ("watching", "Ready")
+    assert page["hand"] is None
 
 
-def sensor_headline(*, stale: bool = False, counts: int = 300) -> dict:
-    """Return the headline for a sensor that has sent a frame."""
-    session = Session(send=lambda message: None)
+@pytest.mark.parametrize(
+    ("stale", "counts", "text", "kind", "why"),
+    [
+        (False, 300, "ready", "idle", ""),
+        (True, 300, "the sensor is silent", "bad", "check its cable and power"),
+        (False, 0, "no pixel readings", "bad", "check the cable"),
+    ],
+)
+def test_headline_of_a_silent_or_unreadable_sensor_is_bad(
+    session: Session, live: Live, stale: bool, counts: int, text: str, kind: str, why: str
+) -> None:
     session.devices.activity = DeviceActivity.WATCHING
-    session.devices.live.open_source(SOURCE)
-    session.devices.live.add_frames(frames(1, counts=counts))
-    session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
-    return document(session, generation=-1, after_s=0.0)["verdict"]
-
-
-def test_headline_of_a_silent_or_unreadable_sensor_is_bad() -> None:
-    assert (sensor_headline()["text"], sensor_headline()["kind"]) == ("ready", "idle")
-    silent = sensor_headline(stale=True)
-    assert (silent["text"], silent["kind"]) == ("the sensor is silent", "bad")
-    assert "check its cable and power" in silent["why"]
-    unread = sensor_headline(counts=0)
-    assert (unread["text"], unread["kind"]) == ("no pixel readings", "bad")
+    live.add_frames(frames(1, counts=counts))
+    live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
+    page = page_of(session)
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == (text, kind)
+    assert why in page["verdict"]["why"]
+    if counts == 0:
+        assert page["pixels"]["percent"] == page["pixels"]["ohm"] == [[None, None]] * 4
 
 
 def test_document_link_is_stale_while_the_device_process_is_silent() -> None:
@@ -224,160 +217,112 @@ def test_document_link_is_stale_while_the_device_process_is_silent() -> None:
     session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
     session.devices.live.open_source(SOURCE)
     session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
-    link = document(session, generation=-1, after_s=0.0)["link"]
+    link = page_of(session)["link"]
     assert (link["stale"], link["hung_s"]) == (False, None)
     silent_s[0] = 3.0
-    hung = document(session, generation=-1, after_s=0.0)["link"]
+    hung = page_of(session)["link"]
     assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
 
 
-def test_headline_after_the_end_of_the_device_process_is_bad() -> None:
-    session = Session(send=lambda message: None)
-    session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    session.devices.apply_update(DevicesLost("the device process has ended"))
-    card = document(session, generation=-1, after_s=0.0)["verdict"]
-    assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
-
-
 FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
+HELD = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
+PASSED = "exceeded the damage limit"
+NO_BIN = {"bin": None, "why": "store items.sqlite: disk full"}
 
 
 @pytest.mark.parametrize(
-    ("target_n", "ended", "kind"),
+    ("kind", "why", "given"),
     [
-        (2.0, {}, "good"),
-        (None, {}, "good"),
-        (2.0, {"truth": {"damaged": True}}, "bad"),
-        (2.0, {"truth": {"damaged": False}}, "good"),
-        (3.0, {}, "warn"),
-        (2.0, {"faults": ("the recorder failed",)}, "warn"),
-        (2.0, {"outcome": Outcome.SLIPPED}, "bad"),
+        ("good", "", {}),
+        ("good", "", {"target_n": None}),
+        ("warn", "", {"target_n": 3.0}),
+        ("good", "", {"truth": {"damaged": False}}),
+        ("bad", "held and released", {"truth": {"damaged": True}}),
+        ("warn", "", {"result": replace(HELD, faults=("the recorder failed",))}),
+        ("bad", "", {"result": replace(HELD, outcome=Outcome.SLIPPED)}),
+        ("warn", PASSED, {"damage_low_n": 1.5}),
+        ("good", "", {"damage_low_n": 2.5}),
+        ("warn", "no bin: store items.sqlite: disk full", {"placement": NO_BIN}),
     ],
 )
 def test_headline_of_a_grasp_is_good_only_without_faults(
-    target_n: float | None, ended: dict[str, Any], kind: str
+    session: Session, live: Live, kind: str, why: str, given: dict[str, Any]
 ) -> None:
-    result = GraspResult(
-        outcome=ended.get("outcome", Outcome.HELD), force_n=FORCE, faults=ended.get("faults", ())
-    )
-    session = Session(send=lambda message: None)
-    session.target_force_n = target_n
-    session.devices.grasped = Grasped(result=result, truth=ended.get("truth"))
-    assert document(session, generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+    devices, session.target_force_n = session.devices, given.get("target_n", 2.0)
+    devices.activity = DeviceActivity.WATCHING
+    bounds = Bounds(damage_low_n=given.get("damage_low_n"))
+    live.set_progress(replace(HOLDING, answer=HELD, bounds=bounds))
+    devices.grasped = Grasped(result=given.get("result", HELD), truth=given.get("truth"))
+    devices.placement = given.get("placement", {})
+    page = page_of(session)
+    assert page["verdict"]["kind"] == kind
+    assert why in (page["verdict"]["why"] or "")
+    assert (PASSED in (page["verdict"]["why"] or "")) == (why == PASSED)
+    aside = "Set this item aside: it has no bin"
+    assert (page["operator"]["next"] == aside) == (devices.placement == NO_BIN)
 
 
 @pytest.mark.parametrize("is_begun", [True, False])
-def test_headline_of_a_stop_is_idle_once_the_hand_is_open(is_begun: bool) -> None:
-    session = Session(send=lambda message: None)
+def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
+    session: Session, live: Live, is_begun: bool
+) -> None:
     devices = session.devices
     devices.activity, devices.stopped_early = DeviceActivity.WATCHING, not is_begun
     devices.grasped = Grasped(result=GraspResult(outcome=Outcome.STOPPED)) if is_begun else None
-    devices.live.open_source(SOURCE)
-    devices.live.add_frames(replace(frames(1), reported=np.array([40.0])))
-    closed = document(session, generation=-1, after_s=0.0)
+    live.add_frames(replace(frames(1), reported=np.array([40.0])))
+    closed = page_of(session)
     assert (closed["verdict"]["text"], closed["verdict"]["kind"]) == ("stopped on request", "bad")
-    devices.live.add_frames(frames(1, from_s=1.0))
-    opened = document(session, generation=-1, after_s=0.0)
+    live.add_frames(frames(1, from_s=1.0))
+    opened = page_of(session)
     assert (opened["verdict"]["text"], opened["verdict"]["kind"]) == ("stopped, hand open", "idle")
     assert opened["operator"]["word"] == "Stopped, hand open"
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
-@pytest.mark.parametrize(("low_n", "kind"), [(1.5, "warn"), (2.5, "good"), (None, "good")])
-def test_headline_of_a_force_above_the_damage_limit_is_a_warning(
-    low_n: float | None, kind: str
+def test_operator_view_shows_the_target_of_the_running_or_next_grasp_or_of_the_replay(
+    session: Session, live: Live
 ) -> None:
-    session = Session(send=lambda message: None)
-    result = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
-    session.devices.live.progress = GraspProgress(
-        time_s=1.0,
-        phase="hold",
-        rest_ohm=None,
-        began_s=0.0,
-        force_n=2.0,
-        settled=None,
-        answer=result,
-        decided=True,
-        bounds=Bounds(damage_low_n=low_n),
-    )
-    session.devices.grasped = Grasped(result=result)
-    card = document(session, generation=-1, after_s=0.0)["verdict"]
-    assert card["kind"] == kind
-    assert ("exceeded the damage limit" in (card["why"] or "")) == (kind == "warn")
+    devices, session.target_force_n = session.devices, 3.0
+    for activity, target in (
+        (DeviceActivity.GRASPING, "3 N"),
+        (DeviceActivity.WATCHING, "gentle squeeze"),
+    ):
+        devices.activity = activity
+        assert page_of(session)["operator"]["target"] == target
+    # A replay ignores the targets of the last order and of the form.
+    session.target_force_n = session.form.target_force_n = 2.0
+    devices.activity = DeviceActivity.REPLAYING
+    reached = replace(HELD, force_n=replace(FORCE, value=3.0, low=2.8, high=3.2))
+    live.set_progress(replace(HOLDING, answer=reached, bounds=Bounds(target_n=3.0)))
+    page = page_of(session)
+    assert (page["verdict"]["on_target"], page["verdict"]["target_force_n"]) == (True, 3.0)
+    assert (page["verdict"]["kind"], page["operator"]["target"]) == ("good", "3 N")
 
 
-def test_operator_view_shows_the_target_of_the_running_or_next_grasp() -> None:
-    session = Session(send=lambda message: None)
-    session.target_force_n, session.devices.activity = 3.0, DeviceActivity.GRASPING
-    shown = document(session, generation=-1, after_s=0.0)["operator"]
-    assert shown["target"] == "3 N"
-    session.devices.activity = DeviceActivity.WATCHING
-    shown = document(session, generation=-1, after_s=0.0)["operator"]
-    assert shown["target"] == "gentle squeeze"
-
-
-def test_headline_of_a_replay_uses_the_recorded_target() -> None:
-    """The targets of the last order and of the form are ignored."""
-    session = Session(send=lambda message: None)
-    session.target_force_n, session.devices.activity = 2.0, DeviceActivity.REPLAYING
-    session.form.target_force_n = 2.0
-    reached = replace(
-        progress(9.0, 1.0),
-        phase="hold",
-        answer=GraspResult(
-            outcome=Outcome.HELD, force_n=replace(FORCE, value=3.0, low=2.8, high=3.2)
-        ),
-        decided=True,
-        bounds=Bounds(target_n=3.0),
-    )
-    session.devices.live.set_progress(reached)
-    shown = document(session, generation=-1, after_s=0.0)
-    assert (shown["verdict"]["on_target"], shown["verdict"]["target_force_n"]) == (True, 3.0)
-    assert shown["verdict"]["kind"] == "good"
-    assert shown["operator"]["target"] == "3 N"
-
-
-def test_operator_view_shows_firmness_and_size_of_a_held_object_only() -> None:
-    session = Session(send=lambda message: None)
-    result = GraspResult(
-        outcome=Outcome.HELD,
-        force_n=FORCE,
+def test_operator_view_shows_firmness_and_size_of_a_held_object_only(
+    session: Session, live: Live
+) -> None:
+    result = replace(
+        HELD,
         size_mm=Measurement(value=59.2, low=59.0, high=59.4, unit="mm"),
         firmness=Measurement(value=60.4, low=52.0, high=72.0, unit="index"),
     )
-    held = replace(progress(9.0, 1.0), phase="hold", decided=True)
     # The outcome of a running grasp is not final.
-    session.devices.live.set_progress(
-        replace(held, answer=replace(result, outcome=Outcome.STOPPED))
-    )
-    shown = [document(session, generation=-1, after_s=0.0)["verdict"]["measured"]]
+    live.set_progress(replace(HOLDING, answer=replace(result, outcome=Outcome.STOPPED)))
+    shown = [page_of(session)["verdict"]["measured"]]
     for outcome in (Outcome.HELD, Outcome.SLIPPED):
         session.devices.grasped = Grasped(result=replace(result, outcome=outcome))
-        shown.append(document(session, generation=-1, after_s=0.0)["verdict"]["measured"])
+        shown.append(page_of(session)["verdict"]["measured"])
     assert shown == ["firmness 60 of 100, 59 mm"] * 2 + [""]
 
 
-def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_held() -> None:
-    session = Session(send=lambda message: None)
-    held = replace(progress(9.0, 1.0), phase="hold", decided=True)
-    session.devices.live.set_progress(held)
+def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_held(
+    session: Session, live: Live
+) -> None:
+    live.set_progress(HOLDING)
     session.devices.activity = DeviceActivity.GRASPING
+    why = "by hand (default): 1 grasp"
     for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
-        given = {
-            "name": "by hand",
-            "rule": None,
-            "again": again,
-            "why": "by hand (default): 1 grasp",
-        }
+        given = {"name": "by hand", "rule": None, "again": again, "why": why}
         session.devices.placement = {"bin": given}
-        assert document(session, generation=-1, after_s=0.0)["operator"]["next"].startswith(step)
-
-
-def test_operator_view_of_an_item_without_a_bin_asks_to_set_it_aside() -> None:
-    session = Session(send=lambda message: None)
-    session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD, force_n=FORCE))
-    session.devices.placement = {"bin": None, "why": "store items.sqlite: disk full"}
-    session.devices.activity = DeviceActivity.WATCHING
-    shown = document(session, generation=-1, after_s=0.0)
-    assert shown["verdict"]["why"] == "no bin: store items.sqlite: disk full"
-    assert shown["operator"]["next"] == "Set this item aside: it has no bin"
+        assert page_of(session)["operator"]["next"].startswith(step)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.unit.dashboard.test_live import SOURCE, frames
 
 from palpate.dashboard.messages import (
     Action,
@@ -18,14 +19,13 @@ from palpate.dashboard.messages import (
     DeviceActivity,
     DevicesLost,
     Examine,
-    Frames,
-    FrameSource,
     Grasped,
     GraspOrder,
     Guide,
     LinkStatus,
     OpenHand,
     OpenRig,
+    Order,
     OrderEnded,
     OrderStarted,
     Play,
@@ -40,38 +40,10 @@ from palpate.dashboard.page_document import document
 from palpate.dashboard.session import GraspForm, Session
 from palpate.errors import InputError
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.gripper.interface import GripperLimits
-from palpate.sensor.array import RIGID_LAYOUT
 
-LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
-
-
-CALIBRATED = CalibrationRenewed(
-    file=Path("pad.json"), rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
-)
-
-
-def source(*, replayed: bool = False) -> FrameSource:
-    return FrameSource(
-        name="sim-rigid",
-        layout=RIGID_LAYOUT,
-        rest_ohm=np.full((4, 2), 9000.0),
-        gripper=LIMITS,
-        origin="twin",
-        replayed=replayed,
-    )
-
-
-def frames(width_mm: float) -> Frames:
-    return Frames(
-        time_s=np.array([1.0]),
-        counts=np.full((1, 4, 2), 300, dtype=np.int32),
-        oversampling=1,
-        reported=np.array([width_mm]),
-        moving=np.array([False]),
-    )
+HELD = Grasped(result=GraspResult(outcome=Outcome.HELD))
 
 
 class Rehearsal:
@@ -80,13 +52,19 @@ class Rehearsal:
     def __init__(self) -> None:
         self.sent: list[Any] = []
         self.grasps: list[tuple[Grasped, str]] = []
+        self.silent_s = 0.5
         self.session = Session(
             send=self.sent.append,
             on_grasped=lambda grasped, order: self.grasps.append((grasped, order.item_id)),
+            silent_s=lambda: self.silent_s,
         )
 
     def receive(self, *notes: Any, width_mm: float = 74.0, link: LinkStatus = FRESH) -> None:
-        self.session.devices.apply_update(Update(notes=notes, link=link, frames=frames(width_mm)))
+        shown = replace(frames(1), reported=np.array([width_mm]))
+        self.session.devices.apply_update(Update(notes=notes, link=link, frames=shown))
+
+    def page(self) -> dict[str, Any]:
+        return document(self.session, generation=-1, after_s=0.0)
 
 
 @pytest.fixture
@@ -95,7 +73,7 @@ def rehearsal() -> Rehearsal:
     rehearsal.session.join("a")
     rehearsal.session.join("b")
     rehearsal.session.order("a", OpenRig(name="sim-rigid"))
-    rehearsal.receive(OrderStarted(order=OpenRig(name="sim-rigid")), source())
+    rehearsal.receive(OrderStarted(order=OpenRig(name="sim-rigid")), SOURCE)
     rehearsal.receive(OrderEnded(order=OpenRig(name="sim-rigid")))
     rehearsal.sent.clear()
     return rehearsal
@@ -115,6 +93,12 @@ def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None
     assert rehearsal.sent == [GRASP]
 
 
+def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:
+    rehearsal.session.order("a", GRASP)
+    assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
+    assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
+
+
 def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> None:
     session = rehearsal.session
     session.join("before", tab="1")
@@ -124,50 +108,84 @@ def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> N
     assert "after" in session.viewers
 
 
-def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:
-    rehearsal.session.order("a", GRASP)
-    assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
-    assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
+RIG, PLAY = OpenRig(name="sim-rigid"), Play(file=Path("old.mcap"))
 
 
-def test_session_refuses_a_second_order_before_the_first_is_reported(rehearsal: Rehearsal) -> None:
-    rehearsal.session.order("a", GRASP)
-    with pytest.raises(InputError, match="grasping: wait, or press stop"):
-        rehearsal.session.order("a", GRASP)
-    assert rehearsal.sent == [GRASP]
-
-
-@pytest.mark.parametrize("speed", [0, -1.0, 1e300, math.nan, None, "fast", []])
-def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) -> None:
+@pytest.mark.parametrize(
+    ("why", "orders"),
+    [
+        *(
+            (
+                "^the speed must be from 0.1 to 20$",
+                (SetSpeed(bad), replace(PLAY, speed=bad), replace(RIG, speed=bad)),
+            )
+            for bad in (0, -1.0, 1e300, math.nan, None, "fast", [])
+        ),
+        *(
+            ("^the seed must be an integer", (replace(RIG, seed=bad),))
+            for bad in (-1, 2**32, 0.5, math.nan, "7")
+        ),
+    ],
+)
+def test_session_refuses_a_speed_or_seed_out_of_range(
+    rehearsal: Rehearsal, why: str, orders: tuple[Any, ...]
+) -> None:
     session = rehearsal.session
-    for press in (
-        lambda: session.request("a", SetSpeed(speed)),
-        lambda: session.order("a", Play(file=Path("old.mcap"), speed=speed)),
-        lambda: session.order("a", OpenRig(name="sim-rigid", speed=speed)),
-    ):
-        with pytest.raises(InputError, match=r"^the speed must be from 0.1 to 20$"):
-            press()
+    for order in orders:
+        press = session.request if isinstance(order, SetSpeed) else session.order
+        with pytest.raises(InputError, match=why):
+            press("a", order)
     assert rehearsal.sent == []
     assert session.devices.activity is DeviceActivity.WATCHING
-    assert session.rig == OpenRig(name="sim-rigid")
-
-
-@pytest.mark.parametrize("seed", [-1, 2**32, 0.5, math.nan, "7"])
-def test_session_refuses_a_seed_out_of_range(rehearsal: Rehearsal, seed: Any) -> None:
-    with pytest.raises(InputError, match=r"^the seed must be an integer"):
-        rehearsal.session.order("a", OpenRig(name="sim-rigid", seed=seed))
-    assert rehearsal.sent == []
+    assert session.rig == RIG
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, "late"])
 def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_s: Any) -> None:
-    rehearsal.session.order("a", Play(file=Path("old.mcap")))
-    rehearsal.sent.clear()
+    rehearsal.session.order("a", PLAY)
     with pytest.raises(InputError, match="this time is not"):
         rehearsal.session.request("a", Seek(time_s))
-    assert rehearsal.sent == []
+    with pytest.raises(InputError, match="take over first"):
+        rehearsal.session.request("b", Seek(1.0))
     rehearsal.session.request("a", Seek(1e9))
-    assert rehearsal.sent == [Seek(1e9)]
+    assert rehearsal.sent == [PLAY, Seek(1e9)]
+
+
+@pytest.mark.parametrize(
+    ("received", "order", "why"),
+    [
+        ({"width_mm": 40.0}, GRASP, "the hand is not open: release first"),
+        ({"width_mm": 40.0}, Examine(), "the hand is not open: release first"),
+        ({"link": LinkStatus(stale=True)}, GRASP, "no fresh frames"),
+        ({"link": LinkStatus(stale=True)}, OpenHand(), ""),
+        ({"link": LinkStatus(frames=9, age_s=1.2, stale=True)}, Examine(), "no fresh frames"),
+        ({"link": LinkStatus(frames=9, age_s=0.3, stale=True)}, Examine(), ""),
+    ],
+)
+def test_session_refuses_orders_that_a_closed_hand_or_a_stale_link_forbids(
+    rehearsal: Rehearsal, received: dict[str, Any], order: Order, why: str
+) -> None:
+    rehearsal.receive(**received)
+    if why:
+        with pytest.raises(InputError, match=why):
+            rehearsal.session.order("a", order)
+    else:
+        rehearsal.session.order("a", order)
+    assert rehearsal.sent == ([] if why else [order])
+
+
+def test_session_refuses_every_order_of_silent_or_ended_devices(rehearsal: Rehearsal) -> None:
+    session = rehearsal.session
+    assert not session.refusal(Action.OPEN, viewer="a")
+    rehearsal.silent_s = 1.5
+    assert "the devices do not respond" in session.refusal(Action.OPEN, viewer="a")
+    session.devices.grasped = HELD
+    session.devices.apply_update(DevicesLost("the device process has ended"))
+    for action in Action:
+        assert "device process has ended" in session.refusal(action, viewer="a")
+    card = rehearsal.page()["verdict"]
+    assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
+    assert session.devices.live.link.stale
 
 
 def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
@@ -181,65 +199,43 @@ def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
     assert rehearsal.sent[-1] == ReleaseNow()
 
 
-def test_session_with_a_closed_hand_refuses_grasp_and_examination(rehearsal: Rehearsal) -> None:
-    rehearsal.receive(width_mm=40.0)
-    for order in (GRASP, Examine()):
-        with pytest.raises(InputError, match="the hand is not open: release first"):
-            rehearsal.session.order("a", order)
-
-
-def test_session_with_a_stale_link_refuses_a_grasp_and_allows_release(rehearsal: Rehearsal) -> None:
-    rehearsal.receive(link=LinkStatus(stale=True))
-    with pytest.raises(InputError, match="no fresh frames"):
-        rehearsal.session.order("a", GRASP)
-    rehearsal.session.release("a")
-    assert rehearsal.sent == [OpenHand()]
-
-
-def test_session_with_a_briefly_stale_link_allows_orders(rehearsal: Rehearsal) -> None:
-    rehearsal.receive(link=LinkStatus(frames=9, age_s=1.2, stale=True))
-    with pytest.raises(InputError, match="no fresh frames"):
-        rehearsal.session.order("a", Examine())
-    rehearsal.receive(link=LinkStatus(frames=9, age_s=0.3, stale=True))
-    rehearsal.session.order("a", Examine())
-    assert rehearsal.sent == [Examine()]
-
-
-def test_session_after_a_failed_order_watches_the_rig_and_shows_the_reason(
+def test_session_after_a_failed_order_shows_the_reason_and_allows_the_next(
     rehearsal: Rehearsal,
 ) -> None:
-    rehearsal.session.order("a", GRASP)
+    session, lost = rehearsal.session, OpenRig(name="lost.toml")
+    session.order("a", GRASP)
+    with pytest.raises(InputError, match="grasping: wait, or press stop"):
+        session.order("a", GRASP)
+    assert rehearsal.sent == [GRASP]
     rehearsal.receive(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
-    assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
-    assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
-
-
-def test_session_after_a_rig_fails_to_open_has_no_open_rig(rehearsal: Rehearsal) -> None:
-    order = OpenRig(name="lost.toml")
-    rehearsal.session.order("a", order)
-    rehearsal.receive(OrderStarted(order=order), OrderEnded(order=order, trouble="no such port"))
-    assert rehearsal.session.devices.activity is DeviceActivity.IDLE
-    assert "no rig is open" in rehearsal.session.refusal(Action.GRASP, viewer="a")
-    assert not rehearsal.session.refusal(Action.OPEN, viewer="a")
+    assert session.devices.activity is DeviceActivity.WATCHING
+    assert rehearsal.page()["trouble"] == "no pairs read 0.42 s after a movement"
+    session.order("a", lost)
+    rehearsal.receive(OrderStarted(order=lost), OrderEnded(order=lost, trouble="no such port"))
+    assert session.devices.activity is DeviceActivity.IDLE
+    assert "no rig is open" in session.refusal(Action.GRASP, viewer="a")
+    assert not session.refusal(Action.OPEN, viewer="a")
 
 
 def test_session_reports_finished_grasps_with_their_item_but_no_replays(
     rehearsal: Rehearsal,
 ) -> None:
-    held = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, found=held))
-    assert (rehearsal.session.devices.grasped, rehearsal.grasps) == (held, [(held, "")])
-    named = replace(GRASP, item_id="berry-7")
-    rehearsal.session.order("a", named)
-    rehearsal.receive(OrderStarted(order=named), OrderEnded(order=named, found=held))
-    assert rehearsal.grasps == [(held, ""), (held, "berry-7")]
-    play = Play(file=Path("old.mcap"))
-    rehearsal.session.order("a", play)
-    at_end = ReplayPosition(time_s=9.0, paused=True, speed=1.0, grasped=held)
-    rehearsal.receive(OrderStarted(order=play), source(replayed=True), at_end)
-    assert rehearsal.session.devices.grasped == held
-    rehearsal.receive(OrderEnded(order=play))
-    assert rehearsal.session.devices.grasped is None
+    devices, named = rehearsal.session.devices, replace(GRASP, item_id="berry-7")
+    for order in (GRASP, named):
+        rehearsal.session.order("a", order)
+        generation = devices.live.generation
+        rehearsal.receive(OrderStarted(order=order))
+        assert devices.live.generation > generation, "the curve restarts"
+        assert devices.grasped is None
+        rehearsal.receive(OrderEnded(order=order, found=HELD))
+        assert devices.grasped == HELD
+    assert rehearsal.grasps == [(HELD, ""), (HELD, "berry-7")]
+    rehearsal.session.order("a", PLAY)
+    at_end = ReplayPosition(time_s=9.0, paused=True, speed=1.0, grasped=HELD)
+    rehearsal.receive(OrderStarted(order=PLAY), replace(SOURCE, replayed=True), at_end)
+    assert devices.grasped == HELD
+    rehearsal.receive(OrderEnded(order=PLAY))
+    assert devices.grasped is None
     assert len(rehearsal.grasps) == 2
 
 
@@ -253,101 +249,73 @@ def test_session_confirm_is_refused_without_a_step_to_confirm(rehearsal: Rehears
     assert rehearsal.sent == [Confirm()]
 
 
-def test_session_start_of_a_grasp_clears_curve_and_result(rehearsal: Rehearsal) -> None:
-    generation = rehearsal.session.devices.live.generation
-    rehearsal.session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.receive(OrderStarted(order=GRASP))
-    assert rehearsal.session.devices.live.generation > generation
-    assert rehearsal.session.devices.grasped is None
-
-
 @pytest.mark.parametrize("began", [False, True])
 def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
     rehearsal: Rehearsal, *, began: bool
 ) -> None:
-    devices = rehearsal.session.devices
-    devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
+    rehearsal.session.devices.grasped = HELD
     rehearsal.session.order("a", GRASP)
     if began:
         rehearsal.receive(OrderStarted(order=GRASP))
     rehearsal.receive(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
-    page = document(rehearsal.session, generation=-1, after_s=0.0)
+    page = rehearsal.page()
     assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
     assert page["operator"]["word"] == "Stopped, hand open"
     assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
     rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
-    page = document(rehearsal.session, generation=-1, after_s=0.0)
+    page = rehearsal.page()
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
-
-
-def test_session_refuses_orders_while_the_device_process_is_silent() -> None:
-    silent_s = [0.5]
-    session = Session(send=print, silent_s=lambda: silent_s[0])
-    session.join("a")
-    assert not session.refusal(Action.OPEN, viewer="a")
-    silent_s[0] = 1.5
-    assert "the devices do not respond" in session.refusal(Action.OPEN, viewer="a")
-
-
-def test_session_refuses_every_action_after_the_end_of_the_device_process(
-    rehearsal: Rehearsal,
-) -> None:
-    rehearsal.session.devices.apply_update(DevicesLost("the device process has ended"))
-    for action in Action:
-        assert "device process has ended" in rehearsal.session.refusal(action, viewer="a")
-    assert rehearsal.session.devices.trouble == "the device process has ended"
-    assert rehearsal.session.devices.live.link.stale
 
 
 def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
     rehearsal: Rehearsal,
 ) -> None:
-    order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
-    rehearsal.receive(
-        OrderStarted(order=order), Guide(text="Place 2 N on the pad", needs_confirmation=True)
+    order, devices = CalibrateForce(file=Path("pad.json")), rehearsal.session.devices
+    renewed = CalibrationRenewed(
+        file=order.file, rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
     )
-    rehearsal.receive(OrderEnded(order=order, trouble="stopped on request", stopped=True))
-    failure = rehearsal.session.devices.calibration_failure
-    assert (failure.stopped, failure.step) == (True, "Place 2 N on the pad")
-    assert rehearsal.session.devices.trouble == ""
-    rehearsal.receive(OrderStarted(order=order))
-    assert rehearsal.session.devices.calibration_failure is None
-    rehearsal.receive(OrderEnded(order=order, trouble="no frame in 2 s"))
-    failure = rehearsal.session.devices.calibration_failure
-    assert (failure.stopped, failure.step, failure.reason) == (False, "", "no frame in 2 s")
-    rehearsal.receive(OrderStarted(order=order))
-    rehearsal.receive(OrderEnded(order=order, found=CALIBRATED))
-    assert rehearsal.session.devices.calibration_failure is None
-    assert rehearsal.session.devices.calibrated is CALIBRATED
+    step = "Place 2 N on the pad"
+    for guides, ended, failure in (
+        ((Guide(text=step),), {"trouble": "stopped on request", "stopped": True}, (True, step)),
+        ((), {"trouble": "no frame in 2 s"}, (False, "")),
+        ((), {"found": renewed}, None),
+    ):
+        rehearsal.receive(OrderStarted(order=order), *guides)
+        assert devices.calibration_failure is None
+        rehearsal.receive(OrderEnded(order=order, **ended))
+        found = devices.calibration_failure
+        assert (found and (found.stopped, found.step)) == failure
+        assert devices.trouble == ("no frame in 2 s" if found and not found.stopped else "")
+        assert found is None or found.reason == ended["trouble"]
 
 
 def make_order(item_id: str = "W1") -> GraspOrder:
-    return GraspOrder(target_force_n=None, recording=Path("grasp.mcap"), item_id=item_id)
+    return replace(GRASP, item_id=item_id)
 
 
-def test_name_returns_until_the_bin_is_final() -> None:
-    form, order = GraspForm(item_id="W1"), make_order()
-    form.take_item(order)
-    assert form.item_id == ""
-    for again, name in ((True, "W1"), (True, "W1"), (False, "")):
-        form.return_item(order, again=again)
-        assert form.item_id == name
-
-
-def test_name_scanned_during_a_grasp_is_retained() -> None:
-    for again in (True, False):
-        form, order = GraspForm(item_id="W1"), make_order()
-        form.take_item(order)
-        form.return_item(order, again=True)
-        form.set_item("W2")
-        form.return_item(order, again=again)
-        assert form.item_id == "W2"
-
-
-def test_name_of_another_clients_grasp_is_not_returned() -> None:
+@pytest.mark.parametrize(
+    ("ordered", "scanned", "steps"),
+    [
+        # The name returns until the bin is final.
+        ("W1", "", ((True, "W1"), (True, "W1"), (False, ""))),
+        # A name scanned since the grasp is retained.
+        ("W1", "W2", ((True, "W2"),)),
+        ("W1", "W2", ((False, "W2"),)),
+        # Nothing returns from the grasp of another client.
+        ("X9", "", ((True, ""),)),
+    ],
+)
+def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
+    ordered: str, scanned: str, steps: tuple[tuple[bool, str], ...]
+) -> None:
     form = GraspForm(item_id="W1")
     form.take_item(make_order())
-    form.return_item(make_order("X9"), again=True)
     assert form.item_id == ""
+    if scanned:
+        form.return_item(make_order(), again=True)
+        form.set_item(scanned)
+    for again, name in steps:
+        form.return_item(make_order(ordered), again=again)
+        assert form.item_id == name

@@ -6,15 +6,12 @@ import threading
 
 import numpy as np
 import pytest
+from tests.unit.dashboard.test_live import SOURCE
 
 from palpate.dashboard import telemetry as telemetry_module
-from palpate.dashboard.messages import FrameSource, Trouble, Update
+from palpate.dashboard.messages import Trouble, Update
 from palpate.dashboard.telemetry import Telemetry
-from palpate.sensor.array import RIGID_LAYOUT, Frame
-
-SOURCE = FrameSource(
-    name="rig", layout=RIGID_LAYOUT, rest_ohm=None, gripper=None, origin="hardware"
-)
+from palpate.sensor.array import Frame
 
 
 def frame(sequence: int) -> Frame:

@@ -81,15 +81,15 @@ def test_viewer_order_and_its_check_exclude_a_concurrent_stop() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 10**400, "2", [1.0], {"a": 1}, None])
-def test_value_of_a_browser_that_is_not_a_finite_number_is_dropped(value: object) -> None:
+def test_value_of_a_browser_that_is_not_a_finite_number_is_dropped(
+    value: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert finite_number(value) is None
-
-
-@pytest.mark.parametrize("at_s", [math.nan, 10**400, "now", None])
-def test_press_without_a_usable_time_retains_the_last_one(at_s: object) -> None:
-    now_s = [100.0]
-    session = Session(send=lambda message: None)
-    viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
+    # A press without a usable time retains the last one, which is late here.
+    refused: list[str] = []
+    monkeypatch.setattr(ui, "notify", lambda text, **options: refused.append(text))
+    viewer = Viewer(Session(send=print), viewer_id="a", now_s=lambda: 100.0)
     viewer.record_press({"stops": 0, "at_s": 50.0})
-    viewer.record_press({"stops": 0, "at_s": at_s})
-    assert viewer._pressed_s == 50.0
+    viewer.record_press({"stops": 0, "at_s": value})
+    viewer.order(Examine())
+    assert refused == ["the button press arrived 50 s late: press the button again"]

@@ -19,7 +19,8 @@ from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import RIGID_LAYOUT, Frame, PressureArray
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+from palpate.sensor.calibration import Calibration, RestValues
+from palpate.sensor.rest_calibration import replace_rest
 
 LOADS = (0.5, 1.0, 2.0, 4.0, 2.0, 1.0)
 REST_OHM = 9000.0
@@ -78,14 +79,7 @@ def notes_of(telemetry: Telemetry) -> list[Guide]:
 def pad() -> PadAndUser:
     pad = PadAndUser()
     rest = RestValues(ohm=((REST_OHM,) * 2,) * 4, spread_percent=((0.1,) * 2,) * 4, frames=9)
-    calibration = Calibration(
-        sensor_id="pad",
-        origin="hardware",
-        layout=RIGID_LAYOUT,
-        rest=rest,
-        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
-        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
-    )
+    calibration = replace_rest(None, rest, layout=RIGID_LAYOUT, simulated=False)
     devices: Any = pad
     pad.context = JobContext(
         rig=Rig(
@@ -107,7 +101,6 @@ def pad() -> PadAndUser:
 def test_calibrate_force_with_weights_requests_every_load_and_recovers_the_law(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
-    assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     made = calibrate_force(order, context=pad.context)
     asked = [float(text.split()[1]) for text in pad.seen if text.startswith("Place ")]
@@ -136,7 +129,6 @@ def test_calibrate_force_stopped_between_weights_leaves_the_file_unchanged(
 def test_calibrate_force_without_load_cell_and_weights_is_refused(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
-    assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json")
     with pytest.raises(DeviceError, match="use dead weights"):
         calibrate_force(order, context=pad.context)
@@ -148,7 +140,6 @@ def test_calibrate_rest_without_gripper_and_file_creates_a_calibration(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
     context, devices = pad.context, cast("PressureArray", pad)
-    assert context is not None
     context.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
     measure_loads = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     with pytest.raises(DeviceError, match="no rest values"):

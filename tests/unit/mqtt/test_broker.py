@@ -90,14 +90,9 @@ def test_read_broker_accepts_names_and_addresses(tmp_path: Path, host: str) -> N
     assert read_broker(file, environment={}).host == host
 
 
-def test_read_broker_of_binary_data_raises_one_line(tmp_path: Path) -> None:
-    file = tmp_path / "broker.toml"
-    file.write_bytes(b"\xff\xfe\0host")
-    with pytest.raises(InputError, match=r"--mqtt .*broker\.toml: ") as refused:
-        read_broker(file)
-    assert "\n" not in str(refused.value)
-
-
-def test_read_broker_with_a_missing_file_raises_an_error_with_its_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.toml: No such file"):
-        read_broker(tmp_path / "none.toml")
+def test_read_broker_of_a_binary_or_missing_file_names_it_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "broker.toml").write_bytes(b"\xff\xfe\0host")
+    for name, why in (("broker.toml", ""), ("none.toml", "No such file")):
+        with pytest.raises(InputError, match=rf"--mqtt .*{name}: {why}") as refused:
+            read_broker(tmp_path / name)
+        assert "\n" not in str(refused.value)
