@@ -1,4 +1,4 @@
-"""Present force at every frame: selection of the law, and interval."""
+"""Force at every frame: from the dead-weight law, from calibrated laws, and from both."""
 
 from __future__ import annotations
 
@@ -6,28 +6,92 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from palpate.estimate.force_follower import ForceFollower
+from palpate.calibrate.laws import force_now
+from palpate.estimate.force_follower import (
+    SPREAD_N,
+    ForceFollower,
+    half_width_percent,
+    most_useful_n,
+)
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ContactGains, ForceLaws, ForceNow
+from palpate.estimate.force_states import ForceStates, compute_states
 from palpate.estimate.gain import Gain
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.sensor.calibration import ForcePairs
+
+WEIGHTS_N = np.array(SPREAD_N)
+#: Excess of a synthetic sheet at these weights.
+EXCESS = 8.0 * WEIGHTS_N**1.2
+MEMORY = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
 
 
-def law(log_scale: float) -> PixelForceLaw:
-    return PixelForceLaw(
-        log_scale=log_scale, exponent=1.0, residual_sd=0.05, floor_n=0.01, range=(0.1, 50.0)
+def dead_weight_law(count: int = 3) -> ForceLaw:
+    return ForceLaw.fit(EXCESS[:count].tolist(), force_n=WEIGHTS_N[:count])
+
+
+def make_force_now(*, creep: float = 1.0, memory: ForceLaw | None = None) -> ForceNow:
+    """Return a follower of a sheet that reads `creep` times as much when settled."""
+    early, settled = (
+        PixelForceLaw(
+            log_scale=-math.log(more),
+            exponent=1.0,
+            residual_sd=0.05,
+            floor_n=0.01,
+            range=(0.1, 50.0),
+        )
+        for more in (1.0, creep)
     )
-
-
-@pytest.fixture
-def follower() -> ForceNow:
-    # Settled, the sheet reads a quarter more for the same force.
-    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(-math.log(1.25)))
+    laws = ForceLaws(PixelReading.sum_pixels(), early=early, settled=settled, memory=memory)
     return ForceNow(laws, early_s=0.4, settled_s=20.0)
 
 
-def test_force_now_of_creeping_reading_is_constant(follower: ForceNow) -> None:
+def test_force_follower_shows_force_only_with_contact() -> None:
+    follower, rng = ForceFollower(dead_weight_law()), np.random.default_rng(2)
+    for frame in range(50):
+        answer = follower.step(0.02 * frame, 0.03 * rng.standard_normal((4, 2)))
+        assert answer.value == answer.low == 0.0 < answer.high
+    for frame in range(50, 1200):
+        answer = follower.step(0.02 * frame, np.full((4, 2), 4.0**1.2))
+    assert answer.low < 4.0 < answer.high
+    assert answer.value == pytest.approx(4.0, rel=0.15)
+
+
+def test_force_follower_of_sheet_that_hardly_responds_shows_its_weights() -> None:
+    """No pixel of this sheet reaches the usual threshold of a contact."""
+    excess, weights_n = [0.04, 0.12, 0.3], [1.5, 9.0, 24.0]
+    for one, weight_n in zip(excess, weights_n, strict=True):
+        follower = ForceFollower(ForceLaw.fit(excess, force_n=weights_n))
+        for frame in range(1500):
+            answer = follower.step(0.02 * frame, [[0.003, 0.0]] if frame < 10 else [[one, 0.0]])
+            if frame < 10:
+                assert answer.value == answer.low == 0.0 < answer.high < 3.0
+        assert answer.low < weight_n < answer.high
+
+
+def test_half_width_falls_with_each_weight() -> None:
+    laws = (ForceLaw(), dead_weight_law(1), dead_weight_law())
+    widest = [max(half_width_percent(law, at_n) for at_n in SPREAD_N) for law in laws]
+    assert np.all(np.diff(widest) < 0)
+    assert most_useful_n(laws[1]) == 9.0
+
+
+def test_force_now_uses_stored_dead_weight_law() -> None:
+    pairs = ForcePairs(
+        run=(0, 0, 0),
+        since_move_s=(20.0,) * 3,
+        excess=tuple(EXCESS.tolist()),
+        relative_percent=(-50.0, -70.0, -85.0),
+        force_n=tuple(WEIGHTS_N.tolist()),
+    )
+    assert isinstance(force_now(pairs), ForceFollower)
+
+
+def test_force_now_of_creeping_reading_is_constant() -> None:
+    follower = make_force_now(creep=1.25)
     follower.step(0.0, [[0.0]])
     for time_s in np.arange(0.02, 30.0, 0.02):
         since = max(time_s - 1.0, 0.4)
@@ -40,45 +104,45 @@ def test_force_now_of_creeping_reading_is_constant(follower: ForceNow) -> None:
     assert said.value == pytest.approx(4.0, rel=0.01)
 
 
-def test_force_now_interval_covers_both_laws_until_settled(follower: ForceNow) -> None:
-    width = {}
-    for time_s in np.arange(0.0, 40.0, 0.02):
-        said = follower.step(float(time_s), [[5.0]])
-        width[round(float(time_s), 2)] = said.high - said.low
-    assert width[5.0] > 1.5 * width[39.0]
+def test_force_now_interval_covers_both_laws_until_settled() -> None:
+    follower = make_force_now(creep=1.25)
+    said = [follower.step(0.02 * frame, [[5.0]]) for frame in range(2000)]
+    assert said[250].high - said[250].low > 1.5 * (said[-1].high - said[-1].low)
 
 
-def test_force_now_ignores_pixel_without_reading(follower: ForceNow) -> None:
-    said = follower.step(0.0, [[2.0, math.nan]])
-    assert said.value == pytest.approx(2.0)
-    assert said.unit == "n"
+def test_force_now_ignores_pixel_without_reading() -> None:
+    assert make_force_now().step(0.0, [[2.0, math.nan]]).value == pytest.approx(2.0)
 
 
 def test_force_now_with_memory_is_between_both_laws() -> None:
-    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
-    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0))
-    alone, other = ForceNow(laws, early_s=0.4, settled_s=20.0), ForceFollower(memory)
-    both = ForceNow(laws._replace(memory=memory), early_s=0.4, settled_s=20.0)
+    followers = make_force_now(memory=MEMORY), make_force_now(), ForceFollower(MEMORY)
+    found = followers[0].step(0.0, [[0.0]])
+    assert (found.value, found.low) == (0.0, 0.0)
     for time_s, excess in ((0.0, 0.0), (1.0, 15.0), (2.0, 15.0)):
-        grid = [[excess]]
-        found = both.step(time_s, grid)
-        one, another = alone.step(time_s, grid), other.step(time_s, grid)
+        found, one, another = (follower.step(time_s, [[excess]]) for follower in followers)
     assert found.value == pytest.approx(math.sqrt(one.value * another.value))
     assert another.value < found.value < one.value
     assert found.high / found.low > one.value / another.value
 
 
 def test_force_now_with_contact_gain_ignores_memory_law() -> None:
-    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
-    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
-    follower = ForceNow(laws, early_s=0.4, settled_s=20.0)
+    follower = make_force_now(memory=MEMORY)
     gain = Gain(log_mean=math.log(2.0), log_sd=0.05, law_sd=0.05)
     follower.gains = ContactGains(early=gain, settled=gain)
     assert follower.step(0.0, [[5.0]]).value == pytest.approx(10.0)
 
 
-def test_force_now_with_memory_without_contact_is_zero() -> None:
-    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
-    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
-    found = ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, [[0.0]])
-    assert (found.value, found.low) == (0.0, 0.0)
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-3.0, 8.0), min_size=3, max_size=30), st.integers(1, 20))
+def test_force_states_are_causal(readings: list[float], cut: int) -> None:
+    time_s = 0.01 * np.arange(len(readings))
+    whole = compute_states(time_s, readings)
+    np.testing.assert_array_equal(compute_states(time_s[:cut], readings[:cut]), whole[:cut])
+    assert np.isfinite(whole).all()
+
+
+def test_force_states_time_that_runs_backwards_is_refused() -> None:
+    memory = ForceStates()
+    memory.step(1.0, 0.0)
+    with pytest.raises(ValueError, match="time runs backwards"):
+        memory.step(0.5, 0.0)

@@ -161,12 +161,6 @@ def test_pixel_that_hardly_conducts_at_rest_is_no_lost_reading() -> None:
     assert SampleReader(RIGID_LAYOUT, REST_OHM).read_ohm(ohm).has_lost
 
 
-def test_reading_without_any_readable_pixel_has_a_text() -> None:
-    reader = Reader(calibration())
-    [frame] = as_frames([np.zeros((4, 2), dtype=int)])
-    assert "no pixel has a reading" in repr(reader.read(frame))
-
-
 def test_lasting_saturation_enters_the_history() -> None:
     """The fall from a long saturation counts, that from a single frame does not."""
     good, clipped = np.full((2, 2), 3.0), np.full((2, 2), 300.0)

@@ -41,17 +41,26 @@ def test_rest_baseline_ignores_single_outliers() -> None:
     )
 
 
-def test_rest_baseline_of_a_settling_sensor_raises() -> None:
-    recovery = 1 - 0.05 * np.exp(-np.arange(60) / 30)
-    with pytest.raises(CalibrationError, match="settling"):
-        rest_baseline(make_quiet_frames() * recovery[:, None, None])
+#: A finger that moves once.
+SPIKE = np.zeros((60, 1, 1))
+SPIKE[28:32, 0, 0] = (0.2, 0.15, 0.1, 0.05)
 
 
-def test_rest_baseline_of_a_moving_finger_raises() -> None:
-    spike = np.zeros(60)
-    spike[28:32] = (0.2, 0.15, 0.1, 0.05)
-    with pytest.raises(CalibrationError, match="jumped"):
-        rest_baseline(make_quiet_frames() * (1 + spike)[:, None, None])
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (make_quiet_frames() * (1 - 0.05 * np.exp(-np.arange(60) / 30))[:, None, None], "settling"),
+        (make_quiet_frames() * (1 + SPIKE), "jumped"),
+        (make_quiet_frames(4), "at least 5"),
+        (PIXELS, "at least 5"),
+        (np.full((10, 2, 2), np.inf), "no valid pixel"),
+    ],
+)
+def test_rest_baseline_of_unrest_too_few_frames_or_dead_pixels_raises(
+    frames: np.ndarray, message: str
+) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        rest_baseline(frames)
 
 
 def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
@@ -60,15 +69,6 @@ def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
     with pytest.raises(CalibrationError, match="there is a load"):
         rest_baseline(loaded, known_ohm=PIXELS)
     assert rest_baseline(make_quiet_frames() * 0.95, known_ohm=PIXELS).frames == 60
-
-
-def test_rest_baseline_of_too_few_frames_or_dead_pixels_raises() -> None:
-    with pytest.raises(CalibrationError, match="at least 5"):
-        rest_baseline(make_quiet_frames(4))
-    with pytest.raises(CalibrationError, match="at least 5"):
-        rest_baseline(PIXELS)
-    with pytest.raises(CalibrationError, match="no valid pixel"):
-        rest_baseline(np.full((10, 2, 2), np.inf))
 
 
 def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from palpate.signal.transient import find_hold_window, find_peak
 
 
-def test_find_peak_of_a_falling_hold_is_its_maximum() -> None:
-    assert find_peak([0.0, 4.0, 9.0, -3.0, -20.0]) == 2
-
-
-def test_find_peak_of_a_rising_hold_is_its_minimum() -> None:
-    assert find_peak([5.0, 1.0, 3.0, 20.0]) == 1
-
-
-def test_find_peak_ignores_noise_at_the_end_of_a_fall() -> None:
-    assert find_peak([9.0, 5.0, 3.0, 2.9, 3.05]) == 0
+@pytest.mark.parametrize(
+    ("values", "peak"),
+    [
+        ([0.0, 4.0, 9.0, -3.0, -20.0], 2),
+        ([5.0, 1.0, 3.0, 20.0], 1),
+        ([9.0, 5.0, 3.0, 2.9, 3.05], 0),
+    ],
+    ids=["falling", "rising", "noise at the end"],
+)
+def test_find_peak_is_where_the_hold_begins_to_settle(values: list[float], peak: int) -> None:
+    assert find_peak(values) == peak
 
 
 def test_find_hold_window_starts_the_wait_after_the_peak_of_each_hold() -> None:
