@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -56,25 +57,28 @@ def test_record_frames_stores_all_frames_and_silence_events(sensed: Path, tmp_pa
     assert reports[1] == "frames are arriving again"
 
 
-def test_record_frames_silent_sensor_at_end_raises_timeout(sensed: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("duration_s", "error", "message", "count"),
+    [
+        (3.5, DeviceTimeoutError, "silent at the end: 11 frames were recorded", 11),
+        (math.inf, DeviceError, "has ended", 31),
+    ],
+    ids=["silent", "lost"],
+)
+def test_record_frames_of_a_silent_or_lost_sensor_preserves_recorded_frames(
+    sensed: Path,
+    tmp_path: Path,
+    duration_s: float,
+    error: type[DeviceError],
+    message: str,
+    count: int,
+) -> None:
     clock = ManualClock()
     array = Replay(sensed, clock=clock)
     with (
-        pytest.raises(DeviceTimeoutError, match="silent at the end: 11 frames were recorded"),
+        pytest.raises(error, match=message),
         RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
     ):
-        record_frames(array, writer=writer, clock=clock, duration_s=3.5)
+        record_frames(array, writer=writer, clock=clock, duration_s=duration_s)
     array.close()
-    assert len(load_recording(tmp_path / "captured.mcap").time_s) == 11
-
-
-def test_record_frames_lost_sensor_preserves_recorded_frames(sensed: Path, tmp_path: Path) -> None:
-    clock = ManualClock()
-    array = Replay(sensed, clock=clock)
-    with (
-        pytest.raises(DeviceError, match="has ended"),
-        RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
-    ):
-        record_frames(array, writer=writer, clock=clock)
-    array.close()
-    assert len(load_recording(tmp_path / "captured.mcap").time_s) == 31
+    assert len(load_recording(tmp_path / "captured.mcap").time_s) == count

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
-from numpy.typing import NDArray
 from tests.full_disk import file_size_limit
 
 from palpate.errors import DamageWarning, RecordingError
@@ -38,7 +38,7 @@ from palpate.recording.channels import (
     encode_info,
     topic_of,
 )
-from palpate.recording.writer import DirectFile, register_channels
+from palpate.recording.writer import register_channels
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 WRITE_UNTIL_KILLED = """
@@ -88,11 +88,6 @@ def count_with_strict_readers(path: Path) -> int:
     return linear
 
 
-def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
-    for k, count in enumerate(counts):
-        writer.add(Frame(time_s=k / 500, sequence=k, counts=count))
-
-
 def test_recording_roundtrip_preserves_all_messages(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
 ) -> None:
@@ -104,14 +99,21 @@ def test_recording_roundtrip_preserves_all_messages(
         assert reader.info == info
 
 
+def write_all(path: Path, info: RecordingInfo, messages: list[RecordedMessage]) -> None:
+    with RecordingWriter(path, info=info) as writer:
+        add_all(writer, messages)
+
+
+def add_all(writer: RecordingWriter, messages: Iterable[RecordedMessage]) -> None:
+    for message in messages:
+        writer.add(message)
+
+
 def test_recordings_of_equal_messages_have_identical_bytes(
     recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
 ) -> None:
-    copy = tmp_path / "again.mcap"
-    with RecordingWriter(copy, info=info) as writer:
-        for message in messages:
-            writer.add(message)
-    assert copy.read_bytes() == recorded.read_bytes()
+    write_all(tmp_path / "again.mcap", info, messages)
+    assert (tmp_path / "again.mcap").read_bytes() == recorded.read_bytes()
 
 
 def test_load_recording_arrays_match_messages(
@@ -138,8 +140,7 @@ def test_recording_of_hardware_has_unix_log_times(
     path = tmp_path / "bench.mcap"
     zero_ns = 1_790_000_000_123_456_789
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
-    with RecordingWriter(path, info=info) as writer:
-        writer.add(messages[3])
+    write_all(path, info, messages[3:4])
     with path.open("rb") as stream:
         (_, channel, message) = next(iter(make_reader(stream).iter_messages()))
     assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
@@ -247,14 +248,15 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
 ) -> None:
     path = tmp_path / "full.mcap"
     counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
+    frames = [Frame(time_s=k / 500, sequence=k, counts=count) for k, count in enumerate(counts)]
     writer = RecordingWriter(path, info=info)
     with (
         file_size_limit(60_000),
         pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
     ):
-        add_frames(writer, counts)
+        add_all(writer, frames)
     with pytest.raises(RecordingError, match="after an earlier write error"):
-        writer.add(Frame(time_s=99.0, sequence=99, counts=counts[0]))
+        writer.add(frames[-1])
     writer.close()
     writer.close()
     read, state = read_all(path)
@@ -264,34 +266,27 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
     assert count_with_strict_readers(path) == len(read)
 
 
-def test_direct_file_partial_write_raises_os_error(tmp_path: Path) -> None:
-    descriptor = os.open(tmp_path / "short", os.O_WRONLY | os.O_CREAT)
-    with file_size_limit(1000), pytest.raises(OSError, match="File too large"):
-        DirectFile(descriptor).write(bytes(1500))
-    os.close(descriptor)
-
-
-def test_writer_full_device_at_start_is_refused(info: RecordingInfo) -> None:
+def test_writer_full_device_or_existing_file_is_refused(
+    recorded: Path, info: RecordingInfo
+) -> None:
     with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
         RecordingWriter("/dev/full", info=info)
-
-
-def test_writer_existing_file_is_refused(recorded: Path, info: RecordingInfo) -> None:
     with pytest.raises(RecordingError, match="already exists"):
         RecordingWriter(recorded, info=info)
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000)])
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000), None])
 def test_reader_and_recover_refuse_files_that_are_not_recordings(
-    tmp_path: Path, content: bytes
+    tmp_path: Path, content: bytes | None
 ) -> None:
-    path = tmp_path / "other.mcap"
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
-        RecordingReader(path)
-    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
-        recover(path, tmp_path / "out.mcap")
-    assert not (tmp_path / "out.mcap").exists()
+    path, out, reason = tmp_path / "other.mcap", tmp_path / "out.mcap", "can't be opened: No such"
+    if content is not None:
+        path.write_bytes(content)
+        reason = "(not an MCAP|an MCAP file, but not)"
+    for read in (RecordingReader, lambda path: recover(path, out)):
+        with pytest.raises(RecordingError, match=rf"other\.mcap: {reason}"):
+            read(path)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("oversampling", [0, 2**22, True, 1.5, None])
@@ -312,13 +307,6 @@ def test_decode_info_gripper_without_range_or_speed_is_refused(change: dict[str,
         decode_info(encode_info(replace(info, gripper=replace(limits, **change))))
 
 
-def test_reader_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
-        RecordingReader(tmp_path / "gone.mcap")
-    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
-        recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
-
-
 def test_finished_recording_is_synced_and_has_checksums(
     tmp_path: Path,
     info: RecordingInfo,
@@ -329,9 +317,7 @@ def test_finished_recording_is_synced_and_has_checksums(
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
     monkeypatch.setattr(os, "fdatasync", lambda descriptor: synced.append(-1))
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, info=info) as writer:
-        for message in messages:
-            writer.add(message)
+    write_all(path, info, messages)
     # The parallel sync may be the last one to be recorded.
     assert path.stat().st_size in synced
     assert -1 in synced

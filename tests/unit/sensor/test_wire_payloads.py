@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from palpate.sensor.wire import (
@@ -13,12 +12,9 @@ from palpate.sensor.wire import (
     unpack_identity,
 )
 from palpate.sensor.wire_messages import (
-    NO_READING,
     Ack,
     BoardIdentity,
-    CellSample,
     Command,
-    FrameMessage,
     Ping,
     Result,
     SetCeiling,
@@ -44,40 +40,24 @@ IDENTITY = BoardIdentity(
     reset_cause=8, streaming=True, conversion_us=104, baud=1_000_000,
     rate_hz=250.0, highest_rate_hz=701.5, board="Arduino Mega 2560",
 )  # fmt: skip
-FRAME = FrameMessage(
-    sequence=5,
-    time_us=6,
-    stream=1,
-    oversampling=64,
-    status=0x10,
-    counts=np.array([[0, 65472]], dtype=np.uint16),
-    load_cells=(CellSample(raw=NO_READING, sample=0), CellSample(raw=-5, sample=255)),
-    pressure_set_kpa=50.0,
-    pressure_kpa=49.951,
-)
 
 
-def test_unpack_ack_roundtrip_is_unchanged() -> None:
-    assert unpack_ack(pack_ack(ACK)) == ACK
-
-
-def test_unpack_ack_of_wrong_length_or_result_returns_none() -> None:
+def test_unpack_ack_roundtrips_and_refuses_a_wrong_length_or_result() -> None:
     payload = pack_ack(ACK)
-    assert unpack_ack(payload[:-1]) is None
-    assert unpack_ack(payload + b"\0") is None
-    assert unpack_ack(payload[:2] + b"\x06" + payload[3:]) is None
+    assert unpack_ack(payload) == ACK
+    for wrong in (payload[:-1], payload + b"\0", payload[:2] + b"\x06" + payload[3:]):
+        assert unpack_ack(wrong) is None
 
 
 @pytest.mark.parametrize("streaming", [False, True])
-def test_unpack_identity_roundtrip_is_unchanged(streaming: bool) -> None:
+def test_unpack_identity_roundtrips_and_refuses_truncated_or_other_than_ascii(
+    streaming: bool,
+) -> None:
     identity = replace(IDENTITY, streaming=streaming)
-    assert unpack_identity(pack_identity(identity)) == identity
-
-
-def test_unpack_identity_truncated_or_not_ascii_returns_none() -> None:
-    payload = pack_identity(IDENTITY)
-    assert unpack_identity(payload[: -len(IDENTITY.board) - 1]) is None
-    assert unpack_identity(payload + b"\xff") is None
+    payload = pack_identity(identity)
+    assert unpack_identity(payload) == identity
+    for wrong in (payload[: -len(IDENTITY.board) - 1], payload + b"\xff"):
+        assert unpack_identity(wrong) is None
 
 
 @pytest.mark.parametrize(

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.factories import draw
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
-from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
 def make_world(name: str = "dragonskin-10", **options: object) -> World:
-    obj = draw_object(np.random.default_rng(1), name)
-    return World(obj, seed=1, **options)  # type: ignore[arg-type]
+    return World(draw(name, 1), seed=1, **options)  # type: ignore[arg-type]
 
 
 def test_twin_array_reads_at_fixed_rate_and_advances_clock() -> None:
@@ -54,23 +53,17 @@ def test_twin_array_read_before_next_scan_raises_timeout_error() -> None:
     assert setting.watchers == []
 
 
-def test_twin_gripper_returns_clamped_command() -> None:
-    gripper = TwinGripper(make_world())
-    sent = gripper.command(GripperCommand(target=-5.0, rate=1e6))
-    assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
-
-
-def test_twin_gripper_commands_move_at_rate_then_stop_then_open_fully() -> None:
+def test_twin_gripper_commands_are_clamped_and_move_at_rate_then_stop_then_open_fully() -> None:
     setting = make_world()
     gripper = TwinGripper(setting)
+    sent = gripper.command(GripperCommand(target=-5.0, rate=1e6))
+    assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
     gripper.command(GripperCommand(target=54.0, rate=10.0))
-    setting.clock.sleep_s(1.0)
-    assert gripper.state().moving
-    assert gripper.state().width_mm == pytest.approx(64.0, abs=0.05)
-    gripper.stop()
-    setting.clock.sleep_s(1.0)
-    assert not gripper.state().moving
-    assert gripper.state().width_mm == pytest.approx(64.0, abs=0.05)
+    for moving in (True, False):
+        setting.clock.sleep_s(1.0)
+        assert gripper.state().moving == moving
+        assert gripper.state().width_mm == pytest.approx(64.0, abs=0.05)
+        gripper.stop()
     gripper.release()
     setting.clock.sleep_s(1.0)
     assert gripper.state().width_mm == gripper.limits.highest

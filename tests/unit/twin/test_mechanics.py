@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,28 +17,23 @@ from palpate.twin.mechanics import (
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
 
-
-def make_object(**changes: object) -> TwinObject:
-    given = {
-        "name": "thing",
-        "size_mm": 40.0,
-        "contact": "linear",
-        "force_at_1mm_n": 4.0,
-        "relaxing_fractions": (),
-        "relaxing_time_s": (),
-        "flat": True,
-    }
-    return TwinObject(**(given | changes))  # type: ignore[arg-type]
-
-
-STIFF = HandCompliance(finger_mm_per_n=0.0, pad_travel_mm=0.0, pad_force_n=1.0)
+#: A linear spring.
+THING = TwinObject(
+    name="thing",
+    size_mm=40.0,
+    contact="linear",
+    force_at_1mm_n=4.0,
+    relaxing_fractions=(),
+    relaxing_time_s=(),
+    flat=True,
+)
 SPRING = HandCompliance(finger_mm_per_n=0.25, pad_travel_mm=0.0, pad_force_n=1.0)
 PADS = HandCompliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
 
 
 def test_series_force_of_two_springs_matches_hand_calculation() -> None:
     # 4 N/mm and 0.25 mm/N fractions 3 mm evenly: 1.5 mm each, 6 N.
-    assert series_force_n(make_object(), 3.0, compliance=SPRING) == pytest.approx(6.0)
+    assert series_force_n(THING, 3.0, compliance=SPRING) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("name", ["strawberry", "springs-4", "dragonskin-20"])
@@ -50,7 +47,7 @@ def test_series_force_deformations_sum_to_closure(name: str) -> None:
 
 
 def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
-    fruit = make_object(yield_n=6.0, rupture_n=8.0)
+    fruit = replace(THING, yield_n=6.0, rupture_n=8.0)
     closures = np.linspace(0.1, 4.0, 40)
     forces = np.array([series_force_n(fruit, c, compliance=SPRING) for c in closures])
     slopes = np.diff(forces) / np.diff(closures)
@@ -65,18 +62,19 @@ def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
 def test_pixel_fractions_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
     grid = PixelGrid.from_layout(layout)
     for spot in [(0.0, 0.0), (6.0, -6.0)]:
-        fractions = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
+        fractions = pixel_fractions(replace(THING, flat=flat), 2.0, grid=grid, off_centre_mm=spot)
         assert np.all(fractions >= 0)
         for finger in range(layout.fingers):
             assert fractions[layout.finger_mask(finger).ravel()].sum() == pytest.approx(1.0)
 
 
 def test_pixel_fractions_of_off_centre_fruit_leave_pixels_unloaded() -> None:
-    grid = PixelGrid.from_layout(RIGID_LAYOUT)
-    aside = pixel_fractions(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
-    assert np.sum(aside == 0) >= 2
-    deeper = pixel_fractions(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))
-    assert np.sum(deeper == 0) < np.sum(aside == 0)
+    grid, fruit = PixelGrid.from_layout(RIGID_LAYOUT), replace(THING, flat=False)
+    light, deep = (
+        int(np.sum(pixel_fractions(fruit, mm, grid=grid, off_centre_mm=(6.0, 6.0)) == 0))
+        for mm in (1.0, 8.0)
+    )
+    assert deep < light >= 2
 
 
 def test_draw_object_values_are_within_ranges() -> None:
