@@ -1,7 +1,8 @@
-"""A replay yields the frames, states and timeouts of the live sensor."""
+"""Recording from a sensor and replay: the frames, states and timeouts of the live sensor."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,15 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.interface import GripperState
-from palpate.recording import RecordingInfo, RecordingWriter, Replay
+from palpate.recording import (
+    LoadCells,
+    RecordingInfo,
+    RecordingWriter,
+    Replay,
+    load_recording,
+)
 from palpate.recording.channels import RecordedMessage
+from palpate.recording.writer import record_frames
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
@@ -46,3 +54,67 @@ def test_replay_gap_raises_timeout_as_live_sensor(tmp_path: Path, info: Recordin
         replay.read(timeout_s=0.5)
     assert replay.read(timeout_s=0.5).time_s == 1.0
     replay.close()
+
+
+INFO = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
+
+
+@pytest.fixture
+def sensed(tmp_path: Path) -> Path:
+    """Frames at 10 Hz, with none between 1.0 and 4.0 s."""
+    path = tmp_path / "sensed.mcap"
+    with RecordingWriter(path, info=INFO) as writer:
+        for k in [*range(11), *range(40, 60)]:
+            writer.add(Frame(time_s=k / 10, sequence=k, counts=np.full((4, 2), k)))
+    return path
+
+
+def test_record_frames_stores_all_frames_and_silence_events(sensed: Path, tmp_path: Path) -> None:
+    clock, reports = ManualClock(), list[str]()
+    array = Replay(sensed, clock=clock)
+    with RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer:
+        cells = LoadCells(time_s=5.0, raw=(1, 2))
+        count = record_frames(
+            array,
+            writer=writer,
+            clock=clock,
+            duration_s=5.85,
+            load_cells=lambda: cells,
+            report=reports.append,
+        )
+    array.close()
+    captured, was = load_recording(tmp_path / "captured.mcap"), load_recording(sensed)
+    assert count == 30
+    assert np.array_equal(captured.counts, was.counts[:30])
+    assert captured.time_s.tolist() == was.time_s[:30].tolist()
+    assert [event.name for event in captured.events] == ["silent", "back"]
+    assert [event.time_s for event in captured.events] == pytest.approx([2.0, 4.0])
+    assert captured.load_cells == (cells,) * 30
+    assert reports[1] == "frames are arriving again"
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "error", "message", "count"),
+    [
+        (3.5, DeviceTimeoutError, "silent at the end: 11 frames were recorded", 11),
+        (math.inf, DeviceError, "has ended", 31),
+    ],
+    ids=["silent", "lost"],
+)
+def test_record_frames_of_a_silent_or_lost_sensor_preserves_recorded_frames(
+    sensed: Path,
+    tmp_path: Path,
+    duration_s: float,
+    error: type[DeviceError],
+    message: str,
+    count: int,
+) -> None:
+    clock = ManualClock()
+    array = Replay(sensed, clock=clock)
+    with (
+        pytest.raises(error, match=message),
+        RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
+    ):
+        record_frames(array, writer=writer, clock=clock, duration_s=duration_s)
+    array.close()
+    assert len(load_recording(tmp_path / "captured.mcap").time_s) == count
