@@ -130,11 +130,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
 
 @pytest.mark.parametrize(("name", "files", "message"), CASES)
 def test_study_of_unusable_files_prints_one_line(
-    name: str,
-    files: dict[str, str],
-    message: str,
-    tmp_path: Path,
-    refusal: Callable[..., str],
+    name: str, files: dict[str, str], message: str, tmp_path: Path, refusal: Callable[..., str]
 ) -> None:
     words: list[object] = []
     for option, text in files.items():

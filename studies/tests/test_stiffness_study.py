@@ -10,10 +10,7 @@ import pytest
 from palpate.measurement import Measurement
 from palpate_studies import size
 from palpate_studies.size import SizedStrawberry
-from palpate_studies.stiffness import (
-    StiffnessAnswer,
-    scores,
-)
+from palpate_studies.stiffness import StiffnessAnswer, scores
 
 
 def answer(

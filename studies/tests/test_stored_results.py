@@ -217,10 +217,7 @@ FIGURES = {
         ],
         "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
     },
-    "two": {
-        "error": 0.5,
-        "pair": {"difference": 0.3, "low": 0.1, "high": 0.4, "verdict": "rival"},
-    },
+    "two": {"error": 0.5, "pair": {"difference": 0.3, "low": 0.1, "high": 0.4, "verdict": "rival"}},
 }
 
 

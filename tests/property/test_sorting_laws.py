@@ -43,9 +43,7 @@ grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 
 @settings(deadline=None, max_examples=60)
 @given(grasps)
-def test_identify_probabilities_are_valid_and_sum_to_one(
-    points: list[tuple[float, float]],
-) -> None:
+def test_identify_probabilities_are_valid_and_sum_to_one(points: list[tuple[float, float]]) -> None:
     found = IDENTIFIER.identify([features(one) for one in points])
     assert sum(found.probability.values()) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())

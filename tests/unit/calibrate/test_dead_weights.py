@@ -8,12 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibrate.dead_weights import (
-    LoadMeasurement,
-    has_unloading,
-    measure_loads,
-    read_loads,
-)
+from palpate.calibrate.dead_weights import LoadMeasurement, has_unloading, measure_loads, read_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_law import ForceLaw

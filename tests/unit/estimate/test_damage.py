@@ -127,9 +127,7 @@ def test_damage_bound_falls_with_rate_and_uncertainty(model: DamageModel) -> Non
 
 
 @pytest.mark.slow
-def test_damage_bound_of_unknown_stiffness_follows_training_set(
-    model: DamageModel,
-) -> None:
+def test_damage_bound_of_unknown_stiffness_follows_training_set(model: DamageModel) -> None:
     """The measurement is uninformative, so only the training set determines the limit."""
     uninformative = felt(0.05, 1.0, 500.0)
     bound_n = model.bound_n(uninformative)

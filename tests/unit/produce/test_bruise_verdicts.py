@@ -18,12 +18,7 @@ from palpate.produce.bruise.examination import (
     learn_bruise_model,
     usable_grasps,
 )
-from palpate.produce.bruise.model import (
-    BRUISED,
-    SOUND,
-    BruiseModel,
-    default_model,
-)
+from palpate.produce.bruise.model import BRUISED, SOUND, BruiseModel, default_model
 from palpate.produce.bruise.shape import fit_load_shape
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store

@@ -14,13 +14,7 @@ import pytest
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.holds import read_holds
-from palpate.recording import (
-    Event,
-    RecordingInfo,
-    RecordingReader,
-    RecordingWriter,
-    load_recording,
-)
+from palpate.recording import Event, RecordingInfo, RecordingReader, RecordingWriter, load_recording
 from palpate.recording.channels import RecordedMessage, decode_info, encode_info
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame

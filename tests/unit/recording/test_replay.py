@@ -11,13 +11,7 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.interface import GripperState
-from palpate.recording import (
-    LoadCells,
-    RecordingInfo,
-    RecordingWriter,
-    Replay,
-    load_recording,
-)
+from palpate.recording import LoadCells, RecordingInfo, RecordingWriter, Replay, load_recording
 from palpate.recording.channels import RecordedMessage
 from palpate.recording.writer import record_frames
 from palpate.sensor.array import RIGID_LAYOUT, Frame

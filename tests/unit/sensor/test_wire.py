@@ -59,11 +59,7 @@ def encode_frames(*sequences: int, stream: int = 9) -> bytes:
 
 def encode_ack(next_sequence: int, *, stream: int = 9) -> bytes:
     answer = Ack(
-        command=Ping.kind,
-        tag=1,
-        result=Result.OK,
-        stream=stream,
-        next_sequence=next_sequence,
+        command=Ping.kind, tag=1, result=Result.OK, stream=stream, next_sequence=next_sequence
     )
     return encode_message(answer)
 
