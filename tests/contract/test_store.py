@@ -222,14 +222,6 @@ def test_store_error_lists_unknown_names(store: Store) -> None:
     assert store.grasps_of("A18") == ()
 
 
-def test_store_reopens_with_its_data(url: str) -> None:
-    taken = grasp()
-    with Store.open(url) as first:
-        first.add_grasp(taken)
-    with Store.open(url, create=False) as second:
-        assert second.grasps_of("A17") == (taken,)
-
-
 def test_store_of_a_newer_version_is_refused(url: str, store: Store) -> None:
     store.items()
     engine = make_engine(store_url(url))

@@ -35,14 +35,6 @@ def test_force_law_each_measured_force_narrows_a_wide_interval() -> None:
         assert width(law.force(excess)) < 0.6 * width(bare.force(excess))
 
 
-def test_force_law_update_moves_law_to_measured_force() -> None:
-    law = ForceLaw()
-    before = law.force(30.0)
-    assert law.update(30.0, force_n=2.0 * before.value) is law
-    assert abs(np.log(law.force(30.0).value / (2.0 * before.value))) < 0.2
-    assert width(law.force(30.0)) < width(before)
-
-
 def test_force_law_begin_contact_widens_interval() -> None:
     law = law_of().update(20.0, force_n=5.0)
     inside = law.copy()
@@ -81,11 +73,6 @@ def test_force_law_upper_limit_at_rest_ignores_history() -> None:
     )
     answer = law.force(inputs)
     assert answer.value == 0.0 < answer.high < 1.0
-
-
-def test_force_law_heavier_first_weight_has_larger_threshold() -> None:
-    light, heavy = (law_of(factor=factor).threshold_n() for factor in (1.0, 40.0))
-    assert light < 1.5 < heavy < 60.0
 
 
 @pytest.mark.parametrize(

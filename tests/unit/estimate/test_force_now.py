@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.calibrate.laws import force_now
 from palpate.estimate.force_follower import (
     SPREAD_N,
     ForceFollower,
@@ -17,11 +16,9 @@ from palpate.estimate.force_follower import (
     most_useful_n,
 )
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_now import ContactGains, ForceLaws, ForceNow
+from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.force_states import ForceStates, compute_states
-from palpate.estimate.gain import Gain
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
-from palpate.sensor.calibration import ForcePairs
 
 WEIGHTS_N = np.array(SPREAD_N)
 #: Excess of a synthetic sheet at these weights.
@@ -79,17 +76,6 @@ def test_half_width_falls_with_each_weight() -> None:
     assert most_useful_n(laws[1]) == 9.0
 
 
-def test_force_now_uses_stored_dead_weight_law() -> None:
-    pairs = ForcePairs(
-        run=(0, 0, 0),
-        since_move_s=(20.0,) * 3,
-        excess=tuple(EXCESS.tolist()),
-        relative_percent=(-50.0, -70.0, -85.0),
-        force_n=tuple(WEIGHTS_N.tolist()),
-    )
-    assert isinstance(force_now(pairs), ForceFollower)
-
-
 def test_force_now_of_creeping_reading_is_constant() -> None:
     follower = make_force_now(creep=1.25)
     follower.step(0.0, [[0.0]])
@@ -110,10 +96,6 @@ def test_force_now_interval_covers_both_laws_until_settled() -> None:
     assert said[250].high - said[250].low > 1.5 * (said[-1].high - said[-1].low)
 
 
-def test_force_now_ignores_pixel_without_reading() -> None:
-    assert make_force_now().step(0.0, [[2.0, math.nan]]).value == pytest.approx(2.0)
-
-
 def test_force_now_with_memory_is_between_both_laws() -> None:
     followers = make_force_now(memory=MEMORY), make_force_now(), ForceFollower(MEMORY)
     found = followers[0].step(0.0, [[0.0]])
@@ -123,13 +105,6 @@ def test_force_now_with_memory_is_between_both_laws() -> None:
     assert found.value == pytest.approx(math.sqrt(one.value * another.value))
     assert another.value < found.value < one.value
     assert found.high / found.low > one.value / another.value
-
-
-def test_force_now_with_contact_gain_ignores_memory_law() -> None:
-    follower = make_force_now(memory=MEMORY)
-    gain = Gain(log_mean=math.log(2.0), log_sd=0.05, law_sd=0.05)
-    follower.gains = ContactGains(early=gain, settled=gain)
-    assert follower.step(0.0, [[5.0]]).value == pytest.approx(10.0)
 
 
 @settings(max_examples=30, deadline=None)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.sensor.calibration import CurrentPairs
@@ -102,21 +101,6 @@ def test_gear_friction_fit_separates_position_and_movement_parts(movement_sd: fl
     assert found.movement_ma == pytest.approx(40.0 * movement_sd, abs=1.6)
 
 
-def test_current_law_slope_is_independent_of_movement_offsets() -> None:
-    """Two closings to different forces; the one to the larger force has more friction."""
-    force_n = np.concatenate([np.linspace(0.0, 4.0, 40), np.linspace(0.0, 8.0, 80)])
-    movement = np.repeat([0, 1], [40, 80])
-    current_ma = np.array([40.0, 80.0])[movement] + 16.0 * force_n
-    columns = {"force_n": force_n, "current_ma": current_ma, "width_mm": 50.0 - 4.0 * force_n}
-    law = CurrentLaw.fit(
-        CurrentPairs(
-            **{name: tuple(values.tolist()) for name, values in columns.items()},
-            movement=tuple(movement.tolist()),
-        )
-    )
-    assert law.ma_per_n == pytest.approx(16.0, rel=1e-3)
-
-
 def updated(*, law_sd: float, force_n: float, sd_n: float) -> Gain:
     """Return the gain after a force was measured where the sheet reads 2 N."""
     measured = MeasuredForce(force_n=force_n, sd_n=sd_n, log_sd=0.0)
@@ -141,19 +125,3 @@ def test_gain_update_is_robust_to_outlier() -> None:
     )
     assert 0.0 < small < more
     assert small / 0.2 > 3 * wild / 2.0
-
-
-def test_gain_from_calibration_preserves_law_and_widens_with_uncertainty() -> None:
-    said = ForceEstimate(
-        value=np.array([0.0, 2.0]),
-        low=np.array([0.0, 1.8]),
-        high=np.array([0.3, 2.3]),
-        in_range=np.array([False, True]),
-        level=0.9,
-    )
-    same = Gain.from_calibration(law_sd=0.05).apply_to(said)
-    for name in ("value", "low", "high"):
-        assert getattr(same, name) == pytest.approx(getattr(said, name))
-    wide = Gain.from_calibration(law_sd=0.05, additional_sd=0.2).apply_to(said)
-    assert wide.low[1] < 1.5 < 2.7 < wide.high[1]
-    assert wide.high[0] == 0.3

@@ -124,10 +124,3 @@ def test_sheet_creep_remaining_creep_falls_with_time() -> None:
     assert values[-1] == pytest.approx(1.0, abs=1e-3)
     widths = [one.high - one.low for one in found]
     assert widths == sorted(widths, reverse=True)
-
-
-def test_sheet_creep_combine_is_between_with_smaller_uncertainty() -> None:
-    sharp, vague = (settled(1.0, half=half, since_s=1.0) for half in (0.01, 0.5))
-    assert 1.0 < sharp.value < vague.value < math.exp(0.2)
-    assert (sharp.high - sharp.low) / 2 == pytest.approx(0.01, rel=0.01)
-    assert (vague.high - vague.low) / 2 < 0.25
