@@ -118,6 +118,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("rupture", {"curves": CURVES, "index": "grasp_id,fruit\na,kiwi\n"}, "no column rupture_force"),
     ("rupture", {"curves": CURVES, "index": INDEX + "a,kiwi,firm\n"}, "line 2"),
     ("rupture", {"curves": CURVES, "index": INDEX + "a,kiwi,-1\n"}, "must be positive"),
+    ("rupture", {"curves": CURVES, "index": INDEX + "b,kiwi,3.0\n"}, "no curve for b"),
     (
         "rupture",
         {"curves": CURVES + "a,2.0,4.0\n", "index": INDEX + "a,kiwi,3.0\n"},
