@@ -33,7 +33,7 @@ def grasp(item_id: str, size_mm: float, stiffness: float, *, sensor: int) -> Tim
         "size_mm": measured(size_mm, 1.01, "mm"),
         "stiffness_n_per_mm": measured(stiffness, 1.6, "n_per_mm"),
         "force_n": measured(2.5, 1.3, "n"),
-        "settled_percent": measured(-20.0, 1.1, "percent"),
+        "settled_percent": Measurement(value=-20.0, low=-22.0, high=-18.0, unit="percent"),
     }
     one = make_grasp(item_id, calibration_id=f"twin-{sensor}", measurements=found)
     return TimedGrasp(grasp=one, lasted_s=12.0)
