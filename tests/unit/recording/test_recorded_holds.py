@@ -6,15 +6,17 @@ import csv
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.recording.conftest import write_recording
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.holds import read_holds
-from palpate.recording import Event, RecordingInfo, RecordingReader, RecordingWriter, load_recording
+from palpate.recording import Event, RecordingInfo, RecordingReader, load_recording
 from palpate.recording.channels import RecordedMessage, decode_info, encode_info
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -46,15 +48,7 @@ def grasp_messages(
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
-    def write_recording(messages: list[RecordedMessage]) -> Path:
-        path = tmp_path / "run.mcap"
-        info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
-        with RecordingWriter(path, info=info) as writer:
-            for message in messages:
-                writer.add(message)
-        return path
-
-    return write_recording
+    return partial(write_recording, tmp_path / "run.mcap")
 
 
 def ohm(count: int) -> float:
@@ -183,12 +177,13 @@ def test_exports_and_holds_are_free_of_crosstalk(tmp_path: Path) -> None:
     read = floating_readings_ohm(ohm) + FLOATING.line_ohm
     divider = FLOATING.divider
     counts = volts_to_counts(ohm_to_volts(read, divider=divider), divider=divider)
-    path, out = tmp_path / "pressed.mcap", tmp_path / "pressed.csv"
-    with RecordingWriter(path, info=RecordingInfo(layout=FLOATING, origin="hardware")) as writer:
-        for k in range(300):
-            width_mm = 60.0 - 0.2 * min(max(k - 50, 0), 50)
-            writer.add(GripperState(time_s=k / 50, width_mm=width_mm, moving=50 <= k < 100))
-            writer.add(Frame(time_s=k / 50, sequence=k, counts=counts[k]))
+    messages = list[RecordedMessage]()
+    for k in range(300):
+        width_mm = 60.0 - 0.2 * min(max(k - 50, 0), 50)
+        messages.append(GripperState(time_s=k / 50, width_mm=width_mm, moving=50 <= k < 100))
+        messages.append(Frame(time_s=k / 50, sequence=k, counts=counts[k]))
+    info = RecordingInfo(layout=FLOATING, origin="hardware")
+    path, out = write_recording(tmp_path / "pressed.mcap", messages, info), tmp_path / "out.csv"
     with RecordingReader(path) as reader:
         write_export(out, frame_tables(reader), to="csv")
     with out.open(newline="") as stream:

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from tests.full_disk import file_size_limit
+from tests.unit.recording.conftest import INFO, MESSAGES, write_recording
 
 from palpate.errors import DamageWarning, RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState
@@ -88,40 +89,24 @@ def count_with_strict_readers(path: Path) -> int:
     return linear
 
 
-def test_recording_roundtrip_preserves_all_messages(
-    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
-) -> None:
+def test_recording_roundtrip_preserves_all_messages(recorded: Path) -> None:
     read, state = read_all(recorded)
     assert state.is_intact
-    assert len(read) == len(messages) == count_with_strict_readers(recorded)
-    assert all(map(is_same, read, messages))
+    assert len(read) == len(MESSAGES) == count_with_strict_readers(recorded)
+    assert all(map(is_same, read, MESSAGES))
     with RecordingReader(recorded) as reader:
-        assert reader.info == info
+        assert reader.info == INFO
 
 
-def write_all(path: Path, info: RecordingInfo, messages: list[RecordedMessage]) -> None:
-    with RecordingWriter(path, info=info) as writer:
-        add_all(writer, messages)
+def test_recordings_of_equal_messages_have_identical_bytes(recorded: Path, tmp_path: Path) -> None:
+    again = write_recording(tmp_path / "again.mcap", MESSAGES)
+    assert again.read_bytes() == recorded.read_bytes()
 
 
-def add_all(writer: RecordingWriter, messages: Iterable[RecordedMessage]) -> None:
-    for message in messages:
-        writer.add(message)
-
-
-def test_recordings_of_equal_messages_have_identical_bytes(
-    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
-) -> None:
-    write_all(tmp_path / "again.mcap", info, messages)
-    assert (tmp_path / "again.mcap").read_bytes() == recorded.read_bytes()
-
-
-def test_load_recording_arrays_match_messages(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
+def test_load_recording_arrays_match_messages(recorded: Path) -> None:
     recording = load_recording(recorded)
-    frames = [message for message in messages if isinstance(message, Frame)]
-    states = [message for message in messages if isinstance(message, GripperState)]
+    frames = [message for message in MESSAGES if isinstance(message, Frame)]
+    states = [message for message in MESSAGES if isinstance(message, GripperState)]
     assert recording.counts.shape == (200, 4, 2)
     assert np.array_equal(recording.counts, [frame.counts for frame in frames])
     assert recording.time_s.tolist() == [frame.time_s for frame in frames]
@@ -134,27 +119,23 @@ def test_load_recording_arrays_match_messages(
         recording.counts[0, 0, 0] = 1
 
 
-def test_recording_of_hardware_has_unix_log_times(
-    tmp_path: Path, messages: list[RecordedMessage]
-) -> None:
+def test_recording_of_hardware_has_unix_log_times(tmp_path: Path) -> None:
     path = tmp_path / "bench.mcap"
     zero_ns = 1_790_000_000_123_456_789
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
-    write_all(path, info, messages[3:4])
+    write_recording(path, MESSAGES[3:4], info)
     with path.open("rb") as stream:
         (_, channel, message) = next(iter(make_reader(stream).iter_messages()))
     assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
 
 
 @pytest.mark.parametrize("fraction", [0.2, 0.8, 0.999])
-def test_truncated_recording_is_readable_and_recoverable(
-    recorded: Path, messages: list[RecordedMessage], fraction: float
-) -> None:
+def test_truncated_recording_is_readable_and_recoverable(recorded: Path, fraction: float) -> None:
     content = recorded.read_bytes()
     recorded.write_bytes(content[: int(len(content) * fraction)])
     read, state = read_all(recorded)
     assert not state.complete
-    assert all(map(is_same, read, messages))
+    assert all(map(is_same, read, MESSAGES))
     found = recover(recorded, recorded)
     assert not found.is_intact
     assert count_with_strict_readers(recorded) == len(read)
@@ -163,9 +144,7 @@ def test_truncated_recording_is_readable_and_recoverable(
     assert all(map(is_same, reread, read))
 
 
-def test_damaged_chunk_loses_only_its_own_messages(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
+def test_damaged_chunk_loses_only_its_own_messages(recorded: Path) -> None:
     with recorded.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -174,7 +153,7 @@ def test_damaged_chunk_loses_only_its_own_messages(
     recorded.write_bytes(damaged)
     read, state = read_all(recorded)
     assert (state.complete, state.damaged_chunks) == (True, 1)
-    assert len(messages) - 60 <= len(read) < len(messages)
+    assert len(MESSAGES) - 60 <= len(read) < len(MESSAGES)
     recover(recorded, recorded)
     assert count_with_strict_readers(recorded) == len(read)
 
@@ -195,10 +174,8 @@ def test_changed_digit_of_the_calibration_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_recording_without_any_checksum_is_read_with_a_warning(
-    tmp_path: Path, info: RecordingInfo, messages: list[RecordedMessage]
-) -> None:
-    texts = encode_info(info)
+def test_recording_without_any_checksum_is_read_with_a_warning(tmp_path: Path) -> None:
+    texts = encode_info(INFO)
     del texts["crc32"]
     path = tmp_path / "old.mcap"
     with path.open("wb") as stream:
@@ -206,7 +183,7 @@ def test_recording_without_any_checksum_is_read_with_a_warning(
         writer.start()
         writer.add_metadata(METADATA_NAME, texts)
         channels = register_channels(writer)
-        for message in messages:
+        for message in MESSAGES:
             writer.add_message(
                 channels[topic_of(message)], log_time=0, data=encode(message), publish_time=0
             )
@@ -214,7 +191,7 @@ def test_recording_without_any_checksum_is_read_with_a_warning(
     with pytest.warns(DamageWarning, match="can't be checked: no checksum"):
         recording = load_recording(path)
     assert len(recording.time_s) == 200
-    assert recording.info == info
+    assert recording.info == INFO
 
 
 @pytest.mark.slow
@@ -243,18 +220,16 @@ def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
             assert count_with_strict_readers(path) == len(read)
 
 
-def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
-    tmp_path: Path, info: RecordingInfo
-) -> None:
+def test_writer_full_disk_raises_one_line_and_file_is_recoverable(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
     counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
     frames = [Frame(time_s=k / 500, sequence=k, counts=count) for k, count in enumerate(counts)]
-    writer = RecordingWriter(path, info=info)
+    writer = RecordingWriter(path, info=INFO)
     with (
         file_size_limit(60_000),
         pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
     ):
-        add_all(writer, frames)
+        deque(map(writer.add, frames), maxlen=0)
     with pytest.raises(RecordingError, match="after an earlier write error"):
         writer.add(frames[-1])
     writer.close()
@@ -266,13 +241,11 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
     assert count_with_strict_readers(path) == len(read)
 
 
-def test_writer_full_device_or_existing_file_is_refused(
-    recorded: Path, info: RecordingInfo
-) -> None:
+def test_writer_full_device_or_existing_file_is_refused(recorded: Path) -> None:
     with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
-        RecordingWriter("/dev/full", info=info)
+        RecordingWriter("/dev/full", info=INFO)
     with pytest.raises(RecordingError, match="already exists"):
-        RecordingWriter(recorded, info=info)
+        RecordingWriter(recorded, info=INFO)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000), None])
@@ -308,16 +281,13 @@ def test_decode_info_gripper_without_range_or_speed_is_refused(change: dict[str,
 
 
 def test_finished_recording_is_synced_and_has_checksums(
-    tmp_path: Path,
-    info: RecordingInfo,
-    messages: list[RecordedMessage],
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
     monkeypatch.setattr(os, "fdatasync", lambda descriptor: synced.append(-1))
     path = tmp_path / "run.mcap"
-    write_all(path, info, messages)
+    write_recording(path, MESSAGES)
     # The parallel sync may be the last one to be recorded.
     assert path.stat().st_size in synced
     assert -1 in synced

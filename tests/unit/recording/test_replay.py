@@ -7,22 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.recording.conftest import INFO, MESSAGES, write_recording
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.interface import GripperState
-from palpate.recording import LoadCells, RecordingInfo, RecordingWriter, Replay, load_recording
-from palpate.recording.channels import RecordedMessage
+from palpate.recording import LoadCells, RecordingWriter, Replay, load_recording
 from palpate.recording.writer import record_frames
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
-def test_replay_yields_recorded_frames_states_and_times(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
+def test_replay_yields_recorded_frames_states_and_times(recorded: Path) -> None:
     clock = ManualClock()
     replay = Replay(recorded, clock=clock)
-    live = list(zip(messages[0:400:2], messages[1:400:2], strict=True))
+    live = list(zip(MESSAGES[0:400:2], MESSAGES[1:400:2], strict=True))
     for state, frame in live:
         assert repr(replay.read(timeout_s=0.1)) == repr(frame)
         assert repr(replay.gripper_state) == repr(state)
@@ -34,9 +32,9 @@ def test_replay_yields_recorded_frames_states_and_times(
     replay.close()
 
 
-def test_replay_gap_raises_timeout_as_live_sensor(tmp_path: Path, info: RecordingInfo) -> None:
+def test_replay_gap_raises_timeout_as_live_sensor(tmp_path: Path) -> None:
     path = tmp_path / "gap.mcap"
-    with RecordingWriter(path, info=info) as writer:
+    with RecordingWriter(path, info=INFO) as writer:
         for k, time_s in enumerate((0.0, 0.02, 1.0)):
             frame = Frame(time_s=time_s, sequence=k, counts=np.ones((4, 2)))
             writer.add_observation(frame, gripper=GripperState(time_s=time_s))
@@ -50,17 +48,16 @@ def test_replay_gap_raises_timeout_as_live_sensor(tmp_path: Path, info: Recordin
     replay.close()
 
 
-INFO = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
-
-
 @pytest.fixture
 def sensed(tmp_path: Path) -> Path:
     """Frames at 10 Hz, with none between 1.0 and 4.0 s."""
-    path = tmp_path / "sensed.mcap"
-    with RecordingWriter(path, info=INFO) as writer:
-        for k in [*range(11), *range(40, 60)]:
-            writer.add(Frame(time_s=k / 10, sequence=k, counts=np.full((4, 2), k)))
-    return path
+    return write_recording(
+        tmp_path / "sensed.mcap",
+        (
+            Frame(time_s=k / 10, sequence=k, counts=np.full((4, 2), k))
+            for k in [*range(11), *range(40, 60)]
+        ),
+    )
 
 
 def test_record_frames_stores_all_frames_and_silence_events(sensed: Path, tmp_path: Path) -> None:

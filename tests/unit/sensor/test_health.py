@@ -12,7 +12,6 @@ from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import FrameColumns, Health, check_health
-from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.devices import TwinArray
@@ -202,18 +201,6 @@ def test_health_check_recommends_a_resistor_for_the_range_measured_under_load() 
     assert codes(health) == [("resistor", "4700 ohm")]
     assert not health.is_healthy
     assert 560 <= health.resistor.recommended_ohm <= 820
-
-
-def test_fit_reference_recommends_the_best_resistor_of_the_series() -> None:
-    fit = fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=100e3))
-    others = [
-        fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=ohm)).step_percent
-        for ohm in (680.0, 820.0, 1000.0, 1200.0)
-    ]
-    assert fit.recommended_ohm == 820.0 or fit.recommended_ohm == 1000.0
-    assert fit.recommended_step_percent == pytest.approx(min(others))
-    assert not fit.is_adequate
-    assert nearest_e12(1e6) == 1e6
 
 
 def test_health_check_with_too_few_frames_or_wrong_shape_raises() -> None:
