@@ -18,53 +18,50 @@ from palpate.rig import open_rig
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
-
-@pytest.fixture
-def calibration() -> Calibration:
-    return Calibration(
-        sensor_id="pad-3",
-        origin="hardware",
-        layout=RIGID_LAYOUT,
-        rest=RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30),
-        force=ForcePairs(
-            run=(0, 0, 1, 1),
-            since_move_s=(0.4, 20.0, 0.4, 20.0),
-            excess=(0.5, 0.7, 1.5, 2.1),
-            relative_percent=(-5.0, -7.0, -15.0, -20.0),
-            force_n=(0.8, 0.8, 2.1, 2.0),
-        ),
-        block=BlockPairs(block_mm=(40.0, 40.0), width_mm=(39.5, 39.0), force_n=(1.0, 3.0)),
-        force_law={"law": "power", "coefficients": [0.1, 0.8, 0.0]},
-        made_at="2026-05-01T10:00:00+00:00",
-    )
+CALIBRATION = Calibration(
+    sensor_id="pad-3",
+    origin="hardware",
+    layout=RIGID_LAYOUT,
+    rest=RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30),
+    force=ForcePairs(
+        run=(0, 0, 1, 1),
+        since_move_s=(0.4, 20.0, 0.4, 20.0),
+        excess=(0.5, 0.7, 1.5, 2.1),
+        relative_percent=(-5.0, -7.0, -15.0, -20.0),
+        force_n=(0.8, 0.8, 2.1, 2.0),
+    ),
+    block=BlockPairs(block_mm=(40.0, 40.0), width_mm=(39.5, 39.0), force_n=(1.0, 3.0)),
+    force_law={"law": "power", "coefficients": [0.1, 0.8, 0.0]},
+    made_at="2026-05-01T10:00:00+00:00",
+)
 
 
-def test_calibration_save_and_load_roundtrips(calibration: Calibration, tmp_path: Path) -> None:
+def test_calibration_save_and_load_roundtrips(tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
-    calibration.save(path)
-    assert Calibration.load(path) == calibration
+    CALIBRATION.save(path)
+    assert Calibration.load(path) == CALIBRATION
     assert '"excess": [0.5, 0.7, 1.5, 2.1]' in path.read_text()
     before = path.read_bytes()
     with pytest.raises(ValueError, match="JSON compliant"):
-        replace(calibration, force_law={"error": float("nan")}).save(path)
+        replace(CALIBRATION, force_law={"error": float("nan")}).save(path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["pad.json"]
 
 
 @pytest.mark.parametrize("content", [b"[1, 2", b"", bytes(range(128, 256))])
 def test_calibration_load_of_a_truncated_or_binary_file_raises(
-    calibration: Calibration, tmp_path: Path, content: bytes
+    tmp_path: Path, content: bytes
 ) -> None:
     path = tmp_path / "pad.json"
-    path.write_bytes(content or calibration.as_text().encode()[:500])
+    path.write_bytes(content or CALIBRATION.as_text().encode()[:500])
     with pytest.raises(CalibrationError, match=r"pad\.json: incomplete or invalid JSON") as caught:
         Calibration.load(path)
     assert "\n" not in str(caught.value)
 
 
-def test_force_pairs_with_constant_reference_force_are_refused(calibration: Calibration) -> None:
+def test_force_pairs_with_constant_reference_force_are_refused() -> None:
     with pytest.raises(CalibrationError, match="load cell connected"):
-        replace(calibration.force, force_n=(1.0,) * 4)
+        replace(CALIBRATION.force, force_n=(1.0,) * 4)
 
 
 SHAKY = [None, "x", -1, 0, 1e12, float("nan"), 10**400, [], {}, True, [[1.0]]]
@@ -163,10 +160,10 @@ def set_value(document: Any, place: str, value: object) -> None:
     ],
 )
 def test_invalid_value_is_refused_in_one_line_with_its_place(
-    calibration: Calibration, place: str, value: object, named: str
+    place: str, value: object, named: str
 ) -> None:
-    document = json.loads(calibration.as_text())
-    document["force"]["pixel_excess"] = [[x / 8] * 8 for x in calibration.force.excess]
+    document = json.loads(CALIBRATION.as_text())
+    document["force"]["pixel_excess"] = [[x / 8] * 8 for x in CALIBRATION.force.excess]
     Calibration.from_text(json.dumps(document))
     set_value(document, place, value)
     with pytest.raises(CalibrationError, match=named) as caught:
@@ -176,18 +173,16 @@ def test_invalid_value_is_refused_in_one_line_with_its_place(
 
 
 @pytest.mark.parametrize("change", [('"frames": 30', '"frames": 30, "frames": 3'), ("0.8", "NaN")])
-def test_double_key_and_nan_are_refused(calibration: Calibration, change: tuple[str, str]) -> None:
+def test_double_key_and_nan_are_refused(change: tuple[str, str]) -> None:
     with pytest.raises(CalibrationError, match=r"'frames' occurs twice|NaN is not a number"):
-        Calibration.from_text(calibration.as_text().replace(*change))
+        Calibration.from_text(CALIBRATION.as_text().replace(*change))
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_calibration_files_of_older_versions_are_read_without_obsolete_keys(
-    calibration: Calibration, version: int
-) -> None:
-    document = json.loads(calibration.as_text())
+def test_calibration_files_of_older_versions_are_read_without_obsolete_keys(version: int) -> None:
+    document = json.loads(CALIBRATION.as_text())
     if version == 1:
         del document["held_out"]
     else:
         document |= {"traces": {"run": [0.0]}, "observer": {"kind": "sheet"}}
-    assert Calibration.from_text(json.dumps({**document, "version": version})) == calibration
+    assert Calibration.from_text(json.dumps({**document, "version": version})) == CALIBRATION
