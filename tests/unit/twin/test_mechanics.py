@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -98,27 +97,16 @@ STIFF = HandCompliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0
 SOFT = HandCompliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
 
 
-def make_fruit(fraction: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
-    return TwinObject(
-        name="fruit",
-        size_mm=50.0,
-        contact="linear",
-        force_at_1mm_n=4.0,
-        relaxing_fractions=(fraction,),
-        relaxing_time_s=(tau_s,),
-        flat=True,
-    )
+def make_fruit(fraction: float = 0.3) -> TwinObject:
+    return replace(THING, size_mm=50.0, relaxing_fractions=(fraction,), relaxing_time_s=(2.0,))
 
 
 def hold_closure(
     obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
 ) -> RelaxingForce:
     """Return the force after a sudden closure and a hold in small steps."""
-    squeeze = RelaxingForce.at_rest(obj).close_to(
-        obj, closure_mm, step_s=1e-9, compliance=compliance
-    )
-    for start, end in pairwise(np.linspace(0.0, until_s, 400)):
-        step_s = float(end - start)
+    squeeze = RelaxingForce.at_rest(obj)
+    for step_s in (1e-9, *[until_s / 399] * 399):
         squeeze = squeeze.close_to(obj, closure_mm, step_s=step_s, compliance=compliance)
     return squeeze
 
