@@ -32,17 +32,16 @@ from palpate_studies.force_control_world import (
 from palpate_studies.protocol.parts import SeenBeforeError
 
 
-def outcome(*, force_ratio: float, damaged: bool = False, limited: bool = False) -> GripOutcome:
+def outcome(*, force_ratio: float, limited: bool = False) -> GripOutcome:
     one = draw_task(7, level="lab")
-    force_n = force_ratio * one.target_n
     return GripOutcome(
         task=one,
         method="ours",
         outcome="held",
-        force_n=force_n,
+        force_n=force_ratio * one.target_n,
         lifted=True,
         dropped=False,
-        damaged=damaged,
+        damaged=False,
         reported_n=one.target_n,
         low_n=0.9 * one.target_n,
         high_n=1.1 * one.target_n,
