@@ -12,6 +12,7 @@ import pytest
 from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 
 from palpate.arrays import FloatArray
+from palpate.holds import read_holds
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.crate import CRATE_SIDE_LOG_SD, TRAINED_KINDS, draw_crate
 from palpate.twin.mechanics import pixel_fractions
@@ -92,11 +93,6 @@ def test_bruise_reduces_load_on_its_pixels_only(ball: Apple) -> None:
     assert back[1] == pytest.approx(front[0][:, ::-1])
 
 
-def read_rows(path: Path) -> list[dict[str, str]]:
-    with gzip.open(path, "rt", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def side_log_sd(first: FloatArray, second: FloatArray) -> float:
     """Return the scatter of one side about the mean of both, ln."""
     return float(np.std(np.log(first / second)) / np.sqrt(2.0))
@@ -104,7 +100,8 @@ def side_log_sd(first: FloatArray, second: FloatArray) -> float:
 
 @pytest.fixture(scope="module")
 def real_side_log_sd(real_data: Path) -> float:
-    rows = read_rows(real_data / "apples_firmness.csv.gz")
+    with gzip.open(real_data / "apples_firmness.csv.gz", "rt", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
     pairs = [(row["side1_lbf"], row["side2_lbf"]) for row in rows]
     sides = np.array([pair for pair in pairs if all(pair) and "NA" not in pair], dtype=float)
     assert len(sides) > 700
@@ -127,15 +124,11 @@ def test_other_twin_fruit_side_scatter_is_at_least_that_of_apples(real_side_log_
 
 
 def test_real_food_relaxation_is_within_range_of_twin_fruit(real_data: Path) -> None:
-    holds: dict[str, list[tuple[float, float]]] = {}
-    for row in read_rows(real_data / "holds_food.csv.gz"):
-        holds.setdefault(row["hold_id"], []).append((float(row["time_s"]), float(row["value"])))
     lost = []
-    for points in holds.values():
-        time_s, force_n = np.array(points).T
-        peak = int(np.argmax(force_n))
-        after = np.interp(time_s[peak] + 20.0, time_s, force_n)
-        lost.append(1.0 - after / force_n[peak])
+    for hold in read_holds(real_data / "holds_food.csv.gz"):
+        peak = int(np.argmax(hold.values))
+        after = np.interp(hold.time_s[peak] + 20.0, hold.time_s, hold.values)
+        lost.append(1.0 - after / hold.values[peak])
     twin = []
     for item in draw_crate([kind for kind in TRAINED_KINDS if kind != "egg"] * 20, seed=1):
         share, time = np.array(item.mean.relaxing_fractions), np.array(item.mean.relaxing_time_s)
