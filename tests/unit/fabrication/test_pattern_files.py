@@ -21,13 +21,13 @@ from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 
 PX_PER_MM = 96 / 25.4
-ROUND = SensorDesign(name="round-4x6", rows=4, cols=6, pixel_width_mm=5.0, pixel_height_mm=5.0)
-CROWDED = SensorDesign(name="crowded-5x5", rows=5, cols=5, pixel_width_mm=3.0, pixel_height_mm=4.0)
-WIDE = {"tail_mm": 40.0, "substrate_width_mm": 60.0}
+ROUND_MM = {"pixel_width_mm": 5.0, "pixel_height_mm": 5.0, "corner_mm": 2.5, "tail_mm": 30.0}
+CROWDED_MM = {"pixel_width_mm": 3.0, "pixel_height_mm": 4.0, "overhang_mm": 0.6}
+CROWDED_MM |= {"pad_pitch_mm": 4.0, "tail_mm": 40.0, "substrate_width_mm": 60.0}
 DESIGNS = {
     **PRESETS,
-    "round-4x6": replace(ROUND, corner_mm=2.5, gap_mm=1.0, tail_mm=30.0),
-    "crowded-5x5": replace(CROWDED, overhang_mm=0.6, gap_mm=0.5, pad_pitch_mm=4.0, **WIDE),
+    "round-4x6": SensorDesign(name="round-4x6", rows=4, cols=6, gap_mm=1.0, **ROUND_MM),
+    "crowded-5x5": SensorDesign(name="crowded-5x5", rows=5, cols=5, gap_mm=0.5, **CROWDED_MM),
 }
 
 
