@@ -50,8 +50,7 @@ def grasp(
     )
 
 
-@pytest.fixture
-def store() -> Store:
+def labelled_store() -> Store:
     """Return a store with twelve sound and twelve bruised apples, grasped on Monday."""
     made, minute = Store.open("sqlite://"), timedelta(minutes=1)
     for number in range(12):
@@ -67,8 +66,13 @@ def store() -> Store:
 
 
 @pytest.fixture
-def model(store: Store) -> BruiseModel:
-    return learn_bruise_model(store, kind="apple")
+def store() -> Store:
+    return labelled_store()
+
+
+@pytest.fixture(scope="module")
+def model() -> BruiseModel:
+    return learn_bruise_model(labelled_store(), kind="apple")
 
 
 def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float) -> ItemBruise:
