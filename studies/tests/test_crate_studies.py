@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.records import Grasp
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate_studies import crates as crates_module
 from palpate_studies.crates import CrateItemGrasps, measure_crates, read_crates, write_crates
@@ -30,21 +29,13 @@ def grasp(item_id: str, size_mm: float, stiffness: float, *, sensor: int) -> Tim
     def measured(value: float, factor: float, unit: str) -> Measurement:
         return Measurement(value=value, low=value / factor, high=value * factor, unit=unit)
 
-    one = Grasp(
-        item_id=item_id,
-        taken_at=datetime(2026, 1, 1, tzinfo=UTC),
-        rig="sim-rigid",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.HELD,
-        calibration_id=f"twin-{sensor}",
-        measurements={
-            "size_mm": measured(size_mm, 1.01, "mm"),
-            "stiffness_n_per_mm": measured(stiffness, 1.6, "n_per_mm"),
-            "force_n": measured(2.5, 1.3, "n"),
-            "settled_percent": Measurement(value=-20.0, low=-22.0, high=-18.0, unit="percent"),
-        },
-    )
+    found = {
+        "size_mm": measured(size_mm, 1.01, "mm"),
+        "stiffness_n_per_mm": measured(stiffness, 1.6, "n_per_mm"),
+        "force_n": measured(2.5, 1.3, "n"),
+        "settled_percent": Measurement(value=-20.0, low=-22.0, high=-18.0, unit="percent"),
+    }
+    one = make_grasp(item_id, calibration_id=f"twin-{sensor}", measurements=found)
     return TimedGrasp(grasp=one, lasted_s=12.0)
 
 
@@ -60,19 +51,10 @@ def synthetic_crates() -> list[CrateItemGrasps]:
                 true_mm = size * float(np.exp(0.04 * rng.standard_normal()))
                 true_k = stiffness * float(np.exp(0.15 * rng.standard_normal()))
                 read_k = true_k * np.exp(0.1 * rng.standard_normal(2 if teaches else 3))
-                found.append(
-                    CrateItemGrasps(
-                        level=level,
-                        sensor=sensor,
-                        item_id=name,
-                        kind=kind,
-                        teaches=teaches,
-                        known=kind in TAUGHT,
-                        size_mm=true_mm,
-                        damaged=False,
-                        grasps=tuple(grasp(name, true_mm, float(k), sensor=sensor) for k in read_k),
-                    )
-                )
+                grasps = tuple(grasp(name, true_mm, float(k), sensor=sensor) for k in read_k)
+                item = {"item_id": name, "kind": kind, "known": kind in TAUGHT, "size_mm": true_mm}
+                place = {"level": level, "sensor": sensor, "teaches": teaches, "damaged": False}
+                found.append(CrateItemGrasps(**place, **item, grasps=grasps))
     return found
 
 

@@ -67,16 +67,8 @@ def test_sample_cells_includes_every_fault_equally() -> None:
 
 def test_judge_row_shows_worst_case_of_fault() -> None:
     cell = Cell(fault="pixel open", phase="hold", thing="strawberry", kind="rigid", speed=1.0)
-    first = FaultyGrasp(
-        cell=cell,
-        struck=True,
-        outcome="sensor_lost",
-        reason="",
-        peak_n=3.0,
-        stays_n=2.0,
-        damaged=False,
-        safe_s=0.1,
-    )
+    seen = {"struck": True, "outcome": "sensor_lost", "reason": "", "safe_s": 0.1}
+    first = FaultyGrasp(cell=cell, **seen, peak_n=3.0, stays_n=2.0, damaged=False)
     found = judge([first, replace(first, reason="pixel open", peak_n=6.0, damaged=True)])
     part, alone = (table.rows for table in found.tables)
     assert part[0][:2] == ["sheet", "rigid"]

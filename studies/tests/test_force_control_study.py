@@ -1,14 +1,18 @@
-"""Scores and comparisons of the force control study, on synthetic grasps."""
+"""Scores and comparisons of the force control study, and its end by a stop signal."""
 
 from __future__ import annotations
 
+import os
+import signal
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
+from palpate_studies import force_control_world
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
     READING_S,
@@ -18,7 +22,7 @@ from palpate_studies.baselines.feedback_loops import (
     run_paper_loop,
 )
 from palpate_studies.baselines.full_input_learners import RIDGE
-from palpate_studies.force_control import compare_methods, scores
+from palpate_studies.force_control import compare_methods, grip_all, scores
 from palpate_studies.force_control_world import (
     GripOutcome,
     draw_task,
@@ -28,17 +32,16 @@ from palpate_studies.force_control_world import (
 from palpate_studies.protocol.parts import SeenBeforeError
 
 
-def outcome(*, force_ratio: float, damaged: bool = False, limited: bool = False) -> GripOutcome:
+def outcome(*, force_ratio: float, limited: bool = False) -> GripOutcome:
     one = draw_task(7, level="lab")
-    force_n = force_ratio * one.target_n
     return GripOutcome(
         task=one,
         method="ours",
         outcome="held",
-        force_n=force_n,
+        force_n=force_ratio * one.target_n,
         lifted=True,
         dropped=False,
-        damaged=damaged,
+        damaged=False,
         reported_n=one.target_n,
         low_n=0.9 * one.target_n,
         high_n=1.1 * one.target_n,
@@ -111,3 +114,26 @@ def test_compare_methods_uses_objects_gripped_by_both() -> None:
     (row,) = compare_methods([near, replace(far, method="rival"), other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_during_grasp_ends_study_with_hand_stopped(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(number)
+    worlds = list[Any]()
+
+    class Gripper(force_control_world.TwinGripper):
+        def command(self, wanted: Any) -> Any:
+            os.kill(os.getpid(), number)
+            worlds.append(self)
+            return super().command(wanted)
+
+    monkeypatch.setattr(force_control_world, "TwinGripper", Gripper)
+    tasks = [draw_task(seed, level="lab") for seed in (8, 9)]
+    with pytest.raises(KeyboardInterrupt):
+        list(grip_all(tasks, damage=learn_damage(seed=1), laws={}))
+    assert len(worlds) == 1
+    assert not worlds[0].state().moving
+    assert signal.getsignal(number) is before

@@ -64,19 +64,15 @@ def synthetic_records(station: StationRecords) -> StationRecords:
         stiffness = 1.5 * math.pow(fruit.force_at_1mm_n(day), 2.0 / 3.0)
         value = stiffness * math.exp(0.02 * rng.standard_normal())
         measured = {
-            "firmness": (100.0 * math.log10(value / 0.1) / 3.0, "index"),
-            "stiffness_n_per_mm": (value, "n_per_mm"),
-            "force_n": (5.0, "n"),
-            "width_mm": (60.0, "mm"),
+            name: Measurement(value=one, low=0.9 * one, high=1.1 * one, unit=unit)
+            for name, one, unit in (
+                ("firmness", 100.0 * math.log10(value / 0.1) / 3.0, "index"),
+                ("stiffness_n_per_mm", value, "n_per_mm"),
+                ("force_n", 5.0, "n"),
+                ("width_mm", 60.0, "mm"),
+            )
         }
-        return make_grasp(
-            item_id,
-            taken_at=FIRST + timedelta(days=when),
-            measurements={
-                name: Measurement(value=one, low=0.9 * one, high=1.1 * one, unit=unit)
-                for name, (one, unit) in measured.items()
-            },
-        )
+        return make_grasp(item_id, taken_at=FIRST + timedelta(days=when), measurements=measured)
 
     groups = (("labelled", 0, labelled), ("fruit", 7, others))
     named = [

@@ -9,33 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.holds import Hold
 from palpate_studies import settled
 
 CREEP = {"a": (0.03, 0.3), "b": (0.06, 1.0), "c": (0.1, 0.1)}
 
 
-def holds(name: str, count: int) -> list[Hold]:
+def write_holds(folder: Path, name: str, count: int = 5) -> Path:
     rng = np.random.default_rng([*name.encode()])
     slope, from_s = CREEP[name]
     time_s = np.arange(0.0, 20.5, 0.1)
-    return [
-        Hold(
-            hold_id=f"{name}_h{number}",
-            channel=None,
-            time_s=time_s,
-            values=rng.uniform(50, 500)
-            * np.exp(-slope * np.log(time_s + from_s) + 2e-4 * rng.standard_normal(time_s.size)),
-        )
-        for number in range(count)
-    ]
-
-
-def write_holds(folder: Path, name: str, count: int = 5) -> Path:
     lines = ["hold_id,time_s,value"]
-    for hold in holds(name, count):
-        pairs = zip(hold.time_s, hold.values, strict=True)
-        lines += [f"{hold.hold_id},{t:.2f},{v}" for t, v in pairs]
+    for number in range(count):
+        noise = 2e-4 * rng.standard_normal(time_s.size)
+        values = rng.uniform(50, 500) * np.exp(-slope * np.log(time_s + from_s) + noise)
+        pairs = zip(time_s, values, strict=True)
+        lines += [f"{name}_h{number},{t:.2f},{v}" for t, v in pairs]
     path = folder / f"holds_{name}.csv"
     path.write_text("\n".join(lines) + "\n")
     return path

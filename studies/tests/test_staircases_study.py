@@ -16,24 +16,17 @@ from palpate_studies.staircases import (
 
 
 @pytest.mark.slow
-def test_follow_staircases_with_calibrated_laws_tracks_force() -> None:
-    found = follow_staircases(3, level="lab", staircases=1)
-    assert list(found) == ["settled", "by_time", "memory", "now"]
-    (now,) = found["now"]
-    assert (now.force_n > LEAST_SCORED_N).all()
-    assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3
-    assert (now.low_n <= now.value_n).all()
-    assert (now.value_n <= now.high_n).all()
-
-
-@pytest.mark.slow
-def test_follow_staircases_with_trees_rejects_training_sheets() -> None:
+def test_follow_staircases_tracks_force_with_laws_and_trees_of_other_sheets() -> None:
     trees = learn_from_staircases([4, 5], level="lab", staircases=1)
     with pytest.raises(SeenBeforeError, match="4 was used"):
         follow_staircases(4, level="lab", staircases=1, trees=trees)
     found = follow_staircases(3, level="lab", staircases=1, trees=trees)
     assert list(found) == list(staircases.METHODS)
     (now,), (learned,) = found["now"], found["trees"]
+    assert (now.force_n > LEAST_SCORED_N).all()
+    assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3
+    assert (now.low_n <= now.value_n).all()
+    assert (now.value_n <= now.high_n).all()
     np.testing.assert_array_equal(learned.force_n, now.force_n)
     assert np.median(np.abs(learned.value_n - learned.force_n)) < 1.0
     scores = staircases._scores([learned], [now])
@@ -46,14 +39,9 @@ def test_follow_staircases_with_trees_rejects_training_sheets() -> None:
 
 def test_staircase_scores_of_known_errors_are_exact() -> None:
     force = np.array([1.0, 2.0, 4.0])
-    half = FollowedForce(
-        sensor=0,
-        force_n=force,
-        value_n=force / 2,
-        low_n=0 * force,
-        high_n=force * 0.9,
-    )
-    exact = FollowedForce(sensor=0, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2)
+    low = {"sensor": 0, "force_n": force, "low_n": 0 * force}
+    half = FollowedForce(**low, value_n=force / 2, high_n=force * 0.9)
+    exact = FollowedForce(**low, value_n=force, high_n=force * 2)
     scores = staircases._scores([half], [half])
     assert scores["share_of_settled"] == 1
     assert scores["rms_log_error"] == pytest.approx(np.log(2))

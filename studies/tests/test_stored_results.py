@@ -1,13 +1,29 @@
-"""Stored results are of the present code, and a change of that code is detected."""
+"""Stored results are of the present code, and generated pages show their figures."""
 
 from __future__ import annotations
 
+import ast
 import json
+import re
+import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+import palpate
+from palpate.errors import InputError
+from palpate_studies.catalogue import STUDIES
+from palpate_studies.scoreboard import (
+    MARKS,
+    claims_table,
+    fill_page,
+    first_page_table,
+    generate_pages,
+    insert_table,
+    read_claims,
+)
 from palpate_studies.stored_results import (
     Recipe,
     explain_outdated,
@@ -17,7 +33,8 @@ from palpate_studies.stored_results import (
 )
 from palpate_studies.study_code import ProductCode
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 SYMBOL = "palpate.law:estimate"
 
 
@@ -32,37 +49,43 @@ def test_quoted_results_are_of_the_present_code() -> None:
             assert not reason, f"{name}: {reason}; run `make results`"
 
 
+LAW = '''"""A law."""
+from __future__ import annotations
+from pathlib import Path
+from typing import TYPE_CHECKING
+from palpate import constants
+from palpate.twin.world import World
+if TYPE_CHECKING:
+    from palpate.sheet import Sheet
+LIMIT = 10.0
+def estimate(sheet: Sheet, world: World) -> float:
+    """Estimate."""
+    if sheet.area() > LIMIT:
+        raise ValueError("too large")
+    return constants.GAIN * len(_read())  # a force
+def _read():
+    return Path(__file__).with_name("law.json").read_text()
+def other():
+    return 5.0
+'''
+PRODUCT = {
+    "__init__.py": "",
+    "law.py": LAW,
+    "law.json": "[1.0]",
+    "constants.py": "GAIN = 2.0\nOTHER = 3.0\n",
+    "sheet.py": "class Sheet:\n    def area(self):\n        return 4.0\n",
+    "twin/__init__.py": "",
+    "twin/world.py": "class World:\n    NOISE = 0.1\n",
+}
+
+
 @pytest.fixture
 def product(tmp_path: Path) -> Path:
     """Return the folder of a small product with a law, its constants and a twin."""
     folder = tmp_path / "palpate"
     (folder / "twin").mkdir(parents=True)
-    (folder / "__init__.py").touch()
-    (folder / "law.py").write_text(
-        '"""A law."""\n'
-        "from __future__ import annotations\n"
-        "from pathlib import Path\n"
-        "from typing import TYPE_CHECKING\n"
-        "from palpate import constants\n"
-        "from palpate.twin.world import World\n"
-        "if TYPE_CHECKING:\n"
-        "    from palpate.sheet import Sheet\n"
-        "LIMIT = 10.0\n"
-        "def estimate(sheet: Sheet, world: World) -> float:\n"
-        '    """Estimate."""\n'
-        "    if sheet.area() > LIMIT:\n"
-        '        raise ValueError("too large")\n'
-        "    return constants.GAIN * len(_read())  # a force\n"
-        "def _read():\n"
-        '    return Path(__file__).with_name("law.json").read_text()\n'
-        "def other():\n"
-        "    return 5.0\n"
-    )
-    (folder / "law.json").write_text("[1.0]")
-    (folder / "constants.py").write_text("GAIN = 2.0\nOTHER = 3.0\n")
-    (folder / "sheet.py").write_text("class Sheet:\n    def area(self):\n        return 4.0\n")
-    (folder / "twin" / "__init__.py").touch()
-    (folder / "twin" / "world.py").write_text("class World:\n    NOISE = 0.1\n")
+    for name, text in PRODUCT.items():
+        (folder / name).write_text(text)
     return folder
 
 
@@ -72,12 +95,7 @@ def product(tmp_path: Path) -> Path:
         ("law.py", "# a force", "# its force, in N", None),
         ("law.py", '"""Estimate."""', '"""Estimate the force."""', None),
         ("law.py", "too large", "the sheet is too large", None),
-        (
-            "law.py",
-            "return constants.GAIN * len(_read())",
-            "return (constants.GAIN * len(_read()))",
-            None,
-        ),
+        ("law.py", "len(_read())", "(len(_read()))", None),
         ("law.py", "return 5.0", "return 6.0", None),
         ("constants.py", "OTHER = 3.0", "OTHER = 4.0", None),
         ("twin/world.py", "NOISE = 0.1", "NOISE = 0.2", None),
@@ -98,11 +116,9 @@ def test_content_changes_only_with_code_that_the_symbol_needs(
     after = ProductCode({"palpate": product}).hash_content([SYMBOL])
     assert before.keys() == after.keys()
     assert [one for one in before if before[one] != after[one]] == ([changed] if changed else [])
-
-
-def test_twin_is_content_of_a_result_about_it(product: Path) -> None:
-    found = ProductCode({"palpate": product}).hash_content([SYMBOL, "palpate.twin.world:World"])
-    assert "palpate.twin.world" in found
+    # The twin is content only of a result about it.
+    about_twin = ProductCode({"palpate": product}).hash_content(["palpate.twin.world:World"])
+    assert ("palpate.twin.world" in before, "palpate.twin.world" in about_twin) == (False, True)
 
 
 def test_result_is_outdated_by_its_code_or_command(product: Path, tmp_path: Path) -> None:
@@ -117,13 +133,8 @@ def test_result_is_outdated_by_its_code_or_command(product: Path, tmp_path: Path
     )
     code = ProductCode({"palpate": product})
     assert explain_outdated(recipe, docs=tmp_path, code=code) == "not made"
-    store_result(
-        recipe,
-        docs=tmp_path,
-        figures={"error": 0.1},
-        code=code.hash_content([SYMBOL]),
-        processor_s=2.0,
-    )
+    content = code.hash_content([SYMBOL])
+    store_result(recipe, docs=tmp_path, figures={"error": 0.1}, code=content, processor_s=2.0)
     assert not explain_outdated(recipe, docs=tmp_path, code=code)
     other = replace(recipe, study="rupture")
     reason = explain_outdated(other, docs=tmp_path, code=code)
@@ -143,3 +154,197 @@ def test_make_result_stores_figures_that_are_current(tmp_path: Path) -> None:
     assert not explain_outdated(recipe, docs=tmp_path, code=ProductCode())
     stored = json.loads((tmp_path / "kept" / "slip.json").read_text())
     assert list(stored["figures"]) == ["summary"]
+
+
+def test_generated_pages_match_stored_results() -> None:
+    for page, wanted in generate_pages(DOCS).items():
+        assert page.read_text() == wanted, f"{page} is stale: run docs/generate_scoreboard.py"
+
+
+def test_readme_has_only_the_generated_results_table() -> None:
+    text = (ROOT / "README.md").read_text()
+    begin, end = MARKS
+    outside = text.split(begin)[0] + text.split(end)[1]
+    assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
+
+
+def test_results_have_origin_and_are_quoted() -> None:
+    quoting = (DOCS / "claims.toml").read_text() + (DOCS / "kept" / "results.md.in").read_text()
+    recipes = read_recipes(DOCS)
+    assert recipes.keys() == {path.stem for path in (DOCS / "kept").glob("*.json")}
+    for name, recipe in recipes.items():
+        assert f'"{name}"' in quoting or f"{{{{{name}|" in quoting, name
+        assert recipe.origin in ("real", "simulated")
+        assert recipe.note, f"{name} does not report its seeds and evaluations"
+
+
+RESULTS = """\
+[one]
+study = "rupture"
+keys = ["rows", "pair"]
+origin = "real"
+note = "Once."
+[two]
+study = "rupture --second"
+keys = []
+origin = "simulated"
+note = "Once."
+"""
+CLAIMS = """\
+[[claim]]
+name = "x"
+code = "palpate.a:B"
+claim = "error"
+result = "one"
+count = "3"
+held = "sensors"
+ours = "{100*rows[method=a, b]/error:.1f} %"
+rival = "{rows[method=c]/error}"
+rival_name = "c"
+difference = "pair"
+verdict = "undecided"
+note = "{rows[method=c]/ends/1}"
+second_result = "two"
+second = "{error:.1f}"
+second_difference = "pair"
+second_verdict = "rival"
+"""
+FIGURES = {
+    "one": {
+        "rows": [
+            {"method": "a, b", "error": 0.1234},
+            {"method": "c", "error": 0.2, "ends": [1, 3]},
+        ],
+        "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
+    },
+    "two": {"error": 0.5, "pair": {"difference": 0.3, "low": 0.1, "high": 0.4, "verdict": "rival"}},
+}
+
+
+@pytest.fixture
+def docs(tmp_path: Path) -> Path:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "results.toml").write_text(RESULTS)
+    (tmp_path / "claims.toml").write_text("claim = []\n")
+    recipes = read_recipes(tmp_path)
+    for name, figures in FIGURES.items():
+        store_result(recipes[name], docs=tmp_path, figures=figures, code={}, processor_s=1.0)
+    (tmp_path / "claims.toml").write_text(CLAIMS)
+    return tmp_path
+
+
+def test_read_claims_looks_up_and_scales_figures(docs: Path) -> None:
+    (claim,) = read_claims(docs)
+    assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
+    assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
+    assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
+    table = claims_table([claim])
+    assert (
+        "| error (3) | 3; sensors; `rupture` | 12.3 % | 0.2 (c) | **undecided**: -0.100 " in table
+    )
+    page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
+    assert page == "0.20 2"
+
+
+def test_figures_of_an_earlier_version_are_marked(docs: Path) -> None:
+    text = "Now{{earlier}}: {{one|rows[method=c]/error:.2f}} {{two|error}}"
+    assert fill_page(text, docs) == "Now: 0.20 0.5"
+    path = docs / "results.toml"
+    path.write_text(path.read_text().replace('origin = "real"', 'origin = "real"\nearlier = "why"'))
+    (claim,) = read_claims(docs)
+    assert "| 12.3 % (of an earlier version) |" in claims_table([claim])
+    assert claim["second"].endswith("+0.400)")
+    line, figures = fill_page(text, docs).split(": 0.20")
+    assert "`one` (why)" in line
+    assert figures == "† 0.5"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('verdict = "undecided"', 'verdict = "ours"', "its interval 'undecided'"),
+        ('second_verdict = "rival"', 'second_verdict = "ours"', "its interval 'rival'"),
+        ("method=c]/error}", "method=d]/error}", "matches 0 rows"),
+        ('difference = "pair"', 'difference = "pear"', "has no 'pear'"),
+        ("ends/1", "ends/2", "has no '2'"),
+    ],
+)
+def test_read_claims_unsupported_claim_raises(
+    docs: Path, old: str, new: str, complaint: str
+) -> None:
+    path = docs / "claims.toml"
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=complaint):
+        read_claims(docs)
+
+
+def test_insert_table_changes_with_stored_result(tmp_path: Path) -> None:
+    shutil.copytree(DOCS / "kept", tmp_path / "kept")
+    for name in ("claims.toml", "results.toml"):
+        shutil.copy(DOCS / name, tmp_path)
+    page = (ROOT / "README.md").read_text()
+    path = tmp_path / "kept" / "rupture.json"
+    document = json.loads(path.read_text())
+    for row in document["figures"]["tradeoff"]:
+        row["firmness"] += 0.1
+    path.write_text(json.dumps(document))
+    assert insert_table(page, first_page_table(read_claims(tmp_path))) != page
+    with pytest.raises(InputError, match="needs exactly one"):
+        insert_table("no marks", "")
+
+
+def test_paper_notes_count_misses_like_stored_results() -> None:
+    notes = (DOCS / "paper-notes.md").read_text()
+    for table, of in (("1", "family"), ("4", "level"), ("5", "level")):
+        stored = json.loads((DOCS / "kept" / f"table{table}.json").read_text())["figures"]
+        for name, parts in stored["misfit"].items():
+            fitted, predicted = (
+                f"{part['missed']} of {part['entries']}" if part["entries"] else "-"
+                for part in (parts["fitted"], parts["predicted"])
+            )
+            assert f"| Table {table}, {of} `{name}` | {fitted} | {predicted} |" in notes
+
+
+@pytest.mark.slow
+def test_claimed_symbols_are_used_by_study_and_command() -> None:
+    """The study reaches the named class or function of palpate, and a command imports it."""
+    code = ProductCode()
+    for row in read_claims(DOCS):
+        module, symbol = row["code"].split(":")
+        public = {one for one, home in palpate._MODULES.items() if home == module}
+        in_study = code.find_definitions([f"{STUDIES[row['study']][0]}:command"])
+        assert (module, symbol) in in_study, row["name"]
+        files = list_product_files()
+        assert any(imports(path, module, symbol, public) for path in files), row["name"]
+
+
+def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
+    """Return whether a file imports the symbol from its module or as a public name."""
+    return any(
+        symbol in [one.name for one in node.names]
+        and (node.module == module or (node.module == "palpate" and symbol in public))
+        for node in list_imports(path.read_text())
+    )
+
+
+@cache
+def list_imports(code: str) -> list[ast.ImportFrom]:
+    """Return the imports of a program; every claim asks the same files."""
+    return [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.ImportFrom)]
+
+
+@cache
+def list_product_files() -> list[Path]:
+    """Return the product files imported by commands, directly or indirectly."""
+    commands = (ROOT / "src" / "palpate" / "cli").glob("*.py")
+    files, waiting = dict[Path, None](), list(commands)
+    while waiting:
+        path = waiting.pop()
+        if path in files:
+            continue
+        files[path] = None
+        for node in list_imports(path.read_text()):
+            if (node.module or "").startswith("palpate."):
+                place = (ROOT / "src").joinpath(*str(node.module).split("."))
+                waiting += [one for one in (place.with_suffix(".py"),) if one.is_file()]
+    return list(files)

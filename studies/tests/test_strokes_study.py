@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,31 +21,22 @@ def strokes_csv(
     path: Path, *, sensors: int = 2, places: int = 2, attempts: int = 2, weak: bool = False
 ) -> Path:
     """Write synthetic touches: two pins, some attempts, creep, and a gain per place."""
-    rng = np.random.default_rng(5)
-    lines = []
-    for sensor in range(sensors):
-        for pin in (3, 6):
-            gains = np.exp(rng.normal(0, 0.4, places))
-            for attempt in range(attempts):
-                for place in range(places):
-                    # Fewer than 256 samples of a sensor, because the trees' bins of more are slow.
-                    time_s = np.arange(0, 1.0, 0.0125)
-                    since = time_s - 0.5
-                    peak = rng.uniform(6, 12)
-                    force = np.interp(since, [0, 0.08, 0.3, 0.36], [0, peak, peak, 0])
-                    phase = np.select(
-                        [since < 0.005, since < 0.08, since < 0.3, since < 0.355],
-                        ["rest", "loading", "holding", "unloading"],
-                        "rest",
-                    )
-                    creep = 1 + 0.2 * np.maximum(since, 0)
-                    excess = (0.001 if weak else 8) * gains[place] * force**1.2 * creep
-                    ohm = 1000 / (1 + excess)
-                    lines += [
-                        f"s{sensor}-{pin}mm-a{attempt},{place * 2 + t:.3f},{r:.4f},{f:.4f},"
-                        f"{place},{p}"
-                        for t, r, f, p in zip(time_s, ohm, force, phase, strict=True)
-                    ]
+    rng, lines = np.random.default_rng(5), []
+    # Fewer than 256 samples of a sensor, because the trees' bins of more are slow.
+    time_s = np.arange(0, 1.0, 0.0125)
+    since = time_s - 0.5
+    until = [since < 0.005, since < 0.08, since < 0.3, since < 0.355]
+    phase = np.select(until, ["rest", "loading", "holding", "unloading"], "rest")
+    for sensor, pin in product(range(sensors), (3, 6)):
+        gains = np.exp(rng.normal(0, 0.4, places))
+        for attempt, place in product(range(attempts), range(places)):
+            peak = rng.uniform(6, 12)
+            force = np.interp(since, [0, 0.08, 0.3, 0.36], [0, peak, peak, 0])
+            creep = 1 + 0.2 * np.maximum(since, 0)
+            ohm = 1000 / (1 + (0.001 if weak else 8) * gains[place] * force**1.2 * creep)
+            columns = zip(place * 2 + time_s, ohm, force, phase, strict=True)
+            name = f"s{sensor}-{pin}mm-a{attempt}"
+            lines += [f"{name},{t:.3f},{r:.4f},{f:.4f},{place},{p}" for t, r, f, p in columns]
     path.write_text(HEADER + "\n".join(lines) + "\n")
     return path
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibrate.dead_weights import check_loads, has_unloading, measure_loads, read_loads
+from palpate.calibrate.dead_weights import LoadMeasurement, has_unloading, measure_loads, read_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_law import ForceLaw
@@ -19,18 +19,13 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
-def write_file(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("load_n\n1\n5\n", r"not 2 \(1, 5 N\)"),
         ("load_n\n4\n5\n6\n", "2 times the smallest, 4 N"),
         ("load_g\n100\n200\n", "no column load_n"),
-        ("load_n\n100\n200\n500\n1000\n", "in grams"),
+        ("load_n\n50\n100\n200\n500\n", "in grams, multiply"),
         ("load_n\n0\n0\n", "not 0"),
         ("load_n\n1\n2\nheavy\n4\n", "line 4: load_n is 'heavy'"),
         ("load_n\n1\n2\n-3\n4\n", "0 or more"),
@@ -38,13 +33,14 @@ def write_file(path: Path, text: str) -> Path:
     ],
 )
 def test_read_loads_invalid_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "loads.csv").write_text(text)
     with pytest.raises(InputError, match=message):
-        read_loads(write_file(tmp_path / "loads.csv", text))
+        read_loads(tmp_path / "loads.csv")
 
 
 def test_read_loads_preserves_order(tmp_path: Path) -> None:
-    path = write_file(tmp_path / "loads.csv", "load_n\n1\n5\n10\n5\n1\n")
-    assert read_loads(path) == [1, 5, 10, 5, 1]
+    (tmp_path / "loads.csv").write_text("load_n\n1\n5\n10\n5\n1\n")
+    assert read_loads(tmp_path / "loads.csv") == [1, 5, 10, 5, 1]
     assert has_unloading([1, 5, 10, 5, 1])
     assert not has_unloading([1, 5, 10])
 
@@ -95,63 +91,51 @@ def test_measure_loads_unsettled_loads_are_refused() -> None:
         )
 
 
-def test_check_loads_suggests_conversion_from_grams() -> None:
-    with pytest.raises(InputError, match="grams, multiply"):
-        check_loads([50, 100, 200, 500], where="--loads")
-
-
 class SaturatingArray:
     """A readout whose pixels follow the load up to saturation."""
 
     layout = RIGID_LAYOUT
 
-    def __init__(self, clock: ManualClock) -> None:
-        self.clock, self.load_n, self.sent = clock, 0.0, 0
+    def __init__(self, on_it: dict[int, float] | None = None) -> None:
+        """Lay the weights on, except for those in `on_it`."""
+        self.clock, self.load_n, self.sent = ManualClock(), 0.0, 0
+        self.on_it, self.placed, self.bad_frames = on_it or {}, 0, dict[int, int]()
+        self.told = list[str]()
+
+    def count(self) -> int:
+        return min(300 + round(120 * self.load_n) + self.sent % 2, 1023)
 
     def read(self, *, timeout_s: float) -> Frame:
         self.clock.sleep_s(0.25)
         self.sent += 1
-        count = min(300 + round(120 * self.load_n), 1023)
-        flicker = self.sent % 2
-        counts = np.full((self.layout.rows, self.layout.cols), min(count + flicker, 1023))
+        counts = np.full((self.layout.rows, self.layout.cols), self.count())
+        counts[0, 0] = self.bad_frames.get(self.sent, counts[0, 0])
         return Frame(time_s=self.clock.now_s(), sequence=self.sent, counts=counts, oversampling=1)
 
     def close(self) -> None:
         """Do nothing."""
 
     def place(self, load_n: float) -> None:
-        self.load_n = load_n
+        self.load_n = self.on_it.get(self.placed, load_n)
+        self.placed += 1
 
-
-def test_measure_loads_saturated_pixel_is_refused() -> None:
-    clock = ManualClock()
-    array = SaturatingArray(clock)
-    fine = measure_loads(array, loads_n=[1.0, 2.0, 3.0, 4.0], place=array.place, clock=clock)
-    assert len(fine.pairs.force_n) == 4
-    array.place(0.0)
-    with pytest.raises(CalibrationError, match="saturated at 9 N; use a smaller reference"):
-        measure_loads(array, loads_n=[1.0, 2.0, 4.0, 9.0], place=array.place, clock=clock)
+    def measure(self, *loads_n: float) -> LoadMeasurement:
+        tell = self.told.append
+        return measure_loads(self, loads_n=loads_n, place=self.place, clock=self.clock, tell=tell)
 
 
 class Sheet(SaturatingArray):
     """A readout of a sheet whose excess is proportional to what really lies on it."""
 
-    def __init__(self, clock: ManualClock, *, on_it: dict[int, float] | None = None) -> None:
-        super().__init__(clock)
-        self.on_it, self.placed, self.bad_frames = on_it or {}, 0, dict[int, int]()
-
-    def place(self, load_n: float) -> None:
-        self.load_n = self.on_it.get(self.placed, load_n)
-        self.placed += 1
-
-    def read(self, *, timeout_s: float) -> Frame:
-        self.clock.sleep_s(0.25)
-        self.sent += 1
+    def count(self) -> int:
         ohm = 11_000.0 / (1.0 + 0.5 * self.load_n)
-        count = round(1024 * 4700.0 / (4700.0 + ohm))
-        counts = np.full((self.layout.rows, self.layout.cols), count)
-        counts[0, 0] = self.bad_frames.get(self.sent, counts[0, 0])
-        return Frame(time_s=self.clock.now_s(), sequence=self.sent, counts=counts, oversampling=1)
+        return round(1024 * 4700.0 / (4700.0 + ohm))
+
+
+def test_measure_loads_saturated_pixel_is_refused() -> None:
+    assert len(SaturatingArray().measure(1.0, 2.0, 3.0, 4.0).pairs.force_n) == 4
+    with pytest.raises(CalibrationError, match="saturated at 9 N; use a smaller reference"):
+        SaturatingArray().measure(1.0, 2.0, 4.0, 9.0)
 
 
 @pytest.mark.parametrize(
@@ -167,9 +151,8 @@ class Sheet(SaturatingArray):
 def test_measure_loads_reading_without_its_weight_is_left_out(
     loads_n: list[float], on_it: dict[int, float], refused_n: tuple[float, ...], reason: str
 ) -> None:
-    clock, told = ManualClock(), list[str]()
-    array = Sheet(clock, on_it=on_it)
-    found = measure_loads(array, loads_n=loads_n, place=array.place, clock=clock, tell=told.append)
+    array = Sheet(on_it)
+    found, told = array.measure(*loads_n), array.told
     assert found.refused_n == refused_n
     assert len(found.pairs.force_n) == len(loads_n) - len(refused_n)
     assert len(told) == len(refused_n)
@@ -177,37 +160,27 @@ def test_measure_loads_reading_without_its_weight_is_left_out(
 
 
 def test_measure_loads_unequal_readings_of_one_weight_are_reported() -> None:
-    clock, told = ManualClock(), list[str]()
-    array = Sheet(clock, on_it={3: 6.0})
-    found = measure_loads(
-        array, loads_n=[2.0, 4.0, 9.0, 2.0], place=array.place, clock=clock, tell=told.append
-    )
+    array = Sheet({3: 6.0})
+    found = array.measure(2.0, 4.0, 9.0, 2.0)
+    (told,) = array.told
     assert found.refused_n == ()
-    assert len(told) == 1
-    assert told[0].startswith("2 N read 7.98 before and 23.9 now")
+    assert told.startswith("2 N read 7.98 before and 23.9 now")
     law = ForceLaw.fit(found.pairs.excess, force_n=found.pairs.force_n)
     for excess in found.pairs.excess[::3]:
         assert law.force(excess).low <= 2.0 <= law.force(excess).high
 
 
 def test_measure_loads_single_bad_frames_do_not_matter() -> None:
-    found = []
-    for bad in ({}, {100: 1023, 105: 0, 182: 1023}):
-        clock = ManualClock()
-        array = Sheet(clock)
-        array.bad_frames = bad
-        found.append(
-            measure_loads(array, loads_n=[2.0, 4.0, 9.0], place=array.place, clock=clock).pairs
-        )
+    sound, spoiled = Sheet(), Sheet()
+    spoiled.bad_frames = {100: 1023, 105: 0, 182: 1023}
+    found = [array.measure(2.0, 4.0, 9.0).pairs for array in (sound, spoiled)]
     assert found[0].excess == pytest.approx(found[1].excess)
     assert found[0].relative_percent == pytest.approx(found[1].relative_percent)
 
 
 def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
-    clock = ManualClock()
-    array = Sheet(clock)
     with pytest.raises(CalibrationError, match=r"not 1 \(4 N\)"):
-        measure_loads(array, loads_n=[4.0, 4.0, 4.0], place=array.place, clock=clock)
+        Sheet().measure(4.0, 4.0, 4.0)
 
 
 class NoisySheet(Sheet):
@@ -222,10 +195,6 @@ class NoisySheet(Sheet):
 
 
 def test_measure_loads_reading_within_the_noise_at_rest_is_left_out() -> None:
-    clock, told = ManualClock(), list[str]()
-    array = NoisySheet(clock, on_it={0: 0.0})
-    found = measure_loads(
-        array, loads_n=[0.2, 2.0, 4.0, 9.0], place=array.place, clock=clock, tell=told.append
-    )
-    assert found.refused_n == (0.2,)
-    assert "reading at rest" in told[0]
+    array = NoisySheet({0: 0.0})
+    assert array.measure(0.2, 2.0, 4.0, 9.0).refused_n == (0.2,)
+    assert "reading at rest" in array.told[0]

@@ -55,21 +55,6 @@ def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     assert math.exp(a[-1].log_stiffness) == pytest.approx(2.0, rel=1e-3)
 
 
-def test_closing_curve_unloading_adds_no_state() -> None:
-    curve = ClosingCurve()
-    for closure in np.linspace(0.1, 2.0, 200):
-        curve.push(closure, force_n=2 * closure)
-    for closure in np.linspace(2.0, 1.0, 50):
-        assert curve.push(closure, force_n=2 * closure - 0.5) == []
-
-
-def test_flattening_curve_lowers_predicted_rupture_force(model: DamageModel) -> None:
-    curve = ClosingCurve()
-    states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
-    limits_n = [model.strengths[""].median_n(state) for state in states]
-    assert limits_n[-1] < 0.5 * max(limits_n)
-
-
 def test_fit_with_closings_without_states_ignores_them() -> None:
     paths, limits_n, kinds = orchard(60, seed=7)
     brittle = fit_damage_model(
@@ -81,14 +66,13 @@ def test_fit_with_closings_without_states_ignores_them() -> None:
     )
 
 
-def test_prediction_at_half_load_is_near_the_rupture_force() -> None:
+def test_prediction_is_near_the_rupture_force_and_at_least_the_force_withstood(
+    model: DamageModel,
+) -> None:
     paths, limits_n, _ = orchard(80, seed=3)
     strength = fit_strength(paths, rupture_force_n=limits_n)
-    state = close_on(3.0, until_n=3.0)[-1]
-    assert strength.predict_n(state) == pytest.approx(6.0, rel=0.15)
-
-
-def test_prediction_is_at_least_the_force_withstood(model: DamageModel) -> None:
+    half_loaded = close_on(3.0, until_n=3.0)[-1]
+    assert strength.predict_n(half_loaded) == pytest.approx(6.0, rel=0.15)
     for state in close_on(1.0, until_n=20.0):
         assert model.strengths[""].predict_n(state) >= state.force_n
 
@@ -97,12 +81,6 @@ def test_unknown_kind_uses_model_of_all_kinds(model: DamageModel) -> None:
     state = close_on(3.0, until_n=4.0)[-1]
     assert model.predict(state, kind="durian") == model.predict(state)
     assert model.bound_n(felt(2.9, 3.0, 3.1), kind="durian") == model.bound_n(felt(2.9, 3.0, 3.1))
-
-
-@pytest.mark.parametrize("rate", [0.0, 1.0, -0.1])
-def test_damage_model_rate_outside_0_to_1_is_refused(model: DamageModel, rate: float) -> None:
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        replace(model, rate=rate)
 
 
 def test_fit_damage_model_too_few_closings_are_refused() -> None:
@@ -122,10 +100,8 @@ def test_damage_bound_of_unseen_fruit_limits_damage_to_the_rate() -> None:
     damaged = np.zeros(2)
     for seed in (1, 2, 3, 4):
         paths, limits_n, kinds = orchard(120, seed=seed)
-        learned = [
-            fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds, rate=rate)
-            for rate in rates
-        ]
+        fitted = fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
+        learned = [replace(fitted, rate=rate) for rate in rates]
         for path, limit_n, _ in zip(*orchard(200, seed=20 + seed), strict=True):
             compliance = math.exp(-path[-1].log_stiffness)
             seen, half_width = max(compliance + 0.07 * rng.standard_normal(), 0.02), 1.645 * 0.07
@@ -144,9 +120,7 @@ def test_damage_bound_falls_with_rate_and_uncertainty(model: DamageModel) -> Non
 
 
 @pytest.mark.slow
-def test_damage_bound_of_unknown_stiffness_follows_training_set(
-    model: DamageModel,
-) -> None:
+def test_damage_bound_of_unknown_stiffness_follows_training_set(model: DamageModel) -> None:
     """The measurement is uninformative, so only the training set determines the limit."""
     uninformative = felt(0.05, 1.0, 500.0)
     bound_n = model.bound_n(uninformative)

@@ -1,16 +1,15 @@
-"""Damage file: round trip, and one-line errors for invalid files."""
+"""Damage file: round trip, and one-line errors for invalid files and closings."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage_file import DamageFile
@@ -27,32 +26,30 @@ from palpate.estimate.damage_learning import (
 from palpate.measurement import Measurement
 
 
-def squeezed(name: str, *, fruit: str, stiffness: float, limit_n: float) -> FruitClosing:
+def squeezed(name: str, *, fruit: str = "plum", stiffness: float, limit_n: float) -> FruitClosing:
     """Squeeze a spring until it ruptures."""
     closure_mm = np.arange(0.05, 1.2 * limit_n / stiffness, 0.02)
+    force_n = stiffness * closure_mm
     return follow_closing(
-        name,
-        fruit=fruit,
-        rupture_force_n=limit_n,
-        closure_mm=closure_mm,
-        force_n=stiffness * closure_mm,
+        name, fruit=fruit, rupture_force_n=limit_n, closure_mm=closure_mm, force_n=force_n
     )
 
 
 def crate(*, plums: int, pears: int) -> list[FruitClosing]:
     """Fruit that ruptures at twice its stiffness, give or take 20 %; pears at thrice."""
-    rng = np.random.default_rng(8)
-    kinds = ["plum"] * plums + ["pear"] * pears
-    made = []
-    for number, fruit in enumerate(kinds):
+    rng, made = np.random.default_rng(8), []
+    for number, fruit in enumerate(["plum"] * plums + ["pear"] * pears):
         stiffness = float(np.exp(rng.normal(1.0, 0.4)))
         times = (2.0 if fruit == "plum" else 3.0) * float(np.exp(rng.normal(0.0, 0.2)))
-        limit_n = times * stiffness
-        made.append(squeezed(f"g{number}", fruit=fruit, stiffness=stiffness, limit_n=limit_n))
+        made.append(
+            squeezed(f"g{number}", fruit=fruit, stiffness=stiffness, limit_n=times * stiffness)
+        )
     return made
 
 
-def made_of(closings: list[FruitClosing]) -> DamageFile:
+@cache
+def made(pears: int = 25) -> DamageFile:
+    closings = crate(plums=30, pears=pears)
     return DamageFile(
         model=learn_damage(closings),
         closings={"pear": 25, "plum": 30},
@@ -63,42 +60,22 @@ def made_of(closings: list[FruitClosing]) -> DamageFile:
     )
 
 
-@pytest.fixture(scope="module")
-def made() -> DamageFile:
-    return made_of(crate(plums=30, pears=25))
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    made().save(tmp_path / "damage.json")
+    return tmp_path / "damage.json"
 
 
-@pytest.fixture(scope="module")
-def text(made: DamageFile, tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("made") / "damage.json"
-    made.save(path)
-    return path.read_text()
-
-
-def felt(value: float) -> Measurement:
-    return Measurement(value=value, low=0.8 * value, high=1.2 * value, unit="n_per_mm")
-
-
-def test_damage_file_roundtrip_preserves_model(made: DamageFile, tmp_path: Path) -> None:
-    path = tmp_path / "damage.json"
-    made.save(path)
-    again = DamageFile.load(path)
+def test_damage_file_roundtrip_preserves_model(path: Path) -> None:
+    again, stiffness = DamageFile.load(path), Measurement(value=2.5, low=2, high=3, unit="n_per_mm")
     assert again.kinds == ("pear", "plum")
     for name in ("closings", "learned_from", "made_at", "left_out"):
-        assert getattr(again, name) == getattr(made, name)
+        assert getattr(again, name) == getattr(made(), name)
     for kind in ("", "pear", "plum"):
-        assert again.model.bound_n(felt(2.5), kind=kind) == pytest.approx(
-            made.model.bound_n(felt(2.5), kind=kind), rel=1e-3
-        )
-        assert again.held_out[kind].closings == made.held_out[kind].closings
-    assert again.model.rate == made.model.rate == 0.01
-
-
-def test_load_of_version_1_keeps_its_rate(text: str, tmp_path: Path) -> None:
-    document = json.loads(text) | {"version": 1, "critical_scores": [-1.0, 0.0]}
-    del document["rate"]
-    (tmp_path / "damage.json").write_text(json.dumps(document))
-    assert DamageFile.load(tmp_path / "damage.json").model.rate == 0.001
+        bounds_n = [one.model.bound_n(stiffness, kind=kind) for one in (again, made())]
+        assert bounds_n[0] == pytest.approx(bounds_n[1], rel=1e-3)
+        assert again.held_out[kind].closings == made().held_out[kind].closings
+    assert again.model.rate == made().model.rate == 0.01
 
 
 def renamed(document: dict[str, Any]) -> None:
@@ -123,11 +100,10 @@ def renamed(document: dict[str, Any]) -> None:
     ],
 )
 def test_invalid_damage_file_is_refused_in_one_line(
-    text: str, tmp_path: Path, change: Callable[[dict[str, Any]], object], message: str
+    path: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
-    document = json.loads(text)
+    document = json.loads(path.read_text())
     change(document)
-    path = tmp_path / "damage.json"
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationError) as caught:
         DamageFile.load(path)
@@ -136,35 +112,32 @@ def test_invalid_damage_file_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
-@given(share=st.floats(0.0, 0.99))
-def test_truncated_damage_file_is_refused(
-    text: str, tmp_path_factory: pytest.TempPathFactory, share: float
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "cut.json"
-    path.write_text(text[: int(share * len(text))])
+def test_load_of_version_1_keeps_its_rate(path: Path) -> None:
+    document = json.loads(path.read_text()) | {"version": 1, "critical_scores": [-1.0, 0.0]}
+    del document["rate"]
+    path.write_text(json.dumps(document))
+    assert DamageFile.load(path).model.rate == 0.001
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.99, None])
+def test_truncated_or_binary_damage_file_is_refused(path: Path, share: float | None) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(b"\xff\xfe\x00" if share is None else whole[: int(share * len(whole))])
     with pytest.raises(CalibrationError, match="incomplete or invalid JSON"):
         DamageFile.load(path)
 
 
-def test_binary_damage_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "damage.json"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(CalibrationError, match="incomplete or invalid JSON"):
-        DamageFile.load(path)
-
-
-def test_check_kind_unknown_kind_message_lists_kinds(made: DamageFile) -> None:
-    assert made.check_kind("plum", where="damage.json") == "plum"
+def test_check_kind_unknown_kind_message_lists_kinds() -> None:
+    assert made().check_kind("plum", where="damage.json") == "plum"
     with pytest.raises(InputError, match="no kind 'apple'; available kinds: pear, plum; for"):
-        made.check_kind("apple", where="damage.json")
-    few = made_of(crate(plums=30, pears=5))
-    assert few.kinds == ("plum",)
+        made().check_kind("apple", where="damage.json")
+    assert made(pears=5).kinds == ("plum",)
     with pytest.raises(InputError, match="only 25 closings of 'pear'; available kinds: plum"):
-        few.check_kind("pear", where="damage.json")
+        made(pears=5).check_kind("pear", where="damage.json")
 
 
 def test_known_kind_improves_held_out_score() -> None:
-    found = score_held_out(crate(plums=30, pears=25))
+    found = made().held_out
     assert found["plum"].error_percent < found[""].error_percent < 40
     assert found["plum"].error_percent < found["plum"].median_error_percent
     assert found[""].above_low > 0.85
@@ -172,11 +145,9 @@ def test_known_kind_improves_held_out_score() -> None:
 
 
 def test_copies_of_a_recording_are_in_one_fold() -> None:
-    closings = crate(plums=20, pears=0)
-    twin = squeezed("copy", fruit="plum", stiffness=3.0, limit_n=6.0)
-    once = squeezed("once", fruit="plum", stiffness=3.0, limit_n=6.0)
-    other = squeezed("other", fruit="plum", stiffness=3.0, limit_n=6.1)
-    mixed = [once, *closings, twin, other]
+    copied = [squeezed(name, stiffness=3.0, limit_n=6.0) for name in ("once", "copy")]
+    other = squeezed("other", stiffness=3.0, limit_n=6.1)
+    mixed = [copied[0], *crate(plums=20, pears=0), copied[1], other]
     assert find_copies(mixed) == {"copy": "once"}
     for training, test in split_folds(mixed):
         names = {closing.grasp_id for closing in test}
@@ -185,23 +156,23 @@ def test_copies_of_a_recording_are_in_one_fold() -> None:
     assert find_unfit(mixed) == {"copy": "the same recording as once"}
 
 
-def test_find_unfit_returns_reason_for_each_closing() -> None:
-    closure_mm = np.arange(0.05, 2.0, 0.02)
-    cut = follow_closing(
-        "cut", fruit="plum", rupture_force_n=9.0, closure_mm=closure_mm, force_n=2 * closure_mm
+@pytest.mark.parametrize(
+    ("limit_n", "closing", "offset_n", "n_per_mm", "reason"),
+    [
+        (9.0, 1, 0.0, 2, "its curve ends at 3.98 N, before half of its rupture force"),
+        (5.0, 1, 4.9, 1, "its curve begins too close to its rupture force of 5 N"),
+        (3.0, -1, 0.0, 2, "its closure falls during the closing; is it a width?"),
+    ],
+)
+def test_find_unfit_returns_reason_for_each_closing(
+    limit_n: float, closing: int, offset_n: float, n_per_mm: float, reason: str
+) -> None:
+    along = np.arange(0.05, 2.0, 0.02)
+    closure_mm, force_n = closing * along, offset_n + n_per_mm * along
+    unfit = follow_closing(
+        "bad", fruit="plum", rupture_force_n=limit_n, closure_mm=closure_mm, force_n=force_n
     )
-    late = follow_closing(
-        "late", fruit="plum", rupture_force_n=5.0, closure_mm=closure_mm, force_n=4.9 + closure_mm
-    )
-    width = follow_closing(
-        "width", fruit="plum", rupture_force_n=3.0, closure_mm=-closure_mm, force_n=2 * closure_mm
-    )
-    found = find_unfit([cut, late, width, *crate(plums=3, pears=0)])
-    assert found == {
-        "cut": "its curve ends at 3.98 N, before half of its rupture force",
-        "late": "its curve begins too close to its rupture force of 5 N",
-        "width": "its closure falls during the closing; is it a width?",
-    }
+    assert find_unfit([unfit, *crate(plums=3, pears=0)]) == {"bad": reason}
 
 
 @pytest.mark.parametrize(

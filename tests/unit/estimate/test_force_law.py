@@ -7,63 +7,50 @@ import json
 import numpy as np
 import pytest
 
-import palpate
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_law import (
-    INPUTS,
-    ForceLaw,
-    load_population,
-)
+from palpate.estimate.force_law import INPUTS, ForceLaw, load_population
 from palpate.estimate.force_states import ForceStates, log_reading
+from palpate.measurement import Measurement
+
+EXCESS, WEIGHTS_N = (4.0, 15.0, 40.0), (1.5, 4.0, 9.0)
 
 
-def test_force_law_without_measured_forces_has_wide_interval() -> None:
-    answer = palpate.ForceLaw().force(20.0)
-    assert answer.unit == "n"
-    assert 0 < answer.low < answer.value < answer.high
-    assert answer.high / answer.low > 4.0
+def law_of(*, known: int = 3, factor: float = 1.0) -> ForceLaw:
+    """Return the law of the first weights, all scaled by the factor."""
+    if not known:
+        return ForceLaw()
+    return ForceLaw.fit(EXCESS[:known], force_n=factor * np.array(WEIGHTS_N[:known]))
 
 
-def test_force_law_three_weights_narrow_interval() -> None:
-    excess, weights_n = [4.0, 15.0, 40.0], [1.5, 4.0, 9.0]
-    law = ForceLaw.fit(excess, force_n=weights_n)
-    assert law.known == 3
-    for reading, weight_n in zip(excess, weights_n, strict=True):
-        before, after = ForceLaw().force(reading), law.force(reading)
-        assert after.low < weight_n < after.high
-        assert after.high / after.low < 0.6 * before.high / before.low
+def width(answer: Measurement) -> float:
+    return answer.high / answer.low
 
 
-def test_force_law_update_moves_law_to_measured_force() -> None:
-    law = ForceLaw()
-    before = law.force(30.0)
-    assert law.update(30.0, force_n=2.0 * before.value) is law
-    after = law.force(30.0)
-    assert abs(np.log(after.value / (2.0 * before.value))) < 0.2
-    assert after.high / after.low < before.high / before.low
+def test_force_law_each_measured_force_narrows_a_wide_interval() -> None:
+    bare, law = ForceLaw(), law_of()
+    assert (law.known, bare.force(20.0).unit) == (3, "n")
+    assert width(bare.force(20.0)) > 4.0
+    for excess, weight_n in zip(EXCESS, WEIGHTS_N, strict=True):
+        assert law.force(excess).low < weight_n < law.force(excess).high
+        assert width(law.force(excess)) < 0.6 * width(bare.force(excess))
 
 
 def test_force_law_begin_contact_widens_interval() -> None:
-    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0]).update(20.0, force_n=5.0)
+    law = law_of().update(20.0, force_n=5.0)
     inside = law.copy()
     law.begin_contact()
-    one, next_one = inside.force(20.0), law.force(20.0)
-    assert next_one.high / next_one.low > one.high / one.low
+    assert width(law.force(20.0)) > width(inside.force(20.0))
 
 
 def test_force_law_without_contact_returns_zero() -> None:
-    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
     for excess in (-0.02, 0.0, 0.05):
-        answer = law.force(excess)
-        assert (answer.value, answer.low) == (0.0, 0.0)
-        assert 0 < answer.high < 1.0
+        answer = law_of().force(excess)
+        assert answer.value == answer.low == 0.0 < answer.high < 1.0
 
 
 @pytest.mark.parametrize("known", [0, 1, 3])
 def test_force_law_upper_limit_rises_steadily_from_the_threshold(known: int) -> None:
-    law = ForceLaw()
-    if known:
-        law = ForceLaw.fit([4.0, 15.0, 40.0][:known], force_n=[1.5, 4.0, 9.0][:known])
+    law = law_of(known=known)
     at_rest = law.force(0.0).high
     assert at_rest < 0.7
     excess = np.geomspace(0.01, 0.5, 60)
@@ -85,31 +72,31 @@ def test_force_law_upper_limit_at_rest_ignores_history() -> None:
         contact=[0, 0, 0],
     )
     answer = law.force(inputs)
-    assert answer.value == 0.0
-    assert 0 < answer.high < 1.0
-
-
-def test_force_law_heavier_first_weight_has_larger_threshold() -> None:
-    light, heavy = (
-        ForceLaw.fit([4.0, 15.0, 40.0], force_n=np.array([1.5, 4.0, 9.0]) * factor)
-        for factor in (1.0, 40.0)
-    )
-    assert light.threshold_n() < 1.5 < heavy.threshold_n() < 60.0
+    assert answer.value == 0.0 < answer.high < 1.0
 
 
 @pytest.mark.parametrize(
-    ("readings", "message"),
+    ("readings", "forces_n", "message"),
     [
-        ([5000.0, 900.0, 200.0], "give conductances"),
-        ([0.0, 15.0, 40.0], "at 1.5 N is 0, not above"),
-        ([-0.01, 15.0, 40.0], "not above"),
+        ([5000.0, 900.0, 200.0], WEIGHTS_N, "give conductances"),
+        ([0.0, 15.0, 40.0], WEIGHTS_N, "at 1.5 N is 0, not above"),
+        ([-0.01, 15.0, 40.0], WEIGHTS_N, "not above"),
+        ([13.0, np.inf, 112.0], WEIGHTS_N, "saturated"),
+        ([4.0, 15.0], [0.0, 4.0], "not above 0"),
+        ([4.0, 15.0], [4.0], "2 readings for 1"),
     ],
 )
-def test_force_law_readings_that_are_no_conductance_are_refused(
-    readings: list[float], message: str
+def test_force_law_fit_refuses_invalid_pairs(
+    readings: list[float], forces_n: list[float], message: str
 ) -> None:
     with pytest.raises(CalibrationError, match=message):
-        ForceLaw.fit(readings, force_n=[1.5, 4.0, 9.0])
+        ForceLaw.fit(readings, force_n=forces_n)
+
+
+@pytest.mark.parametrize(("excess", "message"), [(float("nan"), "NaN"), ([1.0, 2.0], "shape")])
+def test_force_of_an_invalid_reading_is_refused(excess: float, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ForceLaw().force(excess)
 
 
 def test_force_law_of_small_excess_is_right_at_its_readings() -> None:
@@ -127,15 +114,12 @@ def test_force_law_samples_of_one_contact_have_limited_weight() -> None:
     force_n = 5.0 * np.exp(0.05 * rng.standard_normal(400))
     many = ForceLaw.fit(reading, force_n=force_n, contact=[0] * 400)
     few = ForceLaw.fit(reading[:25], force_n=force_n[:25], contact=[0] * 25)
-    sd = [
-        law.log_force(np.array([[log_reading(40.0), *[0.0] * (INPUTS - 1)]]))[1]
-        for law in (many, few)
-    ]
-    np.testing.assert_allclose(sd[0], sd[1], rtol=1e-6)
+    inputs = np.array([[log_reading(40.0), *[0.0] * (INPUTS - 1)]])
+    np.testing.assert_allclose(many.log_force(inputs)[1], few.log_force(inputs)[1], rtol=1e-6)
 
 
 def test_force_law_roundtrip_preserves_law() -> None:
-    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    law = law_of()
     again = ForceLaw.from_dict(json.loads(json.dumps(law.as_dict())))
     assert again.force(12.0) == law.force(12.0)
     assert again.known == 3
@@ -161,17 +145,6 @@ def test_force_law_invalid_values_are_refused_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_force_law_invalid_forces_and_readings_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="not above 0"):
-        ForceLaw.fit([4.0, 15.0], force_n=[0.0, 4.0])
-    with pytest.raises(CalibrationError, match="2 readings for 1"):
-        ForceLaw.fit([4.0, 15.0], force_n=[4.0])
-    with pytest.raises(InputError, match="NaN"):
-        ForceLaw().force(float("nan"))
-    with pytest.raises(InputError, match="shape"):
-        ForceLaw().force([1.0, 2.0])
-
-
 def test_shipped_population_is_valid() -> None:
     population = load_population()
     for spread in (population.spread, population.contact_spread):
@@ -180,8 +153,3 @@ def test_shipped_population_is_valid() -> None:
     # More reading is more force, over the whole range that sensors show.
     values = [ForceLaw().force(excess).value for excess in (0.5, 2.0, 8.0, 30.0, 120.0)]
     assert np.all(np.diff(values) > 0)
-
-
-def test_fit_refuses_the_reading_of_a_saturated_pixel() -> None:
-    with pytest.raises(CalibrationError, match="saturated"):
-        ForceLaw.fit([13.0, np.inf, 112.0], force_n=[1.5, 4.0, 9.0])

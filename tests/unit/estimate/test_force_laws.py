@@ -7,6 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.line_law import LineForceLaw
 
 LOADS_N = np.linspace(0.5, 10.0, 15)
 
@@ -20,14 +21,10 @@ def scattered(
     return (reading / 0.2) ** 1.25, LOADS_N
 
 
-def test_power_law_fit_finds_detection_threshold() -> None:
+def test_power_law_fit_finds_detection_threshold_only_if_there_is_one() -> None:
     excess, loads = scattered(1, offset_n=0.4, sd=0.01)
-    law = PowerForceLaw.fit(excess, force_n=loads)
-    assert law.coefficients[2] == pytest.approx(0.4, abs=0.08)
-    assert law.coefficients[1] == pytest.approx(0.8, abs=0.03)
-
-
-def test_power_law_fit_without_threshold_has_no_offset() -> None:
+    _, exponent, offset_n = PowerForceLaw.fit(excess, force_n=loads).coefficients
+    assert (exponent, offset_n) == (pytest.approx(0.8, abs=0.03), pytest.approx(0.4, abs=0.08))
     excess, loads = scattered(2)
     assert PowerForceLaw.fit(excess, force_n=loads).coefficients[2] == 0.0
 
@@ -56,9 +53,7 @@ def test_power_law_flags_readings_out_of_range() -> None:
     excess, loads = scattered(4)
     answer = PowerForceLaw.fit(excess, force_n=loads).force_n([-0.1, excess.max() * 3])
     assert answer.in_range.tolist() == [False, False]
-    assert answer.value[0] == 0.0
-    assert answer.low[0] == 0.0
-    assert answer.high[0] > 0.0
+    assert answer.value[0] == answer.low[0] == 0.0 < answer.high[0]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +79,23 @@ def test_faint_scatter_does_not_widen_firm_forces() -> None:
     loads = np.geomspace(0.1, 15.0, 60)
     read = np.maximum(loads + 0.1 * rng.standard_normal(60), 0.02)
     law = PowerForceLaw.fit(read**1.3, force_n=loads * np.exp(0.03 * rng.standard_normal(60)))
-    firm, faint = law.force_n([10.0**1.3, 0.2**1.3]).high / law.force_n([10.0**1.3, 0.2**1.3]).value
+    answer = law.force_n([10.0**1.3, 0.2**1.3])
+    firm, faint = answer.high / answer.value
     assert law.floor_n == pytest.approx(0.1, rel=0.5)
     assert firm < 1.15
     assert faint > 1.5
+
+
+def test_line_interval_is_a_student_interval() -> None:
+    rng, inside = np.random.default_rng(5), []
+    relative = -np.linspace(5, 60, 12)
+    for _ in range(200):
+        first, new = -0.1 * relative + 1 + 0.2 * rng.standard_normal((2, 12))
+        answer = LineForceLaw.fit(relative, force_n=first).force_n(relative)
+        inside.append((answer.low <= new) & (new <= answer.high))
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
+
+
+def test_line_law_fit_refuses_saturated_readings() -> None:
+    with pytest.raises(CalibrationError, match="saturated"):
+        LineForceLaw.fit([-99.0] * 5, force_n=[1.0, 2, 3, 4, 5])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import combinations
 from pathlib import Path
 
 import ezdxf
@@ -21,30 +21,13 @@ from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 
 PX_PER_MM = 96 / 25.4
+ROUND_MM = {"pixel_width_mm": 5.0, "pixel_height_mm": 5.0, "corner_mm": 2.5, "tail_mm": 30.0}
+CROWDED_MM = {"pixel_width_mm": 3.0, "pixel_height_mm": 4.0, "overhang_mm": 0.6}
+CROWDED_MM |= {"pad_pitch_mm": 4.0, "tail_mm": 40.0, "substrate_width_mm": 60.0}
 DESIGNS = {
     **PRESETS,
-    "round-4x6": SensorDesign(
-        name="round-4x6",
-        rows=4,
-        cols=6,
-        pixel_width_mm=5.0,
-        pixel_height_mm=5.0,
-        corner_mm=2.5,
-        gap_mm=1.0,
-        tail_mm=30.0,
-    ),
-    "crowded-5x5": SensorDesign(
-        name="crowded-5x5",
-        rows=5,
-        cols=5,
-        pixel_width_mm=3.0,
-        pixel_height_mm=4.0,
-        overhang_mm=0.6,
-        gap_mm=0.5,
-        pad_pitch_mm=4.0,
-        tail_mm=40.0,
-        substrate_width_mm=60.0,
-    ),
+    "round-4x6": SensorDesign(name="round-4x6", rows=4, cols=6, gap_mm=1.0, **ROUND_MM),
+    "crowded-5x5": SensorDesign(name="crowded-5x5", rows=5, cols=5, gap_mm=0.5, **CROWDED_MM),
 }
 
 
@@ -109,15 +92,13 @@ def test_pattern_svg_has_every_pixel_at_its_size_and_position(cut: Cut) -> None:
 
 
 def test_pattern_marks_have_equal_positions_in_every_file(cut: Cut) -> None:
-    marks = [found for _, found in cut.drawn.values()]
-    places = {
-        tuple(sorted((round(m.centroid.x, 3), round(m.centroid.y, 3)) for m in found))
-        for found in marks
-    }
-    assert (len(marks), len(places)) == (5, 1)
-    assert all(len(found) == 3 for found in marks)
-    for mark in chain.from_iterable(marks):
-        assert mark.bounds[2] - mark.bounds[0] == pytest.approx(MARK_MM, abs=0.01)
+    first, *others = (
+        sorted(tuple(round(length, 3) for length in mark.bounds) for mark in marks)
+        for _, marks in cut.drawn.values()
+    )
+    assert (len(first), others) == (3, 4 * [first])
+    for left, _, right, _ in first:
+        assert right - left == pytest.approx(MARK_MM, abs=0.01)
 
 
 def test_pattern_has_no_shorts_between_nets(cut: Cut) -> None:

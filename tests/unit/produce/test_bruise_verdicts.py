@@ -18,12 +18,7 @@ from palpate.produce.bruise.examination import (
     learn_bruise_model,
     usable_grasps,
 )
-from palpate.produce.bruise.model import (
-    BRUISED,
-    SOUND,
-    BruiseModel,
-    default_model,
-)
+from palpate.produce.bruise.model import BRUISED, SOUND, BruiseModel, default_model
 from palpate.produce.bruise.shape import fit_load_shape
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
@@ -44,48 +39,40 @@ def pixels(*, soft: tuple[int, int] | None = None, spread: float = 2.0) -> np.nd
 def grasp(
     item: str, change: np.ndarray, *, at: datetime = MONDAY, side: float = 0.0, size: float = 66.0
 ) -> Grasp:
+    size_mm = Measurement(value=size, low=size - 0.5, high=size + 0.5, unit="mm")
     return make_grasp(
         item,
         taken_at=at,
         rig="bench",
-        origin="hardware",
-        measurements={
-            "size_mm": Measurement(value=size, low=size - 0.5, high=size + 0.5, unit="mm")
-        },
+        measurements={"size_mm": size_mm},
         pixel_settled_percent=tuple(map(tuple, change.tolist())),
         angle_deg=side,
     )
 
 
-def label(store: Store, item: str, text: str, *, at: datetime = MONDAY) -> None:
-    store.add_verdict(
-        Verdict(item_id=item, about=About.BRUISE, text=text, given_at=at, source=Source.PERSON)
-    )
-
-
-def make_labelled_store() -> Store:
+def labelled_store() -> Store:
     """Return a store with twelve sound and twelve bruised apples, grasped on Monday."""
-    made = Store.open("sqlite://")
+    made, minute = Store.open("sqlite://"), timedelta(minutes=1)
     for number in range(12):
-        for text, soft in ((SOUND, None), (BRUISED, (int(number % 4), int(number % 2)))):
+        for text, soft in ((SOUND, None), (BRUISED, (number % 4, number % 2))):
             item = f"{text}-{number}"
             made.add_item(Item(item_id=item, kind="apple"))
             made.add_grasp(grasp(item, pixels(), side=90.0))
-            made.add_grasp(grasp(item, pixels(soft=soft), at=MONDAY + timedelta(minutes=1)))
-            label(made, item, text, at=MONDAY + timedelta(minutes=2))
+            made.add_grasp(grasp(item, pixels(soft=soft), at=MONDAY + minute))
+            given = {"given_at": MONDAY + 2 * minute, "source": Source.PERSON}
+            made.add_verdict(Verdict(item_id=item, about=About.BRUISE, text=text, **given))
+    made.add_item(Item(item_id="A17", kind="apple"))
     return made
 
 
 @pytest.fixture
 def store() -> Store:
-    """Return a store with labelled apples."""
-    return make_labelled_store()
+    return labelled_store()
 
 
 @pytest.fixture(scope="module")
 def model() -> BruiseModel:
-    """Return the model learned from the labelled apples."""
-    return learn_bruise_model(make_labelled_store(), kind="apple")
+    return learn_bruise_model(labelled_store(), kind="apple")
 
 
 def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float) -> ItemBruise:
@@ -97,7 +84,6 @@ def test_examine_item_distinguishes_bruised_and_sound_side(
 ) -> None:
     store.add_grasp(grasp("A17", pixels(), side=90.0))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=MONDAY + timedelta(seconds=20)))
-    store.add_item(Item(item_id="A17", kind="apple"))
     found = judge(store, model)
     assert found.is_bruised
     assert [side.angle_deg for side in found.sides] == [0.0, 90.0]
@@ -108,25 +94,18 @@ def test_examine_item_distinguishes_bruised_and_sound_side(
     assert (kept.text, kept.probability) == (BRUISED, found.probability)
 
 
-def test_examine_item_repeated_grasp_leaves_probability_unchanged(
+def test_probability_follows_the_prior_and_ignores_a_repeated_grasp(
     store: Store, model: BruiseModel
 ) -> None:
     change = pixels(soft=(1, 0))
-    store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", change))
-    once = judge(store, model)
+    once, rare = judge(store, model), judge(store, model, bruised_fraction=0.01)
+    odds = [one.probability / (1 - one.probability) for one in (once, rare)]
+    assert odds[0] / odds[1] == pytest.approx(99.0)
     store.add_grasp(grasp("A17", change, at=MONDAY + timedelta(minutes=1), side=5.0))
     twice = judge(store, model)
     assert [side.grasps for side in twice.sides] == [2]
     assert twice.probability == pytest.approx(once.probability)
-
-
-def test_examine_item_low_prior_lowers_the_odds(store: Store, model: BruiseModel) -> None:
-    store.add_item(Item(item_id="A17", kind="apple"))
-    store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
-    common, rare = judge(store, model), judge(store, model, bruised_fraction=0.01)
-    odds = [one.probability / (1 - one.probability) for one in (common, rare)]
-    assert odds[0] / odds[1] == pytest.approx(99.0)
 
 
 def test_examine_item_compares_with_the_first_visit_of_the_side(store: Store) -> None:
@@ -153,10 +132,10 @@ def test_examine_item_without_pixels_or_reference_raises_with_remedy(
     store.add_grasp(grasp("B1", pixels()))
     with pytest.raises(InputError, match=r"no reference to compare with.*--angle-deg 90"):
         judge(store, model, "B1")
-    store.add_grasp(grasp("A17", pixels()))
-    store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
+    store.add_grasp(grasp("A20", pixels()))
+    store.add_grasp(grasp("A20", pixels(), at=TUESDAY))
     with pytest.raises(InputError, match="has no reference that the model was trained on"):
-        judge(store, model)
+        judge(store, model, "A20")
     with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
         learn_bruise_model(store, kind="pear")
 
@@ -174,7 +153,7 @@ def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -
         assert judge(store, default_model(), item).sides[0].against == against
 
 
-def test_usable_grasps_excludes_slips_and_missing_pixels() -> None:
+def test_slips_and_grasps_without_pixels_are_not_used() -> None:
     complete = grasp("A17", pixels())
     slipped = replace(complete, outcome=Outcome.SLIPPED)
     without_pixels = replace(complete, pixel_settled_percent=None)

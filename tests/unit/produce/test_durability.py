@@ -7,7 +7,7 @@ import signal
 import sqlite3
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,16 +65,13 @@ def transaction(path: Path, *, writes: bool) -> Iterator[Any]:
 def test_sqlite_writer_locks_at_begin_and_reader_does_not_lock(tmp_path: Path) -> None:
     path = tmp_path / "items.sqlite"
     Store.open(path).close()
-    other = sqlite3.connect(path, timeout=0, isolation_level=None)
-    with (
-        transaction(path, writes=True),
-        pytest.raises(sqlite3.OperationalError, match="locked"),
-    ):
-        other.execute("BEGIN IMMEDIATE")
-    with transaction(path, writes=False):
-        other.execute("BEGIN IMMEDIATE")
-        other.execute("ROLLBACK")
-    other.close()
+    with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
+        locked = pytest.raises(sqlite3.OperationalError, match="locked")
+        with transaction(path, writes=True), locked:
+            other.execute("BEGIN IMMEDIATE")
+        with transaction(path, writes=False):
+            other.execute("BEGIN IMMEDIATE")
+            other.execute("ROLLBACK")
 
 
 def test_sqlite_commit_uses_full_synchronisation(tmp_path: Path) -> None:
@@ -99,13 +96,8 @@ def test_frozen_server_neither_loses_records_nor_blocks_writers(
     with psycopg.connect(postgresql_url) as admin, Store.open(url) as store:
         store.add_item(Item(item_id="before"))
         store.send()
-        backends = [
-            row[0]
-            for row in admin.execute(
-                "SELECT pid FROM pg_stat_activity "
-                "WHERE client_port = -1 AND pid <> pg_backend_pid()"
-            )
-        ]
+        others = "WHERE client_port = -1 AND pid <> pg_backend_pid()"
+        backends = [pid for (pid,) in admin.execute(f"SELECT pid FROM pg_stat_activity {others}")]
         parent = int(Path(f"/proc/{backends[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
         frozen = [parent, *backends]
         for pid in frozen:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 
@@ -18,61 +16,54 @@ KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}
 SPREAD = 0.08
 
 
-def grasps(rng: np.random.Generator, kind: str, *, count: int = 2) -> list[FloatArray]:
-    true = np.array(KINDS[kind]) + SPREAD * rng.standard_normal(2)
-    return [true + 0.03 * rng.standard_normal(2) for _ in range(count)]
-
-
-def make_labelled_items(
-    rng: np.random.Generator, *, items: int = 20
-) -> list[tuple[str, list[FloatArray]]]:
-    return [(kind, grasps(rng, kind)) for kind in KINDS for _ in range(items)]
-
-
-def table(
-    rng: np.random.Generator, kinds: Sequence[str] = ("small", "hard"), *, items: int = 20
-) -> tuple[list[FloatArray], list[str], list[str]]:
-    """Return rows, labels and item names, with two rows per item."""
-    found = [(kind, k, row) for kind in kinds for k in range(items) for row in grasps(rng, kind)]
-    return (
-        [row for *_, row in found],
-        [kind for kind, *_ in found],
-        [f"{a}{b}" for a, b, _ in found],
-    )
-
-
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(4)
 
 
+def grasps(rng: np.random.Generator, kind: str) -> list[FloatArray]:
+    true = np.array(KINDS[kind]) + SPREAD * rng.standard_normal(2)
+    return [true + 0.03 * rng.standard_normal(2) for _ in range(2)]
+
+
+def labelled(rng: np.random.Generator, *, items: int = 20) -> list[tuple[str, list[FloatArray]]]:
+    return [(kind, grasps(rng, kind)) for kind in KINDS for _ in range(items)]
+
+
+def table(rng: np.random.Generator, *kinds: str) -> tuple[list[FloatArray], list[str], list[str]]:
+    """Return rows, labels and item names, with two rows for each of 20 items."""
+    found = [
+        (row, kind, f"{kind}{k}") for kind in kinds for k in range(20) for row in grasps(rng, kind)
+    ]
+    rows, labels, items = map(list, zip(*found, strict=True))
+    return rows, labels, items
+
+
 @pytest.mark.slow
 def test_identify_known_kinds_are_named_and_rarely_rejected(rng: np.random.Generator) -> None:
-    known = Identifier(make_labelled_items(rng))
+    known = Identifier(labelled(rng))
     found = [(kind, known.identify(grasps(rng, kind))) for kind in KINDS for _ in range(100)]
     assert np.mean([identity.best_guess == kind for kind, identity in found]) > 0.97
     assert np.mean([identity.rejected for _, identity in found]) <= 0.09
 
 
-def test_identify_untrained_kind_is_unknown(rng: np.random.Generator) -> None:
-    identity = Identifier(make_labelled_items(rng)).identify([np.array((5.5, -1.0))])
+def test_identify_rejects_an_untrained_kind_if_there_are_enough_items(
+    rng: np.random.Generator,
+) -> None:
+    identity = Identifier(labelled(rng)).identify([np.array((5.5, -1.0))])
     assert identity.rejected
     assert identity.kind == UNKNOWN
     assert identity.usual <= 0.05
     assert identity.confidence == pytest.approx(1 - identity.usual)
-
-
-def test_identify_with_few_training_items_rejects_nothing(rng: np.random.Generator) -> None:
-    known = Identifier(make_labelled_items(rng, items=5))
-    assert known.learner.items_missing == 4
-    assert not known.identify([np.array((9.0, -5.0))]).rejected
-    assert Identifier(make_labelled_items(rng, items=7)).learner.items_missing == 0
+    few = Identifier(labelled(rng, items=5))
+    assert few.learner.items_missing == 4
+    assert not few.identify([np.array((9.0, -5.0))]).rejected
+    assert Identifier(labelled(rng, items=7)).learner.items_missing == 0
 
 
 def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> None:
-    few = [*make_labelled_items(rng), ("rare", grasps(rng, "hard"))]
     with pytest.raises(InputError, match="found rare 1; label more"):
-        Identifier(few)
+        Identifier([*labelled(rng), ("rare", grasps(rng, "hard"))])
     with pytest.raises(InputError, match="found none"):
         Identifier([])
 
@@ -91,11 +82,10 @@ def test_combine_many_grasps_retains_the_common_error() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, method: str) -> None:
-    rows, labels, items = table(rng)
+    rows, labels, items = table(rng, "small", "hard")
     known = LabelLearner(allow_unknown=False, methods=(method,)).fit(rows, labels, items=items)
-    assert known.method == method
-    assert known.labels == ("hard", "small")
-    unseen, truth, _ = table(rng)
+    assert (known.method, known.labels) == (method, ("hard", "small"))
+    unseen, truth, _ = table(rng, "small", "hard")
     assert known.predict(unseen) == truth
     assert known.probabilities(unseen).sum(axis=1) == pytest.approx(np.ones(len(unseen)))
 
@@ -104,10 +94,8 @@ def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, m
 def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) -> None:
     # Items are random points, and rows of an item are nearly equal: only a split within an item
     # makes the labels predictable.
-    names = [str(number) for number in range(40)]
     rows = [point + 1e-6 * k for point in rng.standard_normal((40, 2)) for k in range(2)]
-    labels = [("a", "b")[number % 2] for number in range(40) for _ in range(2)]
-    items = [name for name in names for _ in range(2)]
+    labels, items = 20 * ["a", "a", "b", "b"], [str(number // 2) for number in range(80)]
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
@@ -123,7 +111,7 @@ def test_learner_score_on_random_labels_is_near_chance(rng: np.random.Generator)
 
 
 def test_learner_single_label_without_unknown_raises(rng: np.random.Generator) -> None:
-    rows, labels, items = table(rng, kinds=("small",))
+    rows, labels, items = table(rng, "small")
     with pytest.raises(InputError, match=r"two labels.*; found small 20"):
         LabelLearner(allow_unknown=False).fit(rows, labels, items=items)
     with pytest.raises(InputError, match="found a 1, b 1"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.produce.qualify import agreement
 from palpate.produce.qualify.agreement import (
     Demand,
     calculate_agreement,
@@ -21,6 +23,15 @@ from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import deming_lines, estimate_scatter
 
 BETWEEN, REFERENCE_SD, GRASP_SD, SLOPE = 2.0, 1.0, 0.4, 0.5
+CEILING = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_draws() -> Iterator[None]:
+    """Draw less often than the command, whose intervals take seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(agreement, "_DRAWS", 200)
+        yield
 
 
 def make_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
@@ -38,32 +49,29 @@ def test_calculate_agreement_many_items_recovers_simulated_figures() -> None:
     measured = calculate_agreement(
         make_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,))
     )
-    ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     assert measured.slope == pytest.approx(1.0 / SLOPE, rel=0.02)
     assert measured.offset == pytest.approx(2.0, abs=0.1)
     assert measured.reference.within == pytest.approx(REFERENCE_SD, rel=0.02)
     assert measured.grasp.within == pytest.approx(GRASP_SD, rel=0.03)
-    assert measured.figures["r_squared_ceiling"].value == pytest.approx(ceiling, abs=0.01)
-    assert measured.figures["share_within_ceiling"].value == pytest.approx(0.683, abs=0.01)
-    assert measured.figures["share_within"].value == pytest.approx(
-        math.erf(1.0 / math.hypot(REFERENCE_SD, GRASP_SD) / math.sqrt(2.0)), abs=0.01
-    )
-    assert measured.figures["share_within_reference"].value == pytest.approx(
-        math.erf(0.5), abs=0.01
-    )
+    within = math.erf(1.0 / math.hypot(REFERENCE_SD, GRASP_SD) / math.sqrt(2.0))
+    expected = {
+        "r_squared_ceiling": CEILING,
+        "share_within_ceiling": 0.683,
+        "share_within": within,
+        "share_within_reference": math.erf(0.5),
+    }
+    found = {name: measured.figures[name].value for name in expected}
+    assert found == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.slow
 def test_agreement_intervals_cover_the_ceiling_at_nominal_level() -> None:
-    ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
         measure_agreement(make_readings(40, seed=seed), Demand(tolerance=1.0)).figures
         for seed in range(20)
     ]
-    covered = [
-        one["r_squared_ceiling"].low <= ceiling <= one["r_squared_ceiling"].high for one in found
-    ]
-    assert 15 <= sum(covered) <= 20
+    ceilings = [one["r_squared_ceiling"] for one in found]
+    assert 15 <= sum(one.low <= CEILING <= one.high for one in ceilings) <= 20
 
 
 def test_agreement_without_repeats_has_no_ceiling() -> None:
@@ -78,43 +86,18 @@ def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     found = measure_agreement(make_readings(1000, seed=3), demand)
     effort = estimate_effort(found, demand, grasp_s=10.0, handling_s=5.0)
     # (1.645 x 1.0 / 1.0)^2 = 2.7, and (1.645 x 0.4 / 1.0)^2 = 0.4.
-    assert effort.reference_readings == 3
-    assert effort.grasps == 1
+    assert (effort.reference_readings, effort.grasps) == (3, 1)
     assert effort.items_per_hour == pytest.approx(240.0)
     assert effort.mismatch < 0.25
 
 
-def test_estimate_effort_uncorrelated_readings_has_no_grasp_count() -> None:
-    random = np.random.default_rng(4)
-    item = np.repeat(np.arange(100), 2)
-    readings = PairedReadings(
-        item=item,
-        reference=random.normal(10.0, 3.0, 100)[item] + random.normal(0.0, 0.1, 200),
-        grasp=random.normal(10.0, 3.0, 100)[item] + random.normal(0.0, 0.1, 200),
-    )
-    demand = Demand(tolerance=0.5)
-    effort = estimate_effort(
-        measure_agreement(readings, demand), demand, grasp_s=10.0, handling_s=0.0
-    )
-    assert effort.grasps is None
-    assert effort.items_per_hour is None
-
-
-@pytest.mark.slow
-def test_count_grades_counts_every_pair_once() -> None:
-    readings = make_readings(50, seed=5)
-    found = measure_agreement(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
-    confusion = count_grades(found, (9.0, 11.0))
-    assert confusion.shape == (3, 3)
-    assert confusion.sum() == 100
-    assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
-
-
-def test_calculate_agreement_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
+def test_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
     readings = make_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = calculate_agreement(readings, demand)
     table = count_grades(found, demand.limits)
+    assert (table.shape, table.sum()) == ((3, 3), 400)
+    assert np.trace(table) / 400 == pytest.approx(found.figures["same_grade"].value)
     priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
     cost = found.figures["cost"].value
     assert cost == pytest.approx((table * priced).sum() / table.sum())
@@ -140,11 +123,11 @@ def test_estimate_scatter_is_independent_of_row_order(seed: int) -> None:
     order = np.random.default_rng(seed).permutation(readings.item.size)
     one = estimate_scatter(readings.reference, readings.item)
     other = estimate_scatter(readings.reference[order], readings.item[order])
-    assert one.between == pytest.approx(other.between)
-    assert one.within == pytest.approx(other.within)
+    assert (one.between, one.within) == pytest.approx((other.between, other.within))
 
 
-def make_unrelated(kind: str) -> PairedReadings:
+@pytest.mark.parametrize("kind", ["noise", "other quantity", "nearly constant"])
+def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None:
     random = np.random.default_rng(5)
     item = np.repeat(np.arange(24), 2)
     firmness = random.normal(10.0, BETWEEN, 24)[item]
@@ -154,18 +137,14 @@ def make_unrelated(kind: str) -> PairedReadings:
         "nearly constant": 50.0 + np.where(item == 3, 1e-9, 0.0),
     }
     reference = firmness + random.normal(0.0, REFERENCE_SD, item.size)
-    return PairedReadings(item=item, reference=reference, grasp=grasps[kind])
-
-
-@pytest.mark.parametrize("kind", ["noise", "other quantity", "nearly constant"])
-def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None:
+    readings = PairedReadings(item=item, reference=reference, grasp=grasps[kind])
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0))
-    found = measure_agreement(make_unrelated(kind), demand)
+    found = measure_agreement(readings, demand)
     effort = estimate_effort(found, demand, grasp_s=15.0, handling_s=5.0)
     assert not found.is_related
     for name in ("limit_of_agreement", "share_within", "same_grade", "cost"):
         assert math.isnan(found.figures[name].value)
-    assert (effort.grasps, effort.items_to_test) == (None, None)
+    assert (effort.grasps, effort.items_to_test, effort.items_per_hour) == (None, None, None)
     # The reference alone is still described.
     assert found.figures["r_squared_ceiling"].value > 0.5
     assert effort.reference_readings is not None

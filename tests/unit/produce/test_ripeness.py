@@ -34,62 +34,41 @@ FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 HARD, SOFT, BOUNDS = math.log(6.0), math.log(1.0), (4.5, 2.5, 1.5)
 
 
-def grasp(
-    item_id: str,
-    stiffness: float,
-    *,
-    day: float = 0.0,
-    force_n: float = 5.0,
-    width_mm: float = 60.0,
-) -> Grasp:
+def grasp(item_id: str, stiffness: float, *, day: float = 0.0, force_n: float = 5.0) -> Grasp:
     def measured(value: float, unit: str) -> Measurement:
         return Measurement(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
 
     return make_grasp(
         item_id,
         taken_at=FIRST + timedelta(days=day),
-        rig="bench.toml",
-        origin="hardware",
         measurements={
             "firmness": firmness_index(measured(stiffness, "n_per_mm")),
             "force_n": measured(force_n, "n"),
-            "width_mm": measured(width_mm, "mm"),
+            "width_mm": measured(60.0, "mm"),
         },
     )
 
 
-def soft_grasp(pixels: Sequence[float]) -> Grasp:
-    return make_grasp(
-        "soft",
-        taken_at=FIRST,
-        rig="bench.toml",
-        drive="pressure",
-        origin="hardware",
-        pixel_settled_percent=(tuple(pixels),),
-    )
+def soft_grasp(*pixels: float) -> Grasp:
+    return make_grasp("soft", drive="pressure", pixel_settled_percent=(pixels,))
 
 
-def firmness(halfway: float, day: float, *, pace: float = 0.8) -> float:
-    return SOFT + (HARD - SOFT) / (1.0 + math.exp((day - halfway) / pace))
+def firmness(halfway: float, day: float) -> float:
+    return SOFT + (HARD - SOFT) / (1.0 + math.exp((day - halfway) / 0.8))
 
 
 def stage(value: float) -> str:
     return STAGES[sum(value < math.log(bound) for bound in BOUNDS)]
 
 
-def softening_days(
-    halfway: float, mornings: Iterable[int], *, noise: float = 0.05, rng: Any = None
-) -> list[DayFirmness]:
+def morning(day: float, value: float, *, grasps: int = 2, spread: float = 0.05) -> DayFirmness:
+    return DayFirmness(day=day, firmness=value, grasps=grasps, spread=spread)
+
+
+def softening_days(halfway: float, days: Iterable[int], *, rng: Any = None) -> list[DayFirmness]:
     """Return days of two grasps of an item that is half softened on day `halfway`."""
-    return [
-        DayFirmness(
-            day=float(day),
-            firmness=firmness(halfway, day) + (rng.normal(0.0, noise) if rng else 0.0),
-            grasps=2,
-            spread=noise,
-        )
-        for day in mornings
-    ]
+    noise = rng.normal if rng else lambda *_: 0.0
+    return [morning(float(day), firmness(halfway, day) + noise(0.0, 0.05)) for day in days]
 
 
 def simulate_items(count: int, *, seed: int) -> tuple[list[float], list[list[DayFirmness]]]:
@@ -112,9 +91,8 @@ def test_firmness_of_round_body_is_independent_of_force() -> None:
 
 
 def test_firmness_of_soft_fingers_falls_with_shared_pixels() -> None:
-    hard, soft = soft_grasp([-60, -60, -1, -1]), soft_grasp([-40, -40, -30, -30])
-    assert firmness_of(soft) < firmness_of(hard)
-    uniform = soft_grasp([-50, -50, -50, -50])
+    assert firmness_of(soft_grasp(-40, -40, -30, -30)) < firmness_of(soft_grasp(-60, -60, -1, -1))
+    uniform = soft_grasp(-50, -50, -50, -50)
     assert firmness_of(uniform) == pytest.approx(-math.log(4))
     # A pixel count corrected for size and force replaces the raw count.
     corrected = Measurement(value=3.2, low=3.0, high=4.0, unit="pixels")
@@ -123,9 +101,8 @@ def test_firmness_of_soft_fingers_falls_with_shared_pixels() -> None:
 
 
 def test_firmness_of_unloaded_or_slipped_grasp_is_none() -> None:
-    assert firmness_of(soft_grasp([0.0, 1.0, -0.5, 0.0])) is None
-    slipped = make_grasp("a", taken_at=FIRST, rig="x", origin="hardware", outcome=Outcome.SLIPPED)
-    assert firmness_of(slipped) is None
+    assert firmness_of(soft_grasp(0.0, 1.0, -0.5, 0.0)) is None
+    assert firmness_of(make_grasp(outcome=Outcome.SLIPPED)) is None
 
 
 def test_group_by_day_earlier_morning_is_a_separate_day() -> None:
@@ -138,11 +115,8 @@ def test_group_by_day_earlier_morning_is_a_separate_day() -> None:
 
 
 @pytest.mark.slow
-def test_rule_learn_recovers_the_course_and_the_boundaries(
-    rule: RipenessRule,
-) -> None:
-    assert rule.course.hard == pytest.approx(HARD, abs=0.15)
-    assert rule.course.soft == pytest.approx(SOFT, abs=0.15)
+def test_rule_learn_recovers_the_course_and_the_boundaries(rule: RipenessRule) -> None:
+    assert (rule.course.hard, rule.course.soft) == pytest.approx((HARD, SOFT), abs=0.15)
     assert rule.course.pace_days == pytest.approx(0.8, rel=0.35)
     boundaries = np.exp([rule.find_boundary(stage) for stage in STAGES[1:]])
     assert boundaries == pytest.approx(BOUNDS, rel=0.12)
@@ -164,14 +138,13 @@ def test_judge_new_items_has_correct_stages_and_coverage(rule: RipenessRule) -> 
     assert np.mean(covered) > 0.8
 
 
-def test_judge_more_days_narrow_the_interval(rule: RipenessRule) -> None:
+def test_judge_more_days_narrow_the_interval_and_an_outlier_does_not_change_the_stage(
+    rule: RipenessRule,
+) -> None:
     first, last = (rule.judge(softening_days(4.0, range(count))).days_to_ripe for count in (1, 4))
     assert last.high - last.low < 0.7 * (first.high - first.low)
-
-
-def test_judge_single_outlier_does_not_change_the_stage(rule: RipenessRule) -> None:
     usual = softening_days(2.0, range(5))
-    outlier = DayFirmness(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan)
+    outlier = morning(2.0, HARD + 1.0, grasps=1, spread=math.nan)
     assert rule.judge([*usual[:2], outlier, *usual[3:]]).stage == rule.judge(usual).stage
 
 
@@ -179,19 +152,16 @@ def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> 
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
     value = math.log(BOUNDS[1]) + 0.12
     few, many = (
-        scattered.judge([DayFirmness(day=3.0, firmness=value, grasps=grasps, spread=0.25)])
-        for grasps in (2, 30)
+        scattered.judge([morning(3.0, value, grasps=grasps, spread=0.25)]) for grasps in (2, 30)
     )
-    assert (few.stage, many.stage) == ("conditioned", "conditioned")
-    assert few.is_uncertain
+    assert (few.stage, many.stage, few.is_uncertain) == ("conditioned", "conditioned", True)
     assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
 
 
 def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
-    firmnesses = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
     stages = ("green", "turning", "ready")
-    learner = learn_stages(firmnesses, labels, items="abcdef", stages=stages)
+    learner = learn_stages([2.0, 1.9, 1.0, 0.9, 0.1, 0.0], labels, items="abcdef", stages=stages)
     found = replace(rule, stages=stages, learner=learner)
     assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="'green' is not reached by softening"):
@@ -199,62 +169,55 @@ def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
 
 
 def test_judge_by_first_day_uses_softening_since_then() -> None:
-    days = [DayFirmness(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
+    days = [morning(0.0, 2.0)]
     assert judge_by_first_day(days).stage == "hard"
-    later = [*days, DayFirmness(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
-    judged = judge_by_first_day(later)
+    judged = judge_by_first_day([*days, morning(3.0, 2.0 + math.log(0.25))])
     assert (judged.stage, judged.days_to_ripe, judged.basis) == ("ripe", None, "first day")
 
 
-@pytest.fixture
-def store() -> Store:
-    stored = Store.open("sqlite://")
+@pytest.mark.slow
+def test_ripeness_verdict_from_learned_rule_is_stored_once() -> None:
+    store = Store.open("sqlite://")
     halfway, items = simulate_items(6, seed=4)
     for number, (half, days) in enumerate(zip(halfway, items, strict=True)):
         item_id = f"labelled-{number}"
-        stored.add_item(Item(item_id=item_id, kind="avocado"))
+        store.add_item(Item(item_id=item_id, kind="avocado"))
         for day in days:
-            stored.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
-            stored.add_verdict(
-                Verdict(
-                    item_id=item_id,
-                    about=About.RIPENESS,
-                    text=stage(firmness(half, day.day)),
-                    given_at=FIRST + timedelta(days=day.day, hours=3),
-                    source=Source.PERSON,
-                )
+            store.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
+            label = Verdict(
+                item_id=item_id,
+                about=About.RIPENESS,
+                text=stage(firmness(half, day.day)),
+                given_at=FIRST + timedelta(days=day.day, hours=3),
+                source=Source.PERSON,
             )
-    stored.add_item(Item(item_id="A17", kind="avocado"))
-    for number in range(3):
-        stored.add_grasp(grasp("A17", math.exp(firmness(1.0, number)), day=number))
-    return stored
-
-
-@pytest.mark.slow
-def test_ripeness_verdict_from_learned_rule_is_stored_once(store: Store) -> None:
+            store.add_verdict(label)
+    store.add_grasps([grasp("A17", math.exp(firmness(1.0, day)), day=day) for day in range(3)])
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
     judged = judge_ripeness(history, rule=learned, ripe="ripe")
     assert judged.stage == stage(firmness(1.0, 2.0))
-    verdict = make_ripeness_verdict(judged, history)
-    assert store.add_verdict(verdict)
+    assert store.add_verdict(make_ripeness_verdict(judged, history))
     assert not store.add_verdict(make_ripeness_verdict(judged, history))
-    stored = store.verdicts_of("A17", about=About.RIPENESS)[0]
+    (stored,) = store.verdicts_of("A17", about=About.RIPENESS)
     assert (stored.text, stored.source) == (judged.stage, Source.PALPATE)
     assert stored.explanation.startswith("grasped 3 times on 3 days")
     assert stored.details["basis"] == "labels"
 
 
-def test_ripeness_without_enough_days_labels_or_firmness_raises(store: Store) -> None:
+def learn(labels: Sequence[str], values: Sequence[float] = (2.0, 1.0, 0.5)) -> None:
+    learn_stages(values[: len(labels)], labels, items="abc"[: len(labels)], stages=STAGES)
+
+
+def test_ripeness_without_enough_days_labels_or_firmness_raises() -> None:
     two_days = [softening_days(2.0, range(2)) for _ in range(5)]
     with pytest.raises(InputError, match=r"0 items were grasped on 3 days or more.*requires 4"):
         Course.learn(two_days)
     with pytest.raises(InputError, match="no item is labelled 'overripe'"):
-        learn_stages([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"], items="abc", stages=STAGES)
+        learn(["hard", "conditioned", "ripe"])
     with pytest.raises(InputError, match="label 'mushy' is not a stage of ripeness"):
-        learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
+        learn(["mushy"])
     with pytest.raises(InputError, match="no mango has both a ripeness label and a grasp"):
-        learn_rule(store, kind="mango", drive="width", stages=STAGES)
-    empty = firmness_history((), item_id="A18", drive="width")
+        learn_rule(Store.open("sqlite://"), kind="mango", drive="width", stages=STAGES)
     with pytest.raises(InputError, match="no grasp measured its firmness"):
-        judge_ripeness(empty, rule=None, ripe="ripe")
+        judge_ripeness(firmness_history((), item_id="A18", drive="width"), rule=None, ripe="ripe")

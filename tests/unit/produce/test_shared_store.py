@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -47,10 +47,16 @@ def grasp_after(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
     return make_grasp(item_id, taken_at=TIME + timedelta(hours=hours))
 
 
+@contextmanager
+def local_file(store: Store) -> Iterator[sqlite3.Connection]:
+    path = store.local_name.removeprefix("store ")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        yield connection
+
+
 def count_waiting(store: Store) -> int:
-    with sqlite3.connect(store.local_name.removeprefix("store ")) as connection:
+    with local_file(store) as connection:
         (found,) = connection.execute("SELECT count(*) FROM outbox").fetchone()
-    connection.close()
     return int(found)
 
 
@@ -63,10 +69,8 @@ def test_shared_store_history_contains_grasps_of_every_station(open_store: OpenS
         assert [g.grasp_id for g in one.grasps_of("A17")] == [first.grasp_id]
         two.add_grasp(second)
         for store in (two, one):
-            assert [g.grasp_id for g in store.grasps_of("A17")] == [
-                first.grasp_id,
-                second.grasp_id,
-            ]
+            found = [g.grasp_id for g in store.grasps_of("A17")]
+            assert found == [first.grasp_id, second.grasp_id]
             assert store.item("A17").kind == "avocado"
             assert store.calibration(calibration_id_of("x")) == "x"
             assert store.away is None
@@ -101,20 +105,17 @@ def test_add_item_preserves_columns_set_by_another_station(open_store: OpenStore
 
 @pytest.mark.slow
 def test_send_repeated_records_are_stored_once(open_store: OpenStore) -> None:
+    taken = [grasp_after(hours=n) for n in range(450)]
     with open_store("one") as store:
-        store.add_grasps([grasp_after(hours=n) for n in range(450)])
-        path = store.local_name.removeprefix("store ")
-        with sqlite3.connect(path) as connection:
+        store.add_grasps(taken)
+        with local_file(store) as connection:
             rows = connection.execute("SELECT * FROM outbox").fetchall()
         assert store.send() == 450
         # Restore the rows, as after a lost acknowledgement.
-        with connection:
+        with local_file(store) as connection:
             connection.executemany("INSERT INTO outbox VALUES (?, ?, ?, ?)", rows)
-        connection.close()
         assert store.send() == 450
-        assert [g.taken_at for g in store.grasps()] == [
-            TIME + timedelta(hours=n) for n in range(450)
-        ]
+        assert list(store.grasps()) == taken
 
 
 def test_local_store_without_server_has_empty_outbox(tmp_path: Path) -> None:

@@ -62,13 +62,8 @@ def test_sorting_hand_measures_item_and_accepts_expected_size(
     table.place(egg)
     first = hand.grasp("egg-1")
     assert first.grasp.outcome is Outcome.HELD
-    assert set(first.grasp.measurements) == {
-        "settled_percent",
-        "size_mm",
-        "force_n",
-        "stiffness_n_per_mm",
-        "firmness",
-    }
+    names = {"settled_percent", "size_mm", "force_n", "stiffness_n_per_mm", "firmness"}
+    assert set(first.grasp.measurements) == names
     assert (first.grasp.item_id, first.grasp.calibration_id) == ("egg-1", "monday")
     assert (first.grasp.taken_at, first.grasp.is_simulated) == (NOON, True)
     table.place(egg, turn=1)

@@ -8,7 +8,8 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,7 @@ from tests.factories import make_grasp
 
 from palpate.cli.items import open_store
 from palpate.dashboard.item_store import ItemStore
-from palpate.errors import (
-    InputError,
-    MissingExtraError,
-    PalpateError,
-    StoreAwayError,
-    StoreError,
-)
+from palpate.errors import InputError, MissingExtraError, PalpateError, StoreAwayError, StoreError
 from palpate.measurement import Measurement
 from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store import Store
@@ -36,6 +31,7 @@ from palpate.produce.store.item_history import read_item_histories
 
 SCHEMA_1 = Path(__file__).parents[2] / "golden" / "store" / "schema-1.sql"
 SEEN = datetime(2026, 5, 1, tzinfo=UTC)
+FORCE = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
 
 
 @pytest.fixture(autouse=True)
@@ -72,71 +68,64 @@ def open_and_write(where: str | Path) -> None:
         store.send()
 
 
-def test_open_locked_store_raises_store_away_error(path: Path) -> None:
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")
-    with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another program for 0.05"):
-        open_and_write(path)
-    other.close()
+def test_locked_store_refuses_a_writer_and_does_not_block_a_reader(path: Path) -> None:
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another .* for 0.05"):
+            open_and_write(path)
+        with Store.open(path, create=False) as store:
+            assert store.item("A17").first_seen == SEEN
+
+
+@pytest.fixture
+def filled(path: Path) -> Path:
+    """Add a grasp and a verdict."""
+    with Store.open(path) as store:
+        store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": FORCE}))
+        given = {"about": About.BIN, "text": "bin 2", "given_at": SEEN, "details": {}}
+        store.add_verdict(Verdict(item_id="A17", **given))
+    return path
 
 
 @pytest.mark.parametrize(
     "damage",
     [
-        "UPDATE sqlite_master SET sql = CAST(x'ff00c9' AS TEXT) WHERE name = 'items'",
-        "UPDATE sqlite_master SET sql = replace(sql, 'kind', 'x') WHERE name = 'items'",
-        "UPDATE sqlite_master SET rootpage = 99 WHERE name = 'items'",
-        "UPDATE items SET first_seen = '2026-0A-01'",
-        "UPDATE items SET kind = x'ff'",
-        "UPDATE items SET kind = CAST(x'c9' AS TEXT)",
-        "UPDATE grasps SET outcome = 'heId'",
-        "UPDATE grasps SET pixel_settled_percent = '{'",
-        "UPDATE grasps SET pixel_settled_percent = '7'",
-        "UPDATE grasps SET height_mm = x'ff'",
-        "UPDATE measurements SET name = 'farce_n'",
-        "UPDATE measurements SET status = 7",
-        "UPDATE verdicts SET source = 'Dalpate'",
-        "UPDATE verdicts SET details = ''",
+        "sqlite_master SET sql = CAST(x'ff00c9' AS TEXT) WHERE name = 'items'",
+        "sqlite_master SET sql = replace(sql, 'kind', 'x') WHERE name = 'items'",
+        "sqlite_master SET rootpage = 99 WHERE name = 'items'",
+        "items SET first_seen = '2026-0A-01'",
+        "items SET kind = x'ff'",
+        "items SET kind = CAST(x'c9' AS TEXT)",
+        "grasps SET outcome = 'heId'",
+        "grasps SET pixel_settled_percent = '{'",
+        "grasps SET pixel_settled_percent = '7'",
+        "grasps SET height_mm = x'ff'",
+        "measurements SET name = 'farce_n'",
+        "measurements SET status = 7",
+        "verdicts SET source = 'Dalpate'",
+        "verdicts SET details = ''",
     ],
 )
-def test_read_damaged_content_raises_one_line(path: Path, damage: str) -> None:
-    force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
-    with Store.open(path) as store:
-        store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
-        store.add_verdict(
-            Verdict(item_id="A17", about=About.BIN, text="bin 2", given_at=SEEN, details={})
-        )
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("PRAGMA writable_schema = ON")
-    other.execute(damage)
-    other.close()
+def test_read_damaged_content_raises_one_line(filled: Path, damage: str) -> None:
+    with closing(sqlite3.connect(filled, isolation_level=None)) as other:
+        other.execute("PRAGMA writable_schema = ON")
+        other.execute(f"UPDATE {damage}")
     with (
         pytest.raises(PalpateError, match=r"items\.sqlite|not a|must") as caught,
-        Store.open(path) as store,
+        Store.open(filled) as store,
     ):
         read_item_histories(store, store.items())
     assert "\n" not in str(caught.value)
 
 
-def test_read_ignores_obsolete_measurement(path: Path) -> None:
-    force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
-    with Store.open(path) as store:
-        store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
-        with sqlite3.connect(path) as other:
-            other.execute(
-                "INSERT INTO measurements SELECT grasp_number, 'firmness_n_per_mm', value, low, "
-                "high, level, status FROM measurements"
-            )
-        other.close()
-        assert dict(next(iter(store.grasps())).measurements) == {"force_n": force}
-
-
-def test_reader_is_not_blocked_by_a_writer(path: Path) -> None:
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")
-    with Store.open(path, create=False) as store:
-        assert store.item("A17").first_seen == SEEN
-    other.close()
+def test_read_ignores_obsolete_measurement(filled: Path) -> None:
+    with closing(sqlite3.connect(filled, isolation_level=None)) as other:
+        other.execute(
+            "INSERT INTO measurements SELECT grasp_number, 'firmness_n_per_mm', value, low, "
+            "high, level, status FROM measurements"
+        )
+    with Store.open(filled) as store:
+        assert dict(next(iter(store.grasps())).measurements) == {"force_n": FORCE}
 
 
 @pytest.mark.parametrize("folder_mode", [0o755, 0o555])
@@ -160,9 +149,8 @@ def test_read_only_store_is_readable_and_refuses_writes(
 
 def test_read_only_store_of_older_schema_is_readable(without_root: Path) -> None:
     path = without_root / "items.sqlite"
-    with sqlite3.connect(path) as connection:
+    with closing(sqlite3.connect(path)) as connection:
         connection.executescript(SCHEMA_1.read_text())
-    connection.close()
     path.chmod(0o444)
     without_root.chmod(0o555)
     with open_store(str(path)) as store:
@@ -225,14 +213,20 @@ def test_open_foreign_or_damaged_file_raises_and_preserves_the_file(
     assert path.read_bytes() == content
 
 
-def test_open_missing_file_or_folder_raises(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="no such file; `palpate grasp --item NAME --store FILE`"):
-        Store.open(tmp_path / "none.sqlite", create=False)
+@pytest.mark.parametrize(
+    ("name", "create", "message"),
+    [
+        ("none.sqlite", False, "no such file; `palpate grasp --item NAME --store FILE`"),
+        ("none/items.sqlite", True, "the folder .* does not exist"),
+        ("", True, "is a folder; name a file in it"),
+    ],
+)
+def test_open_missing_file_or_folder_raises(
+    tmp_path: Path, name: str, create: bool, message: str
+) -> None:
+    with pytest.raises(StoreError, match=message):
+        Store.open(tmp_path / name, create=create)
     assert not (tmp_path / "none.sqlite").exists()
-    with pytest.raises(StoreError, match=r"the folder .* does not exist"):
-        Store.open(tmp_path / "none" / "items.sqlite")
-    with pytest.raises(StoreError, match="is a folder; name a file in it"):
-        Store.open(tmp_path)
 
 
 @pytest.mark.parametrize("url", ["mysql://hall/items", "oracle://x", "://", "http://hall/items"])
@@ -301,10 +295,19 @@ def test_store_reconnects_after_the_server_closed_the_connection(postgresql_url:
         engine.dispose()
 
 
-def test_open_postgresql_without_driver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "psycopg", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[postgresql\]'"):
-        Store.open("postgresql://hall3/items")
+@pytest.mark.parametrize(
+    ("package", "extra", "use"),
+    [
+        ("psycopg", "postgresql", lambda: Store.open("postgresql://hall3/items")),
+        ("pyarrow", "data", require_parquet),
+    ],
+)
+def test_missing_package_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, package: str, extra: str, use: Callable[[], object]
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingExtraError, match=rf"pip install 'palpate\[{extra}\]'"):
+        use()
 
 
 def test_store_without_sqlalchemy_names_the_extra() -> None:
@@ -316,9 +319,3 @@ def test_store_without_sqlalchemy_names_the_extra() -> None:
     assert done.returncode == 2
     assert "pip install 'palpate[produce]'" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def test_parquet_without_pyarrow_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[data\]'"):
-        require_parquet()

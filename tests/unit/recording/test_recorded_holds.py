@@ -1,28 +1,29 @@
-"""Holds cut from recordings, and export of recordings to tables."""
+"""Holds cut from recordings, export of recordings to tables, and wiring in recordings."""
 
 from __future__ import annotations
 
 import csv
+import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.recording.conftest import write_recording
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.holds import read_holds
-from palpate.recording import (
-    Event,
-    RecordingInfo,
-    RecordingReader,
-    RecordingWriter,
-    load_recording,
-)
-from palpate.recording.channels import RecordedMessage
+from palpate.recording import Event, RecordingInfo, RecordingReader, load_recording
+from palpate.recording.channels import RecordedMessage, decode_info, encode_info
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.signal.circuit import resistance_ohm
+from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
+from palpate.signal.crosstalk import floating_readings_ohm
+
+Write = Callable[[list[RecordedMessage]], Path]
 
 
 def grasp_messages(
@@ -45,50 +46,39 @@ def grasp_messages(
     return made
 
 
-def write_recording(path: Path, messages: list[RecordedMessage]) -> Path:
-    info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
-    with RecordingWriter(path, info=info) as writer:
-        for message in messages:
-            writer.add(message)
-    return path
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    return partial(write_recording, tmp_path / "run.mcap")
 
 
-def test_cut_recorded_holds_span_stop_to_next_movement(tmp_path: Path) -> None:
-    recording = load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
+def ohm(count: int) -> float:
+    return resistance_ohm([count], divider=RIGID_LAYOUT.divider).item()
+
+
+def test_cut_recorded_holds_span_stop_to_next_movement(write: Write) -> None:
+    recording = load_recording(write(grasp_messages()))
     holds = {hold.channel: hold for hold in cut_recorded_holds(recording, name="run")}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
     mean = holds["mean"]
     assert mean.hold_id == "run-1"
     assert (mean.time_s[0], mean.time_s[-1]) == pytest.approx((0.0, 2.96))
-    divider = RIGID_LAYOUT.divider
-    held, rest = (resistance_ohm([[count]], divider=divider).item() for count in (600, 300))
-    assert mean.values == pytest.approx(100 * (held / rest - 1))
+    assert mean.values == pytest.approx(100 * (ohm(600) / ohm(300) - 1))
+    in_ohm = cut_recorded_holds(recording, unit="ohm")
+    assert in_ohm[0].channel == "r0c1"
+    assert in_ohm[0].values == pytest.approx(ohm(600))
 
 
-def test_cut_recorded_holds_in_ohm_have_no_mean_channel(tmp_path: Path) -> None:
-    recording = load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
-    holds = cut_recorded_holds(recording, unit="ohm")
-    assert holds[0].channel == "r0c1"
-    expected = resistance_ohm([[600]], divider=RIGID_LAYOUT.divider).item()
-    assert holds[0].values == pytest.approx(expected)
-
-
-def test_cut_recorded_holds_position_step_between_states_is_movement(tmp_path: Path) -> None:
+def test_cut_recorded_holds_position_step_between_states_is_movement(write: Write) -> None:
     messages = [
         replace(message, moving=False) if isinstance(message, GripperState) else message
         for message in grasp_messages()
     ]
-    (hold, *_) = cut_recorded_holds(
-        load_recording(write_recording(tmp_path / "run.mcap", messages))
-    )
+    (hold, *_) = cut_recorded_holds(load_recording(write(messages)))
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
-def test_cut_recorded_holds_without_gripper_uses_contact_as_hold(tmp_path: Path) -> None:
-    recording = load_recording(
-        write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
-    )
-    (hold, *_) = holds = cut_recorded_holds(recording)
+def test_cut_recorded_holds_without_gripper_uses_contact_as_hold(write: Write) -> None:
+    (hold, *_) = holds = cut_recorded_holds(load_recording(write(grasp_messages(gripper=False))))
     assert {one.hold_id for one in holds} == {"hold-1"}
     assert hold.channel == "mean"
     assert 2.6 < hold.time_s[-1] < 3.0
@@ -104,18 +94,16 @@ def test_cut_recorded_holds_without_gripper_uses_contact_as_hold(tmp_path: Path)
     ],
 )
 def test_cut_recorded_holds_without_hold_raises_reason(
-    tmp_path: Path, messages: list[RecordedMessage], fault: str
+    write: Write, messages: list[RecordedMessage], fault: str
 ) -> None:
-    recording = load_recording(write_recording(tmp_path / "run.mcap", messages))
+    recording = load_recording(write(messages))
     with pytest.raises(RecordingError, match=fault):
         cut_recorded_holds(recording)
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
-def test_exported_holds_file_roundtrip(tmp_path: Path, to: str) -> None:
-    holds = cut_recorded_holds(
-        load_recording(write_recording(tmp_path / "run.mcap", grasp_messages()))
-    )
+def test_exported_holds_file_roundtrip(tmp_path: Path, write: Write, to: str) -> None:
+    holds = cut_recorded_holds(load_recording(write(grasp_messages())))
     target = tmp_path / f"holds.{to}"
     rows = write_export(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
     back = list(read_holds(target))
@@ -125,25 +113,28 @@ def test_exported_holds_file_roundtrip(tmp_path: Path, to: str) -> None:
     assert np.array_equal(back[0].values, holds[0].values)
 
 
-def test_exported_table_has_one_row_per_frame(tmp_path: Path) -> None:
-    messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp_messages()]
-    path = write_recording(tmp_path / "run.mcap", messages)
-    with RecordingReader(path) as reader:
+def test_exported_table_has_one_row_per_frame(tmp_path: Path, write: Write) -> None:
+    messages = [Event(time_s=0.0, name="=1+1", text="ripe"), *grasp_messages()]
+    with RecordingReader(write(messages)) as reader:
         rows = write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
+        write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
     with (tmp_path / "run.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
     assert rows == len(table) == 325
-    assert (table[0]["events"], table[1]["events"]) == ("note: ripe", "")
+    # A spreadsheet would calculate an event that begins with an equals sign.
+    assert (table[0]["events"], table[1]["events"]) == ("'=1+1: ripe", "")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert parquet.read_table(tmp_path / "run.parquet")["events"][0].as_py() == "=1+1: ripe"
     assert (table[0]["width_mm"], table[0]["current_ma"]) == ("60.0", "")
     assert (table[0]["r0c0_counts"], table[0]["r0c0_ohm"]) == ("0", "inf")
     assert [row["moving"] for row in table].count("True") == 50
 
 
-def test_export_invalid_counts_are_refused(tmp_path: Path) -> None:
+def test_export_invalid_counts_are_refused(tmp_path: Path, write: Write) -> None:
     first, *rest = grasp_messages()
     frame = next(one for one in (first, *rest) if isinstance(one, Frame))
     wrong = replace(frame, counts=np.full((4, 2), -1), time_s=frame.time_s - 1.0)
-    path = write_recording(tmp_path / "run.mcap", [wrong, first, *rest])
+    path = write([wrong, first, *rest])
     with RecordingReader(path) as reader, pytest.raises(RecordingError, match="counts from -1"):
         write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
     assert not (tmp_path / "run.csv").exists()
@@ -151,22 +142,57 @@ def test_export_invalid_counts_are_refused(tmp_path: Path) -> None:
         cut_recorded_holds(load_recording(path))
 
 
-def test_exported_csv_escapes_spreadsheet_formulas(tmp_path: Path) -> None:
-    messages = [Event(time_s=0.0, name="=1+1", text=""), *grasp_messages()]
-    with RecordingReader(write_recording(tmp_path / "run.mcap", messages)) as reader:
-        write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
-        write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
-    with (tmp_path / "run.csv").open(newline="") as stream:
-        assert next(csv.DictReader(stream))["events"] == "'=1+1"
+def test_exported_parquet_columns_without_values_keep_their_types(
+    tmp_path: Path, write: Write
+) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    assert parquet.read_table(tmp_path / "run.parquet")["events"][0].as_py() == "=1+1"
-
-
-def test_exported_parquet_columns_without_values_keep_their_types(tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path = write_recording(tmp_path / "run.mcap", grasp_messages(gripper=False))
-    with RecordingReader(path) as reader:
+    with RecordingReader(write(grasp_messages(gripper=False))) as reader:
         write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
     schema = parquet.read_schema(tmp_path / "run.parquet")
     kinds = {name: str(schema.field(name).type) for name in ("width_mm", "moving", "r0c0_counts")}
     assert kinds == {"width_mm": "double", "moving": "bool", "r0c0_counts": "int64"}
+
+
+FLOATING = replace(
+    RIGID_LAYOUT, idle_lines="floating", line_ohm=130.0, divider=Divider(adc_bits=20)
+)
+
+
+def test_recorded_wiring_is_stored_and_older_or_unknown_wiring_is_told_apart() -> None:
+    info = RecordingInfo(layout=FLOATING, origin="hardware")
+    assert decode_info(encode_info(info)).layout == FLOATING
+    texts = encode_info(replace(info, layout=RIGID_LAYOUT))
+    layout = json.loads(texts["layout"])
+    older = {name: layout[name] for name in layout if name not in ("idle_lines", "line_ohm")}
+    assert decode_info({**texts, "layout": json.dumps(older)}).layout == RIGID_LAYOUT
+    unknown = {**layout, "idle_lines": "grounded"}
+    with pytest.raises(RecordingError, match="isolated, floating, held"):
+        decode_info({**texts, "layout": json.dumps(unknown)})
+
+
+def test_exports_and_holds_are_free_of_crosstalk(tmp_path: Path) -> None:
+    """Record rest, 1 s of closing and one pressed pixel, read through floating lines."""
+    ohm = np.full((300, 4, 2), 3000.0)
+    ohm[100:, 1, 1] = 700.0
+    read = floating_readings_ohm(ohm) + FLOATING.line_ohm
+    divider = FLOATING.divider
+    counts = volts_to_counts(ohm_to_volts(read, divider=divider), divider=divider)
+    messages = list[RecordedMessage]()
+    for k in range(300):
+        width_mm = 60.0 - 0.2 * min(max(k - 50, 0), 50)
+        messages.append(GripperState(time_s=k / 50, width_mm=width_mm, moving=50 <= k < 100))
+        messages.append(Frame(time_s=k / 50, sequence=k, counts=counts[k]))
+    info = RecordingInfo(layout=FLOATING, origin="hardware")
+    path, out = write_recording(tmp_path / "pressed.mcap", messages, info), tmp_path / "out.csv"
+    with RecordingReader(path) as reader:
+        write_export(out, frame_tables(reader), to="csv")
+    with out.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for row, col in np.ndindex(4, 2):
+        column = [float(line[f"r{row}c{col}_ohm"]) for line in rows]
+        assert column == pytest.approx(ohm[:, row, col], rel=0.01)
+    holds = cut_recorded_holds(load_recording(path))
+    settled = {hold.channel: float(hold.values[-1]) for hold in holds}
+    assert settled.pop("r1c1") == pytest.approx(100 * (700 / 3000 - 1), abs=0.5)
+    assert settled.pop("mean") == pytest.approx(100 * (700 / 3000 - 1) / 8, abs=0.2)
+    assert max(map(abs, settled.values())) < 0.5

@@ -31,15 +31,8 @@ def test_recording_figure_draws_pixels_width_force_and_events(recording):
 
 
 def test_recording_figure_of_hardware_without_other_data_has_one_panel(recording):
-    nothing = np.empty(0)
-    track = dataclasses.replace(
-        recording.gripper,
-        time_s=nothing,
-        width_mm=nothing,
-        pressure_kpa=nothing,
-        current_ma=nothing,
-        moving=np.empty(0, dtype=bool),
-    )
+    nothing = dict.fromkeys(("time_s", "width_mm", "pressure_kpa", "current_ma"), np.empty(0))
+    track = dataclasses.replace(recording.gripper, **nothing, moving=np.empty(0, dtype=bool))
     info = dataclasses.replace(recording.info, origin="hardware")
     bare = dataclasses.replace(recording, info=info, gripper=track, load_cells=(), events=())
     figure = recording_figure(bare, title="run")

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,8 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
-from numpy.typing import NDArray
 from tests.full_disk import file_size_limit
+from tests.unit.recording.conftest import INFO, MESSAGES, write_recording
 
 from palpate.errors import DamageWarning, RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState
@@ -38,7 +39,7 @@ from palpate.recording.channels import (
     encode_info,
     topic_of,
 )
-from palpate.recording.writer import DirectFile, register_channels
+from palpate.recording.writer import register_channels
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 WRITE_UNTIL_KILLED = """
@@ -88,38 +89,24 @@ def count_with_strict_readers(path: Path) -> int:
     return linear
 
 
-def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
-    for k, count in enumerate(counts):
-        writer.add(Frame(time_s=k / 500, sequence=k, counts=count))
-
-
-def test_recording_roundtrip_preserves_all_messages(
-    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
-) -> None:
+def test_recording_roundtrip_preserves_all_messages(recorded: Path) -> None:
     read, state = read_all(recorded)
     assert state.is_intact
-    assert len(read) == len(messages) == count_with_strict_readers(recorded)
-    assert all(map(is_same, read, messages))
+    assert len(read) == len(MESSAGES) == count_with_strict_readers(recorded)
+    assert all(map(is_same, read, MESSAGES))
     with RecordingReader(recorded) as reader:
-        assert reader.info == info
+        assert reader.info == INFO
 
 
-def test_recordings_of_equal_messages_have_identical_bytes(
-    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
-) -> None:
-    copy = tmp_path / "again.mcap"
-    with RecordingWriter(copy, info=info) as writer:
-        for message in messages:
-            writer.add(message)
-    assert copy.read_bytes() == recorded.read_bytes()
+def test_recordings_of_equal_messages_have_identical_bytes(recorded: Path, tmp_path: Path) -> None:
+    again = write_recording(tmp_path / "again.mcap", MESSAGES)
+    assert again.read_bytes() == recorded.read_bytes()
 
 
-def test_load_recording_arrays_match_messages(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
+def test_load_recording_arrays_match_messages(recorded: Path) -> None:
     recording = load_recording(recorded)
-    frames = [message for message in messages if isinstance(message, Frame)]
-    states = [message for message in messages if isinstance(message, GripperState)]
+    frames = [message for message in MESSAGES if isinstance(message, Frame)]
+    states = [message for message in MESSAGES if isinstance(message, GripperState)]
     assert recording.counts.shape == (200, 4, 2)
     assert np.array_equal(recording.counts, [frame.counts for frame in frames])
     assert recording.time_s.tolist() == [frame.time_s for frame in frames]
@@ -132,28 +119,23 @@ def test_load_recording_arrays_match_messages(
         recording.counts[0, 0, 0] = 1
 
 
-def test_recording_of_hardware_has_unix_log_times(
-    tmp_path: Path, messages: list[RecordedMessage]
-) -> None:
+def test_recording_of_hardware_has_unix_log_times(tmp_path: Path) -> None:
     path = tmp_path / "bench.mcap"
     zero_ns = 1_790_000_000_123_456_789
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
-    with RecordingWriter(path, info=info) as writer:
-        writer.add(messages[3])
+    write_recording(path, MESSAGES[3:4], info)
     with path.open("rb") as stream:
         (_, channel, message) = next(iter(make_reader(stream).iter_messages()))
     assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
 
 
 @pytest.mark.parametrize("fraction", [0.2, 0.8, 0.999])
-def test_truncated_recording_is_readable_and_recoverable(
-    recorded: Path, messages: list[RecordedMessage], fraction: float
-) -> None:
+def test_truncated_recording_is_readable_and_recoverable(recorded: Path, fraction: float) -> None:
     content = recorded.read_bytes()
     recorded.write_bytes(content[: int(len(content) * fraction)])
     read, state = read_all(recorded)
     assert not state.complete
-    assert all(map(is_same, read, messages))
+    assert all(map(is_same, read, MESSAGES))
     found = recover(recorded, recorded)
     assert not found.is_intact
     assert count_with_strict_readers(recorded) == len(read)
@@ -162,9 +144,7 @@ def test_truncated_recording_is_readable_and_recoverable(
     assert all(map(is_same, reread, read))
 
 
-def test_damaged_chunk_loses_only_its_own_messages(
-    recorded: Path, messages: list[RecordedMessage]
-) -> None:
+def test_damaged_chunk_loses_only_its_own_messages(recorded: Path) -> None:
     with recorded.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -173,7 +153,7 @@ def test_damaged_chunk_loses_only_its_own_messages(
     recorded.write_bytes(damaged)
     read, state = read_all(recorded)
     assert (state.complete, state.damaged_chunks) == (True, 1)
-    assert len(messages) - 60 <= len(read) < len(messages)
+    assert len(MESSAGES) - 60 <= len(read) < len(MESSAGES)
     recover(recorded, recorded)
     assert count_with_strict_readers(recorded) == len(read)
 
@@ -194,10 +174,8 @@ def test_changed_digit_of_the_calibration_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_recording_without_any_checksum_is_read_with_a_warning(
-    tmp_path: Path, info: RecordingInfo, messages: list[RecordedMessage]
-) -> None:
-    texts = encode_info(info)
+def test_recording_without_any_checksum_is_read_with_a_warning(tmp_path: Path) -> None:
+    texts = encode_info(INFO)
     del texts["crc32"]
     path = tmp_path / "old.mcap"
     with path.open("wb") as stream:
@@ -205,7 +183,7 @@ def test_recording_without_any_checksum_is_read_with_a_warning(
         writer.start()
         writer.add_metadata(METADATA_NAME, texts)
         channels = register_channels(writer)
-        for message in messages:
+        for message in MESSAGES:
             writer.add_message(
                 channels[topic_of(message)], log_time=0, data=encode(message), publish_time=0
             )
@@ -213,7 +191,7 @@ def test_recording_without_any_checksum_is_read_with_a_warning(
     with pytest.warns(DamageWarning, match="can't be checked: no checksum"):
         recording = load_recording(path)
     assert len(recording.time_s) == 200
-    assert recording.info == info
+    assert recording.info == INFO
 
 
 @pytest.mark.slow
@@ -242,19 +220,18 @@ def test_killed_writer_loses_less_than_one_second(tmp_path: Path) -> None:
             assert count_with_strict_readers(path) == len(read)
 
 
-def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
-    tmp_path: Path, info: RecordingInfo
-) -> None:
+def test_writer_full_disk_raises_one_line_and_file_is_recoverable(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
     counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
-    writer = RecordingWriter(path, info=info)
+    frames = [Frame(time_s=k / 500, sequence=k, counts=count) for k, count in enumerate(counts)]
+    writer = RecordingWriter(path, info=INFO)
     with (
         file_size_limit(60_000),
         pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
     ):
-        add_frames(writer, counts)
+        deque(map(writer.add, frames), maxlen=0)
     with pytest.raises(RecordingError, match="after an earlier write error"):
-        writer.add(Frame(time_s=99.0, sequence=99, counts=counts[0]))
+        writer.add(frames[-1])
     writer.close()
     writer.close()
     read, state = read_all(path)
@@ -264,34 +241,25 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(
     assert count_with_strict_readers(path) == len(read)
 
 
-def test_direct_file_partial_write_raises_os_error(tmp_path: Path) -> None:
-    descriptor = os.open(tmp_path / "short", os.O_WRONLY | os.O_CREAT)
-    with file_size_limit(1000), pytest.raises(OSError, match="File too large"):
-        DirectFile(descriptor).write(bytes(1500))
-    os.close(descriptor)
-
-
-def test_writer_full_device_at_start_is_refused(info: RecordingInfo) -> None:
+def test_writer_full_device_or_existing_file_is_refused(recorded: Path) -> None:
     with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
-        RecordingWriter("/dev/full", info=info)
-
-
-def test_writer_existing_file_is_refused(recorded: Path, info: RecordingInfo) -> None:
+        RecordingWriter("/dev/full", info=INFO)
     with pytest.raises(RecordingError, match="already exists"):
-        RecordingWriter(recorded, info=info)
+        RecordingWriter(recorded, info=INFO)
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000)])
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000), None])
 def test_reader_and_recover_refuse_files_that_are_not_recordings(
-    tmp_path: Path, content: bytes
+    tmp_path: Path, content: bytes | None
 ) -> None:
-    path = tmp_path / "other.mcap"
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
-        RecordingReader(path)
-    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
-        recover(path, tmp_path / "out.mcap")
-    assert not (tmp_path / "out.mcap").exists()
+    path, out, reason = tmp_path / "other.mcap", tmp_path / "out.mcap", "can't be opened: No such"
+    if content is not None:
+        path.write_bytes(content)
+        reason = "(not an MCAP|an MCAP file, but not)"
+    for read in (RecordingReader, lambda path: recover(path, out)):
+        with pytest.raises(RecordingError, match=rf"other\.mcap: {reason}"):
+            read(path)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("oversampling", [0, 2**22, True, 1.5, None])
@@ -312,26 +280,14 @@ def test_decode_info_gripper_without_range_or_speed_is_refused(change: dict[str,
         decode_info(encode_info(replace(info, gripper=replace(limits, **change))))
 
 
-def test_reader_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
-        RecordingReader(tmp_path / "gone.mcap")
-    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
-        recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
-
-
 def test_finished_recording_is_synced_and_has_checksums(
-    tmp_path: Path,
-    info: RecordingInfo,
-    messages: list[RecordedMessage],
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
     monkeypatch.setattr(os, "fdatasync", lambda descriptor: synced.append(-1))
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, info=info) as writer:
-        for message in messages:
-            writer.add(message)
+    write_recording(path, MESSAGES)
     # The parallel sync may be the last one to be recorded.
     assert path.stat().st_size in synced
     assert -1 in synced

@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import FrameColumns, Health, check_health
-from palpate.sensor.health_pixels import group_pixels
-from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.devices import TwinArray
@@ -32,25 +30,11 @@ def twin_rest(
     return FrameColumns.from_frames([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
 
 
-def replace_counts(stretch: FrameColumns, counts: np.ndarray) -> FrameColumns:
-    return FrameColumns(time_s=stretch.time_s, sequence=stretch.sequence, counts=counts)
-
-
-def with_factor(
-    stretch: FrameColumns, layout: ArrayLayout, pixel: tuple[int, int], factor: np.ndarray
-):
-    """Multiply one pixel's resistance by a factor for each frame."""
-    ohm = stretch.ohm(layout=layout)[:, *pixel] * factor
-    counts = stretch.counts.copy()
-    volts = ohm_to_volts(ohm, divider=layout.divider)
-    counts[:, *pixel] = volts_to_counts(volts, divider=layout.divider)
-    return replace_counts(stretch, counts)
-
-
-def with_counts(stretch: FrameColumns, pixel: tuple, value: object) -> FrameColumns:
+def with_counts(stretch: FrameColumns, value: object, *pixel: object) -> FrameColumns:
+    """Replace the counts of a pixel, of a line, or of all."""
     counts = stretch.counts.copy()
     counts[(slice(None), *pixel)] = value
-    return replace_counts(stretch, counts)
+    return replace(stretch, counts=counts)
 
 
 def codes(health: Health) -> list[tuple[str, str]]:
@@ -64,15 +48,9 @@ def test_health_check_reports_a_dead_pixel_despite_converter_noise(
 ) -> None:
     stretch, layout = twin_rest(1)
     noise = np.random.default_rng(1).normal(end, 0.5, (oversampling, 150))
-    counts = stretch.counts * oversampling
-    counts[:, 2, 1] = np.clip(np.rint(noise), 0, 1023).sum(axis=0)
-    noisy = FrameColumns(
-        time_s=stretch.time_s,
-        sequence=stretch.sequence,
-        counts=counts,
-        oversampling=oversampling,
-    )
-    health = check_health(noisy, layout=layout)
+    dead = np.clip(np.rint(noise), 0, 1023).sum(axis=0)
+    more = replace(stretch, counts=stretch.counts * oversampling, oversampling=oversampling)
+    health = check_health(with_counts(more, dead, 2, 1), layout=layout)
     assert codes(health) == [(code, "R2 C1")]
     assert not health.is_healthy
 
@@ -94,7 +72,7 @@ def test_health_check_with_floating_lines_reports_only_the_bad_pixel(
         read = floating_readings_ohm(rest_ohm * rng.normal(1.0, 0.0015, (150, 4, 2)))
         volts, noise = ohm_to_volts(read, divider=bare.divider), rng.normal(0, 0.3, read.shape)
         counts = volts_to_counts(volts, divider=bare.divider, noise_counts=noise)
-        health = check_health(replace_counts(twin_rest(1)[0], counts), layout=bare)
+        health = check_health(replace(twin_rest(1)[0], counts=counts), layout=bare)
         assert {where for _, where in codes(health)} == ({"R2 C1"} if found else set())
         assert {code for code, _ in codes(health)} <= found
 
@@ -106,7 +84,7 @@ def test_health_check_with_floating_lines_reports_only_the_bad_pixel(
 )
 def test_health_check_reports_a_dead_line_as_one_finding(pixels: tuple, where: str) -> None:
     stretch, layout = twin_rest(1)
-    assert codes(check_health(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
+    assert codes(check_health(with_counts(stretch, 0, *pixels), layout=layout)) == [("open", where)]
 
 
 def test_health_check_reports_an_open_pixel_in_the_lower_leg() -> None:
@@ -120,17 +98,12 @@ def test_health_check_reports_an_open_pixel_in_the_lower_leg() -> None:
 
 
 def test_health_check_reports_a_constant_pixel_among_noisy_pixels_as_stuck() -> None:
-    stretch, layout = twin_rest(2)
-    middle = int(np.median(stretch.counts[:, 1, 0]))
-    health = check_health(with_counts(stretch, (1, 0), middle), layout=layout)
-    assert codes(health) == [("stuck", "R1 C0")]
-
-
-def test_health_check_without_noise_reports_no_stuck_pixel() -> None:
     """With noise far below one count, healthy pixels are constant."""
     stretch, layout = twin_rest(2)
-    counts = np.broadcast_to(stretch.counts[0], stretch.counts.shape)
-    assert check_health(replace_counts(stretch, counts), layout=layout).is_healthy
+    middle = int(np.median(stretch.counts[:, 1, 0]))
+    health = check_health(with_counts(stretch, middle, 1, 0), layout=layout)
+    assert codes(health) == [("stuck", "R1 C0")]
+    assert check_health(with_counts(stretch, stretch.counts[0]), layout=layout).is_healthy
 
 
 def dropouts() -> np.ndarray:
@@ -152,7 +125,9 @@ def test_health_check_reports_a_noisy_drifting_loose_or_faint_pixel(
     code: str, factor: np.ndarray
 ) -> None:
     stretch, layout = twin_rest(3)
-    health = check_health(with_factor(stretch, layout, (3, 0), factor), layout=layout)
+    volts = ohm_to_volts(stretch.ohm(layout=layout)[:, 3, 0] * factor, divider=layout.divider)
+    changed = with_counts(stretch, volts_to_counts(volts, divider=layout.divider), 3, 0)
+    health = check_health(changed, layout=layout)
     assert codes(health) == [(code, "R3 C0")]
     if code == "noisy":
         assert health.pixels.noise_percent[3, 0] == pytest.approx(4.0, rel=0.2)
@@ -171,64 +146,45 @@ def test_health_check_reports_a_pixel_that_differs_from_its_calibration() -> Non
 def test_health_check_of_a_touched_sensor_reports_unrest() -> None:
     """A load that begins, and one that was there before, seen from the calibrated rest values."""
     stretch, layout = twin_rest(8)
-    counts = stretch.counts.copy()
-    counts[75:] = np.minimum(counts[75:] * 2, 1000)
+    begun = stretch.counts.copy()
+    begun[75:] = np.minimum(begun[75:] * 2, 1000)
     known = 1.5 * stretch.rest_ohm(layout=layout)
     for health in (
-        check_health(replace_counts(stretch, counts), layout=layout),
+        check_health(with_counts(stretch, begun), layout=layout),
         check_health(stretch, layout=layout, known_ohm=known),
     ):
         assert codes(health) == [("unrest", "sensor")]
 
 
-def test_health_check_reports_lost_frames() -> None:
+def test_health_check_reports_lost_frames_and_few_in_thousands_as_advice() -> None:
     stretch, layout = twin_rest(9)
     kept = np.delete(np.arange(150), [40, 41, 90])
-    health = check_health(
-        FrameColumns(
-            time_s=stretch.time_s[kept],
-            sequence=stretch.sequence[kept],
-            counts=stretch.counts[kept],
-        ),
-        layout=layout,
-        requested_hz=RATE_HZ,
+    fewer = FrameColumns(
+        **{name: getattr(stretch, name)[kept] for name in ("time_s", "sequence", "counts")}
     )
-    assert health.link.lost == 3
-    assert codes(health) == [("lost", "link")]
+    health = check_health(fewer, layout=layout, requested_hz=RATE_HZ)
+    assert (health.link.lost, codes(health)) == (3, [("lost", "link")])
     assert health.link.rate_hz == pytest.approx(RATE_HZ)
+    number = np.arange(3000)
+    number[1500:] += 1
+    counts = np.tile(stretch.counts, (20, 1, 1))
+    whole = FrameColumns(time_s=number / 250.0, sequence=number, counts=counts)
+    health = check_health(stretch, layout=layout, all_frames=whole)
+    assert (codes(health), health.is_healthy) == ([("lost", "link")], True)
 
 
 def test_health_check_reports_each_link_fault_with_its_severity() -> None:
     stretch, layout = twin_rest(10)
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
-    counters = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
     health = check_health(
-        FrameColumns(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
+        replace(stretch, time_s=shaken),
         layout=layout,
         requested_hz=30.0,
-        counters=counters,
+        counters=LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0),
     )
     found = {finding.code: finding.severity for finding in health.findings}
-    assert found == {
-        "slow": Severity.FAULT,
-        "corrupt": Severity.FAULT,
-        "clock": Severity.FAULT,
-        "restarted": Severity.FAULT,
-        "late": Severity.ADVICE,
-        "jitter": Severity.ADVICE,
-    }
-
-
-def test_health_check_reports_one_lost_frame_in_thousands_as_advice() -> None:
-    stretch, layout = twin_rest(10)
-    number = np.arange(3000)
-    number[1500:] += 1
-    whole = FrameColumns(
-        time_s=number / 250.0, sequence=number, counts=np.tile(stretch.counts, (20, 1, 1))
-    )
-    health = check_health(stretch, layout=layout, all_frames=whole)
-    assert codes(health) == [("lost", "link")]
-    assert health.is_healthy
+    faults = dict.fromkeys(("slow", "corrupt", "clock", "restarted"), Severity.FAULT)
+    assert found == {**faults, "late": Severity.ADVICE, "jitter": Severity.ADVICE}
 
 
 def test_health_check_recommends_a_resistor_for_the_range_measured_under_load() -> None:
@@ -238,26 +194,13 @@ def test_health_check_recommends_a_resistor_for_the_range_measured_under_load() 
     ohm = np.full((400, 1, 4), 12e3)
     ohm[200:] = 40.0
     volts = ohm_to_volts(ohm, divider=layout.divider)
-    counts = volts_to_counts(
-        volts, divider=layout.divider, noise_counts=rng.normal(0, 0.4, ohm.shape)
-    )
+    noise = rng.normal(0, 0.4, ohm.shape)
+    counts = volts_to_counts(volts, divider=layout.divider, noise_counts=noise)
     whole = FrameColumns(time_s=np.arange(400) / 50.0, sequence=np.arange(400), counts=counts)
     health = check_health(whole.select_first(3.9), layout=layout, all_frames=whole)
     assert codes(health) == [("resistor", "4700 ohm")]
     assert not health.is_healthy
     assert 560 <= health.resistor.recommended_ohm <= 820
-
-
-def test_fit_reference_recommends_the_best_resistor_of_the_series() -> None:
-    fit = fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=100e3))
-    others = [
-        fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=ohm)).step_percent
-        for ohm in (680.0, 820.0, 1000.0, 1200.0)
-    ]
-    assert fit.recommended_ohm == 820.0 or fit.recommended_ohm == 1000.0
-    assert fit.recommended_step_percent == pytest.approx(min(others))
-    assert not fit.is_adequate
-    assert nearest_e12(1e6) == 1e6
 
 
 def test_health_check_with_too_few_frames_or_wrong_shape_raises() -> None:
@@ -266,13 +209,6 @@ def test_health_check_with_too_few_frames_or_wrong_shape_raises() -> None:
         check_health(stretch.select_first(1.0), layout=layout)
     with pytest.raises(InputError, match="don't fit"):
         check_health(stretch, layout=twin_rest(1, "field", "soft")[1])
-
-
-def test_group_pixels_covers_each_pixel_of_the_mask_once() -> None:
-    mask = np.zeros((4, 3), dtype=np.bool_)
-    mask[1] = mask[:, 2] = mask[3, 0] = True
-    total = sum(part.astype(int) for _, part in group_pixels(mask))
-    assert np.array_equal(total, mask.astype(int))
 
 
 @pytest.mark.parametrize("level", ["lab", "field"])

@@ -72,16 +72,11 @@ def test_pixel_resistance_with_held_lines_is_nan_only_in_the_column_of_a_short()
     assert found[:, 1] == pytest.approx(pixels()[:, 1], rel=1e-4)
 
 
-def test_pixel_resistance_below_the_series_resistance_is_zero() -> None:
-    found = pixel_resistance_ohm(
-        counts_of(np.full((4, 2), 50.0)), layout=layout("isolated", line_ohm=70.0)
-    )
-    assert found.tolist() == [[0.0, 0.0]] * 4
-
-
-def test_pixel_resistance_of_an_open_pixel_is_infinite() -> None:
-    counts = np.zeros((4, 2), dtype=int)
-    assert np.isinf(pixel_resistance_ohm(counts, layout=layout("floating", line_ohm=10.0))).all()
+def test_pixel_resistance_beyond_the_range_is_zero_or_infinite() -> None:
+    below = counts_of(np.full((4, 2), 50.0))
+    assert not pixel_resistance_ohm(below, layout=layout("isolated", line_ohm=70.0)).any()
+    opened = pixel_resistance_ohm(np.zeros((4, 2)), layout=layout("floating", line_ohm=10.0))
+    assert np.isinf(opened).all()
 
 
 def test_pixel_resistance_for_counts_of_another_layout_raises() -> None:

@@ -1,11 +1,19 @@
-"""The port of a replugged board, from its USB number or USB socket."""
+"""Ports: the port of a replugged board, a claim for one program, and the latency of an adapter."""
 
 from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from palpate.errors import DeviceNotFoundError
+from palpate.sensor.exclusive_port import claim_port, release_port
 from palpate.sensor.ports import Port, make_port_finder
+from palpate.sensor.usb_latency import explain_latency, latency_timer_ms
 
 CH340, CP2102 = (0x1A86, 0x7523), (0x10C4, 0xEA60)
 
@@ -83,3 +91,68 @@ def test_port_finder_finds_the_same_board_or_none(
             find_current_port()
     else:
         assert find_current_port() == f"/dev/{found}"
+
+
+#: Opens a port as a program without privileges; the system never refuses it to root.
+_OPEN = (
+    "import os, sys\n"
+    "if os.getuid() == 0: os.setuid(65534)\n"
+    "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
+    "except OSError as error: sys.exit(error.errno)\n"
+)
+
+
+def _open_elsewhere(port: str) -> int:
+    return subprocess.run([sys.executable, "-S", "-c", _OPEN, port], check=False).returncode
+
+
+def test_claimed_port_is_busy_for_others_until_it_is_released() -> None:
+    master, slave = os.openpty()
+    os.chmod(os.ttyname(slave), 0o666)
+    claim_port(slave)
+    busy = _open_elsewhere(os.ttyname(slave))
+    release_port(slave)
+    free = _open_elsewhere(os.ttyname(slave))
+    for end in (master, slave):
+        os.close(end)
+    assert (busy, free) == (errno.EBUSY, 0)
+
+
+def test_claim_of_something_else_than_a_terminal_does_nothing() -> None:
+    reading, writing = os.pipe()
+    claim_port(reading)
+    for end in (reading, writing):
+        os.close(end)
+    claim_port(reading)
+
+
+def write_timer(sysfs: Path, device: str, text: str) -> Path:
+    timer = sysfs / "bus/usb-serial/devices" / device / "latency_timer"
+    timer.parent.mkdir(parents=True)
+    timer.write_text(text)
+    return timer
+
+
+def test_slow_timer_is_explained_with_its_own_path_through_a_link(tmp_path: Path) -> None:
+    timer = write_timer(tmp_path, "ttyUSB7", "16\n")
+    link = tmp_path / "usb-FTDI_U2D2-if00-port0"
+    link.symlink_to("/dev/ttyUSB7")
+    assert latency_timer_ms(str(link), sysfs=tmp_path) == 16
+    text = explain_latency(str(link), sysfs=tmp_path)
+    assert "16 ms" in text
+    assert str(timer) in text
+    timer.write_text("1\n")
+    assert explain_latency(str(link), sysfs=tmp_path) is None
+
+
+@pytest.mark.parametrize("text", ["", "fast\n", "\xff"])
+def test_unreadable_timer_is_unknown(text: str, tmp_path: Path) -> None:
+    write_timer(tmp_path, "ttyUSB0", text)
+    assert latency_timer_ms("/dev/ttyUSB0", sysfs=tmp_path) is None
+    assert explain_latency("/dev/ttyUSB0", sysfs=tmp_path) is None
+
+
+def test_other_ports_have_no_timer(tmp_path: Path) -> None:
+    write_timer(tmp_path, "ttyUSB0", "16\n")
+    for port in ("/dev/ttyACM0", "/dev/ttyUSB1", "COM3", "", "/"):
+        assert explain_latency(port, sysfs=tmp_path) is None

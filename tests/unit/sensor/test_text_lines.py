@@ -21,7 +21,7 @@ from tests.other_boards import (
 )
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError, WireError
-from palpate.sensor.array import ArrayLayout
+from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.one_way_array import OneWayArray
 from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.sensor.text_lines import LineDecoder, open_board
@@ -38,10 +38,13 @@ def clock() -> Iterator[SendingClock]:
     clock.close()
 
 
-def read_forever(array: OneWayArray) -> None:
-    """Read frames until an error is raised."""
-    while True:
-        array.read(timeout_s=0.5)
+@pytest.fixture
+def board(clock: SendingClock) -> SendingBoard:
+    return SendingBoard(clock, layout=PADS, encode=line_of)
+
+
+def read_many(array: OneWayArray, count: int = 10**9, *, timeout_s: float = 0.1) -> list[Frame]:
+    return [array.read(timeout_s=timeout_s) for _ in range(count)]
 
 
 @pytest.mark.parametrize("encode", [line_of, block_of])
@@ -50,7 +53,7 @@ def test_line_decoder_converts_lines_of_counts_to_frames(
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=encode)
     array = board.array(LineDecoder(PADS))
-    frames = [array.read(timeout_s=0.1) for _ in range(200)]
+    frames = read_many(array, 200)
     assert [frame.sequence for frame in frames] == list(range(200))
     assert np.diff([frame.time_s for frame in frames]) == pytest.approx(0.01, abs=1.1e-3)
     expected = board.layout.divider.full_scale * 4700 / (4700 + 1 / board.sheet.conductance_s(0.0))
@@ -116,14 +119,13 @@ def test_line_decoder_reads_an_open_pixel_as_infinite(text: str) -> None:
     ],
 )
 def test_line_decoder_lost_or_damaged_line_is_counted(
-    clock: SendingClock, damage: Callable[[bytes], bytes], rejected: int
+    board: SendingBoard, damage: Callable[[bytes], bytes], rejected: int
 ) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
     # Numbered from the first complete line, which is the board's second line.
     torn = {100, 200, 201}
     board.spoil = lambda number, data: damage(data) if number - 1 in torn else data
     array = board.array(LineDecoder(PADS))
-    frames = [array.read(timeout_s=0.1) for _ in range(250)]
+    frames = read_many(array, 250)
     missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}
     # A line without its end also spoils the next line. A loss is counted up to ten frames later.
     assert len(missing) == array.counters.lost
@@ -132,42 +134,34 @@ def test_line_decoder_lost_or_damaged_line_is_counted(
     assert (array.counters.corrupt > 0) == bool(rejected)
 
 
-def test_one_way_array_counts_no_loss_for_frames_that_arrive_together(clock: SendingClock) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
-    array = board.array(LineDecoder(PADS))
-    times = []
+def test_one_way_array_counts_no_loss_for_frames_that_arrive_together(
+    clock: SendingClock, board: SendingBoard
+) -> None:
+    array, times = board.array(LineDecoder(PADS)), list[float]()
     for _ in range(40):
         clock.sleep_s(0.05)  # the program is busy, and five frames accumulate
-        times += [array.read(timeout_s=0.1).time_s for _ in range(5)]
+        times += [frame.time_s for frame in read_many(array, 5)]
     assert array.counters.lost == 0
     assert np.diff(times)[10:].min() > 0
     assert np.diff(times)[10:] == pytest.approx(0.01, abs=0.0101)
 
 
-def test_one_way_array_counts_no_loss_for_delayed_frames(clock: SendingClock) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
+def test_one_way_array_counts_no_loss_for_delayed_frames(board: SendingBoard) -> None:
     array = board.array(LineDecoder(PADS))
-    for _ in range(100):
-        array.read(timeout_s=0.1)
+    read_many(array, 100)
     board.due_s += 0.06
-    behind_s, board.period_s = 0.06, 0.002  # six frames in the time of one
-    while behind_s > 0:
-        behind_s -= 0.008
-        array.read(timeout_s=0.1)
+    board.period_s = 0.002  # six frames in the time of one, until the delay is made up
+    read_many(array, 8)
     board.period_s = 0.01
-    for _ in range(50):
-        array.read(timeout_s=0.1)
+    read_many(array, 50)
     assert array.counters.lost == 0
 
 
-def test_one_way_array_counts_late_frames(clock: SendingClock) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
+def test_one_way_array_counts_late_frames(clock: SendingClock, board: SendingBoard) -> None:
     array = board.array(LineDecoder(PADS))
-    for _ in range(50):
-        array.read(timeout_s=0.1)
+    read_many(array, 50)
     clock.sleep_s(0.3)
-    for _ in range(30):
-        array.read(timeout_s=0.1)
+    read_many(array, 30)
     assert array.counters.late == pytest.approx(20, abs=2)
 
 
@@ -175,9 +169,8 @@ def test_one_way_array_counts_late_frames(clock: SendingClock) -> None:
     ("sent_baud", "read_baud"), [(9600, 115200), (115200, 9600), (57600, 115200)]
 )
 def test_line_decoder_at_wrong_baud_rate_raises_an_error_that_names_baud(
-    clock: SendingClock, sent_baud: int, read_baud: int
+    clock: SendingClock, board: SendingBoard, sent_baud: int, read_baud: int
 ) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
     lines = line_of(board.counts(clock.now_s())) * 3
     garbage = heard_at(lines, sent_baud=sent_baud, read_baud=read_baud)
     board.spoil = lambda *_: garbage
@@ -394,8 +387,7 @@ def test_halves_of_two_lines_around_a_disconnection_do_not_form_a_frame(
 def test_begin_of_a_line_within_a_short_timeout_is_no_wrong_format(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=lambda _: b"1,2,3,4,5,6,7,8\n")
     array = board.array(LineDecoder(PADS))
-    for _ in range(20):
-        array.read(timeout_s=0.1)
+    read_many(array, 20)
     board.spoil = lambda _, data: data[:7]
     with pytest.raises(DeviceTimeoutError, match="no data in"):
         array.read(timeout_s=0.015)
@@ -404,19 +396,17 @@ def test_begin_of_a_line_within_a_short_timeout_is_no_wrong_format(clock: Sendin
 
 
 def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
-    clock: SendingClock,
+    clock: SendingClock, board: SendingBoard
 ) -> None:
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
-    for _ in range(20):
-        array.read(timeout_s=0.1)
+    read_many(array, 20)
     board.silent = True
     with pytest.raises(DeviceTimeoutError, match=r"no data in 0.5 s. Check the board.s power"):
-        read_forever(array)
+        read_many(array, timeout_s=0.5)
     board.silent = False
     board.unplug()
     with pytest.raises(DeviceTimeoutError, match=r"is unplugged \(0.5 s .* Plug it in again"):
-        read_forever(array)
+        read_many(array, timeout_s=0.5)
     last = board.sent
     board.plug()
     frame = array.read(timeout_s=0.5)
@@ -429,31 +419,36 @@ def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
         array.read(timeout_s=0.1)
 
 
-def test_open_board_with_invalid_options_raises_before_opening_the_port() -> None:
-    with pytest.raises(InputError, match="8 different positive integers"):
-        open_board(port="/dev/none", layout="4x2", columns=[1, 2, 2])
-    with pytest.raises(InputError, match="needs counts"):
-        open_board(port="/dev/none", layout="4x2", unit="ohm", idle_lines="held")
-    with pytest.raises(InputError, match="1 to 24 bits"):
-        open_board(port="/dev/none", layout="4x2", adc_bits=40)
-    with pytest.raises(InputError, match="only for volts"):
-        open_board(port="/dev/none", layout="4x2", supply_v=3.3)
-    with pytest.raises(InputError, match="supply_v = 0"):
-        open_board(port="/dev/none", layout="4x2", unit="volt", supply_v=0.0)
-    with pytest.raises(InputError, match="wait_s = -1: give more than 0"):
-        open_board(port="/dev/none", layout="4x2", wait_s=-1.0)
-    with pytest.raises(InputError, match="line_end = '1': give text"):
-        open_board(port="/dev/none", layout="4x2", line_end="1")
-    with pytest.raises(InputError, match="reference_ohm is 1e\\+12; it must be above 0 and"):
-        open_board(port="/dev/none", layout="4x2", reference_ohm=1e12)
-    for baud in (0, -9600, 10**12):
-        with pytest.raises(InputError, match=f"baud {baud}: must be 50 to 12000000"):
-            open_board(port="/dev/none", layout="4x2", baud=baud)
-    with pytest.raises(InputError, match="from 1x1 to 64x64"):
-        open_board(port="/dev/none", layout="4x65")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"columns": [1, 2, 2]}, "8 different positive integers"),
+        ({"unit": "ohm", "idle_lines": "held"}, "needs counts"),
+        ({"adc_bits": 40}, "1 to 24 bits"),
+        ({"supply_v": 3.3}, "only for volts"),
+        ({"unit": "volt", "supply_v": 0.0}, "supply_v = 0"),
+        ({"wait_s": -1.0}, "wait_s = -1: give more than 0"),
+        ({"line_end": "1"}, "line_end = '1': give text"),
+        ({"reference_ohm": 1e12}, r"reference_ohm is 1e\+12; it must be above 0 and"),
+        *(({"baud": baud}, f"baud {baud}: must be 50 to 12") for baud in (0, -9600, 10**12)),
+        ({"layout": "4x65"}, "from 1x1 to 64x64"),
+    ],
+)
+def test_open_board_with_invalid_options_raises_before_opening_the_port(
+    options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        open_board(**({"port": "/dev/none", "layout": "4x2"} | options))
 
 
-@pytest.mark.parametrize("port", ["/dev/null", "/dev"])
-def test_open_board_on_a_file_that_is_no_serial_port_says_so(port: str) -> None:
-    with pytest.raises(DeviceError, match=f"{port} is not a serial port; `palpate ports`"):
+@pytest.mark.parametrize(
+    ("port", "message"),
+    [
+        ("/dev/null", "/dev/null is not a serial port; `palpate ports`"),
+        ("/dev", "/dev is not a serial port; `palpate ports`"),
+        ("/dev/ttyACM99", "no port /dev/ttyACM99; `palpate ports`"),
+    ],
+)
+def test_open_board_on_no_serial_port_says_so(port: str, message: str) -> None:
+    with pytest.raises(DeviceError, match=message):
         open_board(port=port, layout="4x2")

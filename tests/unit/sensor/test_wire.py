@@ -1,4 +1,4 @@
-"""The packet decoder: losses, wraps, restarts, garbage, and chunks of any size."""
+"""The wire: packets, losses, wraps, restarts, garbage, chunks of any size, and payloads."""
 
 from __future__ import annotations
 
@@ -19,16 +19,25 @@ from palpate.sensor.wire import (
     encode_command,
     pack,
     unpack,
+    unpack_ack,
+    unpack_identity,
 )
 from palpate.sensor.wire_messages import (
     Ack,
+    BoardIdentity,
     BoardMessage,
+    Command,
     FrameMessage,
     MessageType,
     Ping,
     Result,
+    SetCeiling,
+    SetLayout,
+    SetOversampling,
+    SetPressure,
+    SetRate,
 )
-from palpate_studies.board_bytes import encode_message
+from palpate_studies.board_bytes import encode_message, pack_ack, pack_identity
 
 WRAP = 2**32
 
@@ -50,11 +59,7 @@ def encode_frames(*sequences: int, stream: int = 9) -> bytes:
 
 def encode_ack(next_sequence: int, *, stream: int = 9) -> bytes:
     answer = Ack(
-        command=Ping.kind,
-        tag=1,
-        result=Result.OK,
-        stream=stream,
-        next_sequence=next_sequence,
+        command=Ping.kind, tag=1, result=Result.OK, stream=stream, next_sequence=next_sequence
     )
     return encode_message(answer)
 
@@ -281,7 +286,54 @@ def test_decoder_accepts_the_longest_frame_and_rejects_a_longer_packet() -> None
     assert decoder.counters == LinkCounters(frames=2, corrupt=1, restarts=1)
 
 
-def test_frame_message_counts_are_read_only() -> None:
-    (got,) = frames_in(Decoder().feed(encode_frames(0)))
-    with pytest.raises(ValueError, match="read-only"):
-        got.counts[0, 0] = 1
+ACK = Ack(
+    command=SetRate.kind,
+    tag=200,
+    result=Result.TOO_FAST,
+    stream=7,
+    next_sequence=2**32 - 1,
+    time_us=123,
+    highest_rate_hz=612.345,
+)
+IDENTITY = BoardIdentity(
+    tag=3, protocol=1, version=(1, 2, 3), features=3, rows=6, cols=2, oversampling=4,
+    max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
+    reset_cause=8, streaming=True, conversion_us=104, baud=1_000_000,
+    rate_hz=250.0, highest_rate_hz=701.5, board="Arduino Mega 2560",
+)  # fmt: skip
+
+
+def test_unpack_ack_roundtrips_and_refuses_a_wrong_length_or_result() -> None:
+    payload = pack_ack(ACK)
+    assert unpack_ack(payload) == ACK
+    for wrong in (payload[:-1], payload + b"\0", payload[:2] + b"\x06" + payload[3:]):
+        assert unpack_ack(wrong) is None
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+def test_unpack_identity_roundtrips_and_refuses_truncated_or_other_than_ascii(
+    streaming: bool,
+) -> None:
+    identity = replace(IDENTITY, streaming=streaming)
+    payload = pack_identity(identity)
+    assert unpack_identity(payload) == identity
+    for wrong in (payload[: -len(IDENTITY.board) - 1], payload + b"\xff"):
+        assert unpack_identity(wrong) is None
+
+
+@pytest.mark.parametrize(
+    ("command", "tag"),
+    [
+        (SetLayout(rows=256, cols=1), 1),
+        (SetLayout(rows=1, cols=1, settle_us=70_000), 1),
+        (SetRate(rate_hz=-1.0), 1),
+        (SetRate(rate_hz=5e6), 1),
+        (SetOversampling(conversions=300), 1),
+        (SetPressure(target_kpa=-1.0, slew_kpa_per_s=1.0), 1),
+        (SetCeiling(counts=70_000), 1),
+        (Ping(), 256),
+    ],
+)
+def test_encode_command_with_a_value_out_of_range_raises(command: Command, tag: int) -> None:
+    with pytest.raises(ValueError, match="can't be sent"):
+        encode_command(command, tag=tag)

@@ -16,25 +16,23 @@ from palpate.signal.circuit import (
 )
 
 
-def test_paper_divider_matches_hand_calculated_values() -> None:
-    # 5 V, 4.7 kohm, 10 bits, pixel in the upper leg: 14.1 kohm is three times the reference.
-    assert ohm_to_volts(14_100.0, divider=Divider()) == pytest.approx(1.25)
-    assert resistance_ohm(256, divider=Divider()) == pytest.approx(14_100.0)
-
-
-def test_divider_with_lower_leg_mirrors_the_upper_leg() -> None:
-    lower = Divider(taxel_leg="lower")
-    assert ohm_to_volts(14_100.0, divider=lower) == pytest.approx(3.75)
-    assert resistance_ohm(768, divider=lower) == pytest.approx(14_100.0)
-
-
-def test_resistance_ohm_uses_reference_supply_and_resolution() -> None:
-    divider = Divider(reference_ohm=1000.0, supply_v=3.3, adc_bits=12)
-    assert resistance_ohm(1024, divider=divider) == pytest.approx(3000.0)
-
-
-def test_resistance_ohm_divides_counts_by_the_oversampling() -> None:
-    assert resistance_ohm(8 * 512, divider=Divider(), oversampling=8) == pytest.approx(4700.0)
+# 5 V, 4.7 kohm, 10 bits, pixel in the upper leg: 14.1 kohm is three times the reference.
+@pytest.mark.parametrize(
+    ("divider", "counts", "oversampling", "ohm"),
+    [
+        (Divider(), 256, 1, 14_100.0),
+        (Divider(taxel_leg="lower"), 768, 1, 14_100.0),
+        (Divider(reference_ohm=1000.0, supply_v=3.3, adc_bits=12), 1024, 1, 3000.0),
+        (Divider(), 8 * 512, 8, 4700.0),
+    ],
+)
+def test_resistance_ohm_matches_hand_calculated_values(
+    divider: Divider, counts: int, oversampling: int, ohm: float
+) -> None:
+    found = resistance_ohm(counts, divider=divider, oversampling=oversampling)
+    assert found == pytest.approx(ohm)
+    volts = counts / oversampling / divider.full_scale * divider.supply_v
+    assert ohm_to_volts(ohm, divider=divider) == pytest.approx(volts)
 
 
 @pytest.mark.parametrize(
@@ -53,13 +51,10 @@ def test_resistance_ohm_is_infinite_only_if_all_conversions_are_open() -> None:
     assert (ohm == 0).tolist() == [False, False, False, True]
 
 
-def test_resistance_ohm_with_counts_out_of_range_raises() -> None:
-    with pytest.raises(ValueError, match="10 bit"):
-        resistance_ohm([1024], divider=Divider())
-    with pytest.raises(ValueError, match="-1"):
-        resistance_ohm([-1], divider=Divider())
-    with pytest.raises(ValueError, match="nan"):
-        resistance_ohm([np.nan], divider=Divider())
+@pytest.mark.parametrize(("count", "message"), [(1024, "10 bit"), (-1, "-1"), (np.nan, "nan")])
+def test_resistance_ohm_with_counts_out_of_range_raises(count: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        resistance_ohm([count], divider=Divider())
 
 
 def test_resolution_ohm_equals_the_difference_of_one_count() -> None:

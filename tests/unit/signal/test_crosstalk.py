@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.held_readings import held_readings_ohm
 
-from palpate.signal.crosstalk import (
-    floating_readings_ohm,
-    unmix_floating,
-    unmix_held,
-)
+from palpate.signal.crosstalk import floating_readings_ohm, unmix_floating, unmix_held
 
 Resistor = tuple[str, str, float]
 SHAPES = [(1, 4), (3, 1), (2, 2), (4, 2), (6, 2), (5, 7), (16, 16)]
@@ -104,53 +102,39 @@ def test_floating_readings_of_16_by_16_equal_pixels_are_88_percent_low() -> None
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_unmix_floating_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
+def test_unmixing_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
     pixels = random_pixels((3, *shape))
-    unmixed = unmix_floating(floating_readings_ohm(pixels))
-    assert unmixed == pytest.approx(pixels, rel=1e-5)
+    floating = unmix_floating(floating_readings_ohm(pixels))
+    assert floating == pytest.approx(pixels, rel=1e-5)
+    assert unmix_floating(floating_readings_ohm(pixels[1])) == pytest.approx(floating[1])
+    held = unmix_held(held_readings_ohm(pixels, reference_ohm=900.0), reference_ohm=900.0)
+    assert held == pytest.approx(pixels, rel=1e-9)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_unmix_held_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
-    pixels = random_pixels((3, *shape))
-    unmixed = unmix_held(held_readings_ohm(pixels, reference_ohm=900.0), reference_ohm=900.0)
-    assert unmixed == pytest.approx(pixels, rel=1e-9)
-
-
-def test_unmix_floating_of_a_batch_equals_single_frames() -> None:
-    readings = floating_readings_ohm(random_pixels((2, 5, 4, 2)))
-    together = unmix_floating(readings)
-    alone = unmix_floating(readings[1, 3])
-    assert together.shape == (2, 5, 4, 2)
-    assert together[1, 3] == pytest.approx(alone)
-
-
-def test_unmix_floating_finds_an_open_pixel_despite_parallel_paths() -> None:
-    pixels = np.full((2, 2), 1000.0)
-    pixels[0, 1] = np.inf
+@pytest.mark.parametrize(
+    ("shape", "bad", "ohm", "factor"),
+    [
+        ((2, 2), (0, 1), np.inf, 1.0),
+        ((2, 2), (0, 1), np.inf, 1.02),
+        ((4, 2), (3,), np.inf, 1.0),
+        ((4, 2), (1, 1), 0.0, 1.0),
+    ],
+    ids=["open", "open, noisy", "dead row", "short"],
+)
+def test_unmix_floating_names_bad_pixels_and_solves_the_others(
+    shape: tuple[int, int], bad: tuple[int, ...], ohm: float, factor: float
+) -> None:
+    pixels = random_pixels(shape)
+    pixels[bad] = ohm or 1e-9
     readings = floating_readings_ohm(pixels)
-    assert readings[0, 1] == pytest.approx(3000.0)
+    # Parallel paths hide an open pixel of a line that has others.
+    assert np.isinf(readings[bad]).all() == (len(bad) == 1)
+    readings[bad] *= factor if ohm else 0.0
     unmixed = unmix_floating(readings)
-    assert np.isinf(unmixed[0, 1])
-    assert unmixed[[0, 1, 1], [0, 0, 1]] == pytest.approx(1000.0, rel=1e-4)
-
-
-def test_unmix_floating_solves_the_other_pixels_if_one_is_hidden() -> None:
-    readings = floating_readings_ohm(np.array([[1000.0, np.inf], [1000.0, 1000.0]]))
-    readings[0, 1] *= 1.02
-    unmixed = unmix_floating(readings)
-    assert np.isinf(unmixed).tolist() == [[False, True], [False, False]]
-    assert unmixed[1, 1] == pytest.approx(1000.0, rel=1e-3)
-
-
-def test_unmix_floating_with_a_dead_row_solves_the_other_rows() -> None:
-    pixels = random_pixels((4, 2))
-    pixels[3] = np.inf
-    readings = floating_readings_ohm(pixels)
-    assert np.isinf(readings[3]).all()
-    unmixed = unmix_floating(readings)
-    assert np.isinf(unmixed[3]).all()
-    assert unmixed[:3] == pytest.approx(pixels[:3], rel=1e-4)
+    assert (unmixed[bad] == ohm).all()
+    others = np.ones(shape, dtype=bool)
+    others[bad] = False
+    assert unmixed[others] == pytest.approx(pixels[others], rel=0.01)
 
 
 def test_unmix_held_returns_nan_for_impossible_readings() -> None:
@@ -170,17 +154,17 @@ def test_unmix_floating_with_a_short_pixel_solves_the_other_pixels() -> None:
     assert unmixed[others] == pytest.approx(pixels[others], rel=0.01)
 
 
-@pytest.mark.parametrize("bad", [-1.0, np.nan])
-def test_unmix_floating_with_a_negative_or_nan_reading_raises(bad: float) -> None:
-    with pytest.raises(ValueError, match="negative or NaN"):
-        unmix_floating([[100.0, bad]])
-
-
-def test_floating_readings_of_a_zero_resistance_raise() -> None:
-    with pytest.raises(ValueError, match="must be positive"):
-        floating_readings_ohm([[100.0, 0.0]])
-
-
-def test_unmix_floating_of_a_flat_list_raises() -> None:
-    with pytest.raises(ValueError, match="shape"):
-        unmix_floating([100.0, 200.0])
+@pytest.mark.parametrize(
+    ("solve", "ohm", "message"),
+    [
+        (unmix_floating, [[100.0, -1.0]], "negative or NaN"),
+        (unmix_floating, [[100.0, np.nan]], "negative or NaN"),
+        (unmix_floating, [100.0, 200.0], "shape"),
+        (floating_readings_ohm, [[100.0, 0.0]], "must be positive"),
+    ],
+)
+def test_impossible_resistances_raise(
+    solve: Callable[..., object], ohm: list[object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        solve(ohm)

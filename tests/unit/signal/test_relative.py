@@ -1,4 +1,4 @@
-"""Rest baseline, equation 1 of the paper, and sums over pixels."""
+"""Rest baseline, equation 1 of the paper, sums over pixels, and the window of a hold."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from palpate.sensor.sample import (
     relative_change_percent,
 )
 from palpate.signal.relative import largest_change, mean_change, total_excess
+from palpate.signal.transient import find_hold_window, find_peak
 
 PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
 PAD = ArrayLayout(name="pad", rows=2, cols=2, finger_of_row=(0, 0))
@@ -41,17 +42,26 @@ def test_rest_baseline_ignores_single_outliers() -> None:
     )
 
 
-def test_rest_baseline_of_a_settling_sensor_raises() -> None:
-    recovery = 1 - 0.05 * np.exp(-np.arange(60) / 30)
-    with pytest.raises(CalibrationError, match="settling"):
-        rest_baseline(make_quiet_frames() * recovery[:, None, None])
+#: A finger that moves once.
+SPIKE = np.zeros((60, 1, 1))
+SPIKE[28:32, 0, 0] = (0.2, 0.15, 0.1, 0.05)
 
 
-def test_rest_baseline_of_a_moving_finger_raises() -> None:
-    spike = np.zeros(60)
-    spike[28:32] = (0.2, 0.15, 0.1, 0.05)
-    with pytest.raises(CalibrationError, match="jumped"):
-        rest_baseline(make_quiet_frames() * (1 + spike)[:, None, None])
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (make_quiet_frames() * (1 - 0.05 * np.exp(-np.arange(60) / 30))[:, None, None], "settling"),
+        (make_quiet_frames() * (1 + SPIKE), "jumped"),
+        (make_quiet_frames(4), "at least 5"),
+        (PIXELS, "at least 5"),
+        (np.full((10, 2, 2), np.inf), "no valid pixel"),
+    ],
+)
+def test_rest_baseline_of_unrest_too_few_frames_or_dead_pixels_raises(
+    frames: np.ndarray, message: str
+) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        rest_baseline(frames)
 
 
 def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
@@ -60,15 +70,6 @@ def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
     with pytest.raises(CalibrationError, match="there is a load"):
         rest_baseline(loaded, known_ohm=PIXELS)
     assert rest_baseline(make_quiet_frames() * 0.95, known_ohm=PIXELS).frames == 60
-
-
-def test_rest_baseline_of_too_few_frames_or_dead_pixels_raises() -> None:
-    with pytest.raises(CalibrationError, match="at least 5"):
-        rest_baseline(make_quiet_frames(4))
-    with pytest.raises(CalibrationError, match="at least 5"):
-        rest_baseline(PIXELS)
-    with pytest.raises(CalibrationError, match="no valid pixel"):
-        rest_baseline(np.full((10, 2, 2), np.inf))
 
 
 def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:
@@ -94,3 +95,30 @@ def test_excess_conductance_is_consistent_with_relative_change() -> None:
 def test_sums_over_only_nan_pixels_are_nan() -> None:
     nothing = np.full((2, 2), np.nan)
     assert all(np.isnan(f(nothing)) for f in (mean_change, largest_change, total_excess))
+
+
+@pytest.mark.parametrize(
+    ("values", "peak"),
+    [
+        ([0.0, 4.0, 9.0, -3.0, -20.0], 2),
+        ([5.0, 1.0, 3.0, 20.0], 1),
+        ([9.0, 5.0, 3.0, 2.9, 3.05], 0),
+    ],
+    ids=["falling", "rising", "noise at the end"],
+)
+def test_find_peak_is_where_the_hold_begins_to_settle(values: list[float], peak: int) -> None:
+    assert find_peak(values) == peak
+
+
+def test_find_hold_window_starts_the_wait_after_the_peak_of_each_hold() -> None:
+    time_s = np.arange(10) / 10
+    values = np.stack([-time_s, np.where(time_s < 0.2, 0, 1 - time_s)])
+    window = find_hold_window(time_s, values, wait_s=0.5)
+    assert window.peak_s.tolist() == [0.0, 0.2]
+    assert window.first.tolist() == [5, 7]
+
+
+def test_find_hold_window_includes_a_sample_at_the_end_of_the_wait_despite_rounding() -> None:
+    assert 0.1 + 0.2 > 0.3
+    window = find_hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
+    assert window.first.tolist() == [3]

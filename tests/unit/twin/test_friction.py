@@ -6,42 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.factories import draw
 
 from palpate.twin.friction import N_PER_G
-from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
-
-def make_fruit(**changes: float) -> TwinObject:
-    drawn = draw_object(np.random.default_rng(1), "tomato")
-    return replace(drawn, friction=0.5, mass_g=100.0, **changes)
+FRUIT = replace(draw("tomato", 1), friction=0.5, mass_g=100.0)
 
 
-def make_gripped_world(closure_mm: float, **changes: float) -> World:
-    obj = make_fruit(**changes)
-    world = World(obj, seed=1)
-    world.drive(obj.size_mm - closure_mm, rate=20.0)
+def make_gripped_world(closure_mm: float) -> World:
+    world = World(FRUIT, seed=1)
+    world.drive(FRUIT.size_mm - closure_mm, rate=20.0)
     world.clock.sleep_s(3.0)
     return world
 
 
-def test_lift_with_sufficient_friction_holds_object() -> None:
-    world = make_gripped_world(1.5)
-    assert 2 * 0.5 * world.force_n(3.0) > 100.0 * N_PER_G
+@pytest.mark.parametrize(("closure_mm", "drops"), [(1.5, False), (0.8, True)])
+def test_lift_holds_only_what_friction_can_carry(closure_mm: float, drops: bool) -> None:
+    world = make_gripped_world(closure_mm)
+    assert (2 * 0.5 * world.force_n(3.0) < 100.0 * N_PER_G) == drops
     world.lift()
-    assert world.force_n(6.0) > 1.0
-    assert not world.has_dropped
-
-
-def test_lift_with_weak_grip_drops_object() -> None:
-    world = make_gripped_world(0.8)
-    weight_n = 100.0 * N_PER_G
-    assert 2 * 0.5 * world.force_n(3.0) < weight_n
-    world.lift()
-    assert world.force_n(4.0) == 0.0
-    assert world.has_dropped
-    # The truth about the dropped object remains available.
-    assert world.truth().size_mm == make_fruit().size_mm
+    assert (world.force_n(4.0) == 0.0) == drops
+    assert (world.force_n(6.0) > 1.0) != drops
+    assert world.has_dropped == drops
+    # The truth about a dropped object remains available.
+    assert world.truth().size_mm == FRUIT.size_mm
 
 
 def test_opening_after_lift_puts_object_down() -> None:

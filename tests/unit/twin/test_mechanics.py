@@ -1,42 +1,44 @@
-"""Force from closure and its distribution over pixels, compared with hand calculations."""
+"""Force from closure, its distribution over pixels and its relaxation, by hand calculations."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.mechanics import (
     HandCompliance,
+    RelaxingForce,
     object_force_n,
     pixel_fractions,
     series_force_n,
 )
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
+from palpate.twin.world import World
 
-
-def make_object(**changes: object) -> TwinObject:
-    given = {
-        "name": "thing",
-        "size_mm": 40.0,
-        "contact": "linear",
-        "force_at_1mm_n": 4.0,
-        "relaxing_fractions": (),
-        "relaxing_time_s": (),
-        "flat": True,
-    }
-    return TwinObject(**(given | changes))  # type: ignore[arg-type]
-
-
-STIFF = HandCompliance(finger_mm_per_n=0.0, pad_travel_mm=0.0, pad_force_n=1.0)
+#: A linear spring.
+THING = TwinObject(
+    name="thing",
+    size_mm=40.0,
+    contact="linear",
+    force_at_1mm_n=4.0,
+    relaxing_fractions=(),
+    relaxing_time_s=(),
+    flat=True,
+)
 SPRING = HandCompliance(finger_mm_per_n=0.25, pad_travel_mm=0.0, pad_force_n=1.0)
 PADS = HandCompliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
 
 
 def test_series_force_of_two_springs_matches_hand_calculation() -> None:
     # 4 N/mm and 0.25 mm/N fractions 3 mm evenly: 1.5 mm each, 6 N.
-    assert series_force_n(make_object(), 3.0, compliance=SPRING) == pytest.approx(6.0)
+    assert series_force_n(THING, 3.0, compliance=SPRING) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("name", ["strawberry", "springs-4", "dragonskin-20"])
@@ -50,7 +52,7 @@ def test_series_force_deformations_sum_to_closure(name: str) -> None:
 
 
 def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
-    fruit = make_object(yield_n=6.0, rupture_n=8.0)
+    fruit = replace(THING, yield_n=6.0, rupture_n=8.0)
     closures = np.linspace(0.1, 4.0, 40)
     forces = np.array([series_force_n(fruit, c, compliance=SPRING) for c in closures])
     slopes = np.diff(forces) / np.diff(closures)
@@ -65,18 +67,19 @@ def test_series_force_yield_lowers_slope_and_rupture_lowers_force() -> None:
 def test_pixel_fractions_sum_to_one_per_finger(layout: ArrayLayout, flat: bool) -> None:
     grid = PixelGrid.from_layout(layout)
     for spot in [(0.0, 0.0), (6.0, -6.0)]:
-        fractions = pixel_fractions(make_object(flat=flat), 2.0, grid=grid, off_centre_mm=spot)
+        fractions = pixel_fractions(replace(THING, flat=flat), 2.0, grid=grid, off_centre_mm=spot)
         assert np.all(fractions >= 0)
         for finger in range(layout.fingers):
             assert fractions[layout.finger_mask(finger).ravel()].sum() == pytest.approx(1.0)
 
 
 def test_pixel_fractions_of_off_centre_fruit_leave_pixels_unloaded() -> None:
-    grid = PixelGrid.from_layout(RIGID_LAYOUT)
-    aside = pixel_fractions(make_object(flat=False), 1.0, grid=grid, off_centre_mm=(6.0, 6.0))
-    assert np.sum(aside == 0) >= 2
-    deeper = pixel_fractions(make_object(flat=False), 8.0, grid=grid, off_centre_mm=(6.0, 6.0))
-    assert np.sum(deeper == 0) < np.sum(aside == 0)
+    grid, fruit = PixelGrid.from_layout(RIGID_LAYOUT), replace(THING, flat=False)
+    light, deep = (
+        int(np.sum(pixel_fractions(fruit, mm, grid=grid, off_centre_mm=(6.0, 6.0)) == 0))
+        for mm in (1.0, 8.0)
+    )
+    assert deep < light >= 2
 
 
 def test_draw_object_values_are_within_ranges() -> None:
@@ -88,3 +91,69 @@ def test_draw_object_values_are_within_ranges() -> None:
     assert draw_object(np.random.default_rng(3)) == draw_object(np.random.default_rng(3))
     with pytest.raises(ValueError, match="strawberry"):
         draw_object(np.random.default_rng(0), "cucumber")
+
+
+STIFF = HandCompliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0)
+SOFT = HandCompliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
+
+
+def make_fruit(fraction: float = 0.3) -> TwinObject:
+    return replace(THING, size_mm=50.0, relaxing_fractions=(fraction,), relaxing_time_s=(2.0,))
+
+
+def hold_closure(
+    obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
+) -> RelaxingForce:
+    """Return the force after a sudden closure and a hold in small steps."""
+    squeeze = RelaxingForce.at_rest(obj)
+    for step_s in (1e-9, *[until_s / 399] * 399):
+        squeeze = squeeze.close_to(obj, closure_mm, step_s=step_s, compliance=compliance)
+    return squeeze
+
+
+@pytest.mark.parametrize("at_s", [0.5, 8.0])
+def test_relaxing_force_at_constant_closure_decays(at_s: float) -> None:
+    squeeze = hold_closure(make_fruit(), 2.0, compliance=STIFF, until_s=at_s)
+    assert squeeze.elastic_n == pytest.approx(8.0, rel=1e-6)
+    assert squeeze.force_n == pytest.approx(8.0 * (0.7 + 0.3 * math.exp(-at_s / 2.0)), rel=1e-5)
+
+
+@pytest.mark.parametrize("at_s", [0.5, 8.0])
+def test_relaxing_force_under_constant_load_creeps(at_s: float) -> None:
+    # A standard linear solid under constant force: J(t) = 1 + s/(1-s) (1 - exp(-(1-s) t / tau)).
+    closure_mm = 1e3 * 2.0
+    squeeze = hold_closure(make_fruit(), closure_mm, compliance=SOFT, until_s=at_s)
+    crept = 1.0 + 0.3 / 0.7 * -math.expm1(-0.7 * at_s / 2.0)
+    assert squeeze.force_n == pytest.approx(2.0, rel=2e-3)
+    assert squeeze.elastic_n == pytest.approx(2.0 * crept, rel=3e-3)
+
+
+@pytest.mark.slow
+@settings(deadline=None)
+@given(
+    fraction=st.floats(0.0, 0.5),
+    closure=st.floats(0.1, 4.0),
+    compliance_mm_per_n=st.floats(0.0, 5.0),
+)
+def test_relaxing_force_decreases_with_time(
+    fraction: float, closure: float, compliance_mm_per_n: float
+) -> None:
+    compliance = HandCompliance(
+        finger_mm_per_n=compliance_mm_per_n, pad_travel_mm=0.3, pad_force_n=2.0
+    )
+    obj = make_fruit(fraction)
+    early = hold_closure(obj, closure, compliance=compliance, until_s=0.5)
+    late = hold_closure(obj, closure, compliance=compliance, until_s=20.0)
+    assert 0.0 < late.force_n <= early.force_n * (1 + 1e-9)
+    assert late.elastic_n >= early.elastic_n * (1 - 1e-9)
+
+
+def test_soft_fingers_lose_less_force_to_relaxation_than_rigid() -> None:
+    def lost(world: World, target: float) -> float:
+        world.drive(target, rate=60.0)
+        world.clock.sleep_s(0.6)
+        early_n = world.force_n(0.6)
+        return 1.0 - world.force_n(30.0) / early_n
+
+    soft = lost(World(make_fruit(), seed=1, gripper="soft"), 26.0)
+    assert 0.01 < soft < 0.5 * lost(World(make_fruit(), seed=1), 47.0)

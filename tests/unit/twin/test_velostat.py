@@ -13,7 +13,6 @@ from palpate.twin.velostat import (
     Environment,
     Sheet,
     draw_sheet,
-    slow_power_creep,
     two_mode_creep,
 )
 
@@ -55,13 +54,6 @@ def test_two_mode_creep_matches_fit_to_table_1() -> None:
 
     expected = 1 - remaining(time_s) + remaining(np.array([20.0]))
     np.testing.assert_allclose(step_response(creep, time_s), expected, atol=6e-4)
-
-
-def test_slow_power_creep_matches_power_law() -> None:
-    creep = slow_power_creep(0.6, exponent=0.4, start_s=0.3)
-    time_s = np.geomspace(0.02, 40, 60)
-    expected = 1 - 0.6 * ((1 + time_s / 0.3) ** -0.4 - (1 + 20 / 0.3) ** -0.4)
-    np.testing.assert_allclose(step_response(creep, time_s), expected, atol=3e-3)
 
 
 def test_sheet_has_threshold_saturation_and_hysteresis() -> None:

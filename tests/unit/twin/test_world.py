@@ -6,34 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.factories import draw
 
-from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.sample import SampleReader, relative_change_percent
 from palpate.signal.relative import mean_change
-from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.objects import TwinObject
 from palpate.twin.velostat import FAMILIES, Environment
 from palpate.twin.world import World
 
 
-def make_object(name: str = "dragonskin-10", *, seed: int = 1) -> TwinObject:
-    return draw_object(np.random.default_rng(seed), name)
+def make_object(name: str = "dragonskin-10") -> TwinObject:
+    return draw(name, 1)
 
 
-def make_held_world(
-    closure_mm: float, *, seed: int = 1, rate: float = 40.0, **options: object
-) -> World:
+def make_held_world(closure_mm: float, *, seed: int = 1, **options: object) -> World:
     """Return a world whose fingers start at 0 s to a closure beyond contact."""
     obj = make_object()
     world = World(obj, seed=seed, **options)  # type: ignore[arg-type]
-    world.drive(obj.size_mm - closure_mm, rate=rate)
+    world.drive(obj.size_mm - closure_mm, rate=40.0)
     return world
+
+
+def rest_ohm(world: World) -> np.ndarray:
+    return world.sheet.rest_ohm.reshape(world.layout.rows, world.layout.cols)
 
 
 def mean_change_percent(world: World, time_s: float) -> float:
     """Return the noise-free mean relative change."""
-    rest = world.sheet.rest_ohm.reshape(world.layout.rows, world.layout.cols)
     ohm = world.pixel_resistance_ohm(time_s)
-    return mean_change(relative_change_percent(ohm, rest_ohm=rest)).item()
+    return mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm(world))).item()
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -61,14 +62,6 @@ def test_world_every_movement_raises_resistance_briefly() -> None:
         arrives_s = 5.0 + abs(target_mm - 66.0) / 40.0
         assert mean_change_percent(world, arrives_s) > before + 3.0
         assert mean_change_percent(world, arrives_s + 2.0) == pytest.approx(before, abs=0.01)
-
-
-def test_world_opening_spikes_above_rest_and_recovers() -> None:
-    world = make_held_world(3.0)
-    mean_change_percent(world, 5.0)
-    world.drive(70.0, rate=40.0, time_s=5.0)
-    assert max(mean_change_percent(world, t) for t in np.arange(5.0, 6.0, 0.02)) > 0.0
-    assert mean_change_percent(world, 60.0) == pytest.approx(0.0, abs=1.5)
 
 
 def test_world_unloading_shows_hysteresis() -> None:
@@ -153,12 +146,6 @@ def test_world_environment_affects_ohm_more_than_relative_change() -> None:
     assert warm.truth().settled_percent == pytest.approx(cool.truth().settled_percent, abs=3.0)
 
 
-def test_world_floating_lines_cause_crosstalk() -> None:
-    straight = make_held_world(2.5)
-    leaky = make_held_world(2.5, layout=replace(RIGID_LAYOUT, idle_lines="floating"))
-    assert np.all(leaky.scan(3.0) > straight.scan(3.0))
-
-
 def test_world_naive_readings_have_large_errors() -> None:
     # An early reading converted with a calibration of settled values has a large error.
     world = make_held_world(3.0, family="two-mode")
@@ -168,7 +155,7 @@ def test_world_naive_readings_have_large_errors() -> None:
     excess = []
     for seed in range(12):
         other = make_held_world(2.0, seed=seed, sheet_seed=5, level="field")
-        rest = other.sheet.rest_ohm.reshape(other.layout.rows, other.layout.cols)
-        at_hold = SampleReader(other.layout, rest).read_ohm(other.pixel_resistance_ohm(20.0))
+        reader = SampleReader(other.layout, rest_ohm(other))
+        at_hold = reader.read_ohm(other.pixel_resistance_ohm(20.0))
         excess.append(np.log(at_hold.excess.sum()))
     assert np.std(excess) > 0.2
