@@ -7,7 +7,9 @@ import shutil
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from queue import Queue
 from typing import Any
@@ -45,6 +47,16 @@ class BrokerProcess:
             stdout=self._log,
             stderr=self._log,
         )
+        # A client that connects too early would wait for seconds before it tries again.
+        give_up_s = time.monotonic() + TIMEOUT_S
+        while time.monotonic() < give_up_s:
+            with (
+                suppress(ConnectionRefusedError),
+                socket.create_connection(("127.0.0.1", self.port)),
+            ):
+                return
+            time.sleep(0.01)
+        raise AssertionError("the broker does not listen")
 
     def kill(self) -> None:
         """Kill it at once, with all messages acknowledged but not delivered."""

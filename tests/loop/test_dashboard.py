@@ -44,13 +44,6 @@ from palpate_studies.benchmarks.pty_board import run_board
 
 
 @pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    damage = write_damage_file(folder)
-    with serve_dashboard(folder, *SIMULATED, "--damage", str(damage)) as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
 def page(browser: Browser, address: str) -> Iterator[Page]:
     with visit_as_driver(browser, address) as page:
         yield page
@@ -493,19 +486,22 @@ def test_page_loads_no_external_files_and_is_usable_by_keyboard(
     assert {"grasp", "release", "stop", "use-rig", "shade"} <= reached
 
 
-def test_kind_chosen_on_the_page_limits_the_force_of_the_grasp(driver: Page, folder: Path) -> None:
-    kind = driver.get_by_label("Kind (for its damage limit)")
-    kind.click()
-    driver.get_by_role("option", name="kiwi").click()
-    driver.get_by_label(TARGET).fill("8")
-    grasp(driver)
-    expect(driver.locator("#verdict")).to_contain_text("limited by the damage limit")
-    release(driver)
-    driver.get_by_label(TARGET).fill("")
-    kind.click()
-    driver.get_by_role("option", name="not given").click()
-    newest = max((folder / "data").glob("grasp-*.mcap"), key=lambda file: file.stat().st_mtime_ns)
-    assert load_recording(newest).info.kind == "kiwi"
+def test_kind_chosen_on_the_page_limits_the_force_of_the_grasp(
+    browser: Browser, tmp_path: Path
+) -> None:
+    damage = write_damage_file(tmp_path)
+    with (
+        serve_dashboard(tmp_path, *SIMULATED, "--damage", str(damage)) as address,
+        visit_as_driver(browser, address) as page,
+    ):
+        page.get_by_label("Kind (for its damage limit)").click()
+        page.get_by_role("option", name="kiwi").click()
+        page.get_by_label(TARGET).fill("8")
+        grasp(page)
+        expect(page.locator("#verdict")).to_contain_text("limited by the damage limit")
+        release(page)
+    (recording,) = (tmp_path / "data").glob("grasp-*.mcap")
+    assert load_recording(recording).info.kind == "kiwi"
 
 
 def test_page_beyond_the_loopback_requires_a_token_and_reports_a_lost_server(
