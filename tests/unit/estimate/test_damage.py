@@ -55,6 +55,13 @@ def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     assert math.exp(a[-1].log_stiffness) == pytest.approx(2.0, rel=1e-3)
 
 
+def test_flattening_curve_lowers_predicted_rupture_force(model: DamageModel) -> None:
+    curve = ClosingCurve()
+    states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
+    limits_n = [model.strengths[""].median_n(state) for state in states]
+    assert limits_n[-1] < 0.5 * max(limits_n)
+
+
 def test_fit_with_closings_without_states_ignores_them() -> None:
     paths, limits_n, kinds = orchard(60, seed=7)
     brittle = fit_damage_model(

@@ -101,6 +101,17 @@ def test_gear_friction_fit_separates_position_and_movement_parts(movement_sd: fl
     assert found.movement_ma == pytest.approx(40.0 * movement_sd, abs=1.6)
 
 
+def test_current_law_slope_is_independent_of_movement_offsets() -> None:
+    """Two closings to different forces; the one to the larger force has more friction."""
+    force_n = np.concatenate([np.linspace(0.0, 4.0, 40), np.linspace(0.0, 8.0, 80)])
+    movement = np.repeat([0, 1], [40, 80])
+    current_ma = np.array([40.0, 80.0])[movement] + 16.0 * force_n
+    columns = {"force_n": force_n, "current_ma": current_ma, "width_mm": 50.0 - 4.0 * force_n}
+    columns["movement"] = movement
+    law = CurrentLaw.fit(CurrentPairs(**{k: tuple(v.tolist()) for k, v in columns.items()}))
+    assert law.ma_per_n == pytest.approx(16.0, rel=1e-3)
+
+
 def updated(*, law_sd: float, force_n: float, sd_n: float) -> Gain:
     """Return the gain after a force was measured where the sheet reads 2 N."""
     measured = MeasuredForce(force_n=force_n, sd_n=sd_n, log_sd=0.0)
