@@ -21,6 +21,20 @@ def names(result: GraspResult) -> list[str]:
     return [moment.name for moment in result.moments if moment.finger is None]
 
 
+def test_strongest_reading_restarts_after_each_movement(plan: Plan, bench: Any) -> None:
+    """The maximum is updated at each frame instead of searched in all readings."""
+    bench.size_mm, fallen = 50.0, list[bool]()
+
+    def compare(grasp_state: GraspState) -> None:
+        if grasp_state.estimate.touches:
+            readings = [touch.reading for touch in grasp_state.estimate.touches]
+            assert grasp_state.estimate.strongest_reading == max(readings)
+            fallen.append(readings[0] > readings[-1])
+
+    bench.grasp_until(Outcome.HELD, plan, watchers=[compare])
+    assert any(fallen), "the last reading is not always the strongest"
+
+
 def test_attempt_without_object_is_repeated_until_contact(plan: Plan, bench: Any) -> None:
     bench.size_mm, entered = 0.0, list[Activity | Phase]()
 
