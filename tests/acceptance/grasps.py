@@ -217,12 +217,7 @@ def run_case(
     if not is_sound and case.phase == "start":
         strike()
     result = run_grasp(
-        plan,
-        array=array,
-        gripper=gripper,
-        clock=world.clock,
-        watchers=[watch],
-        requests=requests,
+        plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch], requests=requests
     )
     if result.outcome is Outcome.STOPPED and not FAULTS[case.fault]().user_stops:
         # Ctrl-C ends a grasp safely, and should end the whole report.

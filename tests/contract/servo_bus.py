@@ -52,53 +52,30 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-class ServoBus:
+class SimulatedServo:
     """One servo on a line; the host opens the port `name`.
 
     The servo answers from its own thread. Runs are repeatable if one host thread advances the clock
     and waits for each answer.
 
     `silent`: whether the servo ignores all requests.
-    `damaged_replies`: number of following replies with a wrong CRC.
-    `cut_at`: number of bytes to which each reply is truncated; None for complete replies.
+    `damaged_replies`: number of following replies with a wrong checksum.
     `late_s`: delay of the replies in real time, seconds; they keep their order. With `inf` requests
         are executed without a reply.
-    `ignores_goals`: whether new position goals are acknowledged but not executed.
     `position_error`: difference of the positions on the line, reported and commanded, from those of
         a horn mounted at its right angle, steps.
     `packets`: number of requests received.
     `failing_registers`: registers whose writes are acknowledged but not stored.
     """
 
-    def __init__(
-        self,
-        world: World,
-        *,
-        model_number: int = 1020,
-        servo_id: int = 9,
-        fingers: CrankFingers | None = None,
-    ) -> None:
+    def __init__(self, world: World, *, size: int, stored: dict[Register, int]) -> None:
         self._world, self._hand = world, TwinGripper(world)
-        self._fingers = fingers or CrankFingers()
-        self._id = servo_id
         self.silent, self.damaged_replies = False, 0
-        self.cut_at: int | None = None
-        self.late_s, self.ignores_goals, self.position_error = 0.0, False, 0
+        self.late_s, self.position_error = 0.0, 0
         self.failing_registers, self.packets = set[Register](), 0
-        self._last_packet_s = world.clock.now_s()
-        self._table = bytearray(x.STATE[1])
-        self._put(x.MODEL_NUMBER, model_number)
-        self._put(x.OPERATING_MODE, x.Mode.POSITION)
-        self._put(x.PWM_LIMIT, x.FULL_PWM)
-        self._put(x.CURRENT_LIMIT, 1193)
-        self._put(x.VELOCITY_LIMIT, 350)
-        self._put(x.MAX_POSITION_LIMIT, x.TICKS - 1)
-        self._put(x.SHUTDOWN, 0x34)
-        self._put(x.MAX_VOLTAGE_LIMIT, 160)
-        self._put(x.MIN_VOLTAGE_LIMIT, 95)
-        self._put(x.PRESENT_VOLTAGE, 120)
-        self._put(x.PRESENT_TEMPERATURE, 31)
-        self._start()
+        self._table = bytearray(size)
+        for register, value in stored.items():
+            self._put(register, value)
         self._lock, self._is_updating = threading.RLock(), False
         world.watchers.insert(0, self._update)
         self._line = LineEnd(self._receive)
@@ -114,6 +91,79 @@ class ServoBus:
         with self._lock:
             self._put(register, value)
 
+    def unplug(self) -> None:
+        """Unplug the adapter, with the servo still powered; repeatable."""
+        self._line.unplug()
+
+    def close(self) -> None:
+        """Remove the servo and its line; repeatable."""
+        self.unplug()
+        if self._update in self._world.watchers:
+            self._world.watchers.remove(self._update)
+
+    def _receive(self, waiting: bytes) -> bytes:
+        """Execute complete packets; return the rest."""
+        raise NotImplementedError
+
+    def _step(self, time_s: float) -> None:
+        """Stop the servo where it stops by itself."""
+        raise NotImplementedError
+
+    def _update(self, time_s: float) -> None:
+        with self._lock:
+            if self._is_updating:
+                return
+            self._is_updating = True
+            try:
+                self._step(time_s)
+            finally:
+                self._is_updating = False
+
+    def _get(self, register: Register) -> int:
+        end = register.address + register.size
+        return register.decode(bytes(self._table[register.address : end]))
+
+    def _put(self, register: Register, value: int) -> None:
+        end = register.address + register.size
+        self._table[register.address : end] = register.encode(int(value))
+
+
+#: Settings of a new servo.
+_FACTORY = {
+    x.OPERATING_MODE: x.Mode.POSITION,
+    x.PWM_LIMIT: x.FULL_PWM,
+    x.CURRENT_LIMIT: 1193,
+    x.VELOCITY_LIMIT: 350,
+    x.MAX_POSITION_LIMIT: x.TICKS - 1,
+    x.SHUTDOWN: 0x34,
+    x.MAX_VOLTAGE_LIMIT: 160,
+    x.MIN_VOLTAGE_LIMIT: 95,
+    x.PRESENT_VOLTAGE: 120,
+    x.PRESENT_TEMPERATURE: 31,
+}
+
+
+class ServoBus(SimulatedServo):
+    """A DYNAMIXEL servo.
+
+    `cut_at`: number of bytes to which each reply is truncated; None for complete replies.
+    `ignores_goals`: whether new position goals are acknowledged but not executed.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        model_number: int = 1020,
+        servo_id: int = 9,
+        fingers: CrankFingers | None = None,
+    ) -> None:
+        self._fingers, self._id = fingers or CrankFingers(), servo_id
+        self.cut_at: int | None = None
+        self.ignores_goals, self._last_packet_s = False, world.clock.now_s()
+        super().__init__(world, size=x.STATE[1], stored={x.MODEL_NUMBER: model_number, **_FACTORY})
+        self._start()
+
     def fail(self, error: x.HardwareError) -> None:
         """Set a hardware error; one of those in the shutdown register switches the torque off.
 
@@ -124,16 +174,6 @@ class ServoBus:
             if not error or error & self._get(x.SHUTDOWN):
                 self._put(x.TORQUE_ENABLE, 0)
                 self._world.halt()
-
-    def unplug(self) -> None:
-        """Unplug the adapter, with the servo still powered; repeatable."""
-        self._line.unplug()
-
-    def close(self) -> None:
-        """Remove the servo and its line; repeatable."""
-        self.unplug()
-        if self._update in self._world.watchers:
-            self._world.watchers.remove(self._update)
 
     # -- the line ---------------------------------------------------------------------------------
 
@@ -280,35 +320,19 @@ class ServoBus:
         turned = self._direction() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self._shift())
 
-    def _update(self, time_s: float) -> None:
-        """Update the servo: stop it at a watchdog timeout or at its current limit."""
-        with self._lock:
-            if self._is_updating or not self._get(x.TORQUE_ENABLE):
-                return
-            self._is_updating = True
-            try:
-                watchdog_s = self._get(x.BUS_WATCHDOG) * x.WATCHDOG_STEP_S
-                if watchdog_s > 0 and time_s > self._last_packet_s + watchdog_s:
-                    self._put(x.BUS_WATCHDOG, -1)
-                    self._world.halt(time_s=time_s)
-                unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
-                is_current = time_s >= self._world.clock.now_s()
-                if is_current and unit is not None and self._world.is_moving(time_s):
-                    limit_ma = self._get(x.GOAL_CURRENT) * unit
-                    if self._hand.state().current_ma > limit_ma:
-                        self._world.halt(time_s=time_s)
-            finally:
-                self._is_updating = False
-
-    def _get(self, register: Register) -> int:
-        run = self._table[register.address : register.address + register.size]
-        return int.from_bytes(run, "little", signed=register.signed)
-
-    def _put(self, register: Register, value: int) -> None:
-        end = register.address + register.size
-        self._table[register.address : end] = int(value).to_bytes(
-            register.size, "little", signed=value < 0
-        )
+    def _step(self, time_s: float) -> None:
+        """Stop at a watchdog timeout or at the current limit."""
+        if not self._get(x.TORQUE_ENABLE):
+            return
+        watchdog_s = self._get(x.BUS_WATCHDOG) * x.WATCHDOG_STEP_S
+        if watchdog_s > 0 and time_s > self._last_packet_s + watchdog_s:
+            self._put(x.BUS_WATCHDOG, -1)
+            self._world.halt(time_s=time_s)
+        unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
+        if unit is None or time_s < self._world.clock.now_s() or not self._world.is_moving(time_s):
+            return
+        if self._hand.state().current_ma > self._get(x.GOAL_CURRENT) * unit:
+            self._world.halt(time_s=time_s)
 
 
 class LineEnd:

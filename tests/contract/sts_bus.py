@@ -9,15 +9,11 @@ converted to a force with a linear law.
 
 from __future__ import annotations
 
-import threading
-
-from tests.contract.servo_bus import LineEnd
+from tests.contract.servo_bus import SimulatedServo
 
 from palpate.gripper import sts_series as sts
 from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
-from palpate.gripper.packets import Register
-from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff"
@@ -34,6 +30,7 @@ _FACTORY = {
     sts.MAX_VOLTAGE_LIMIT: 80,
     sts.MIN_VOLTAGE_LIMIT: 40,
     sts.MAX_TORQUE_LIMIT: sts.FULL_TORQUE,
+    sts.TORQUE_LIMIT: sts.FULL_TORQUE,
     sts.PHASE: 12,
     sts.PRESENT_VOLTAGE: 74,
     sts.PRESENT_TEMPERATURE: 29,
@@ -53,38 +50,15 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-class StsBus:
-    """One servo on a line; the host opens the port `name`.
+class StsBus(SimulatedServo):
+    """A Feetech servo with a jaw.
 
-    Parameters
-    ----------
-    world : World
-        World with the fingers to move.
-    jaw : HingedJaw
-        Converts the servo angle to the width.
-    closed_tick : int
-        Position at which the pads touch; positions increase as the jaw opens.
-    servo_id, model_number : int
-        Identity of the servo.
+    `jaw`: converts the servo angle to the width. `closed_tick`: position at which the pads touch;
+    positions increase as the jaw opens.
 
-    Attributes
-    ----------
-    silent : bool
-        Whether the servo ignores all requests.
-    damaged_replies : int
-        Number of following replies with a wrong checksum.
-    state : State
-        Protection states, reported in every reply.
-    failing_registers : set of Register
-        Registers whose writes are acknowledged but not stored.
-    late_s : float
-        Delay of the replies in real time, seconds.
-    position_error : int
-        Difference of the positions on the line from those of the jaw, steps.
-    clips_to : (int, int), optional
-        Range to which goals are shortened, in their register too, whatever the stored limits are.
-    packets : int
-        Number of requests received.
+    `state`: protection states, reported in every reply.
+    `clips_to`: range to which goals are shortened, in their register too, whatever the stored
+        limits are.
     """
 
     def __init__(
@@ -96,42 +70,12 @@ class StsBus:
         servo_id: int = 6,
         model_number: int = 777,
     ) -> None:
-        self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
-        self._closed, self._id = closed_tick, servo_id
-        self.silent, self.damaged_replies, self.state = False, 0, sts.State(0)
-        self.failing_registers, self.packets = set[Register](), 0
-        self.late_s, self.position_error = 0.0, 0
+        self._jaw, self._closed, self._id = jaw, closed_tick, servo_id
+        self.state = sts.State(0)
         self.clips_to: tuple[int, int] | None = None
-        self._table = bytearray(_TABLE_SIZE)
-        self._put(sts.MODEL_NUMBER, model_number)
-        for register, value in _FACTORY.items():
-            self._put(register, value)
-        self._put(sts.TORQUE_LIMIT, self._get(sts.MAX_TORQUE_LIMIT))
         self._is_closing = False
-        self._lock, self._is_updating = threading.RLock(), False
-        world.watchers.insert(0, self._update)
-        self._line = LineEnd(self._receive)
-        self.name = self._line.name
-
-    def value(self, register: Register) -> int:
-        """Return the value of a register, without using the line."""
-        with self._lock:
-            return self._get(register)
-
-    def set(self, register: Register, value: int) -> None:
-        """Set a register, as an earlier host would have."""
-        with self._lock:
-            self._put(register, value)
-
-    def unplug(self) -> None:
-        """Unplug the adapter, with the servo still powered; repeatable."""
-        self._line.unplug()
-
-    def close(self) -> None:
-        """Remove the servo and its line; repeatable."""
-        self.unplug()
-        if self._update in self._world.watchers:
-            self._world.watchers.remove(self._update)
+        stored = {sts.MODEL_NUMBER: model_number, **_FACTORY}
+        super().__init__(world, size=_TABLE_SIZE, stored=stored)
 
     # -- the line ---------------------------------------------------------------------------------
 
@@ -213,24 +157,10 @@ class StsBus:
         self._put(sts.PRESENT_CURRENT, round(abs(state.current_ma) / sts.MA_PER_UNIT))
         self._put(sts.MOVING, state.moving)
 
-    def _update(self, time_s: float) -> None:
-        """Update the servo: stop it at its torque limit."""
-        with self._lock:
-            if self._is_updating or time_s < self._world.clock.now_s():
-                return
-            self._is_updating = True
-            try:
-                limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
-                is_closing = self._is_closing and self._world.is_moving(time_s)
-                if is_closing and self._world.force_n(time_s) > limit_n:
-                    self._world.halt(time_s=time_s)
-            finally:
-                self._is_updating = False
-
-    def _get(self, register: Register) -> int:
-        run = self._table[register.address : register.address + register.size]
-        return register.decode(bytes(run))
-
-    def _put(self, register: Register, value: int) -> None:
-        end = register.address + register.size
-        self._table[register.address : end] = register.encode(int(value))
+    def _step(self, time_s: float) -> None:
+        """Stop at the torque limit."""
+        limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
+        is_closing = self._is_closing and self._world.is_moving(time_s)
+        is_current = time_s >= self._world.clock.now_s()
+        if is_current and is_closing and self._world.force_n(time_s) > limit_n:
+            self._world.halt(time_s=time_s)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.conftest import skip
-from tests.contract.hands import TRAVEL, make_world, open_hobby_servo
+from tests.contract.hands import TRAVEL, make_firmware_board, make_world, open_hobby_servo
 
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel, open_gripper
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.serial_array import SerialArray
@@ -41,11 +40,7 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    world = make_world("rigid")
-    try:
-        board = FirmwareBoard(seed=2)
-    except DeviceNotFoundError as error:
-        skip(str(error))
+    world, board = make_world("rigid"), make_firmware_board(seed=2)
     array, gripper = open_hobby_servo(world, board)
     bench = Bench(world=world, board=board, array=array, gripper=gripper)
     bench.follow(0.3)

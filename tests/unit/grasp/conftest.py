@@ -16,7 +16,7 @@ from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.plan import Plan
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
@@ -27,6 +27,7 @@ PERIOD_S = 1 / 15
 GRIPPER_MM_PER_N = 0.2
 #: The fingers are where they are sent before the next frame, and report that they were sent so.
 _AT_ONCE_MM_PER_S = 2000.0
+_VIEWS = ("subscribers", "watchers", "requests")
 
 
 class Bench:
@@ -45,6 +46,8 @@ class Bench:
         self.commanded_s = 0.0
         self.lost_after_s = float("inf")
         self.gone_after_s = float("inf")
+        #: True force at each reading of the array.
+        self.forces_n = list[float]()
 
     @property
     def force_n(self) -> float:
@@ -58,6 +61,7 @@ class Bench:
             raise DeviceTimeoutError(f"no frame in {timeout_s:.2f} s; check the cable")
         self.clock.sleep_s(PERIOD_S)
         self.sequence += 1
+        self.forces_n.append(self.force_n)
         ohm = REST_OHM / (1 + 2 * self.force_n / self.layout.pixels)
         # Every movement of the fingers shakes the sheet for a moment.
         shaken, self._seen_mm = self.width_mm != self._seen_mm, self.width_mm
@@ -91,9 +95,20 @@ class Bench:
         read = self.read
         self.read = lambda *, timeout_s: change(read(timeout_s=timeout_s))  # type: ignore[method-assign]
 
-    def grasp(self, plan: Plan, **views: Any) -> GraspResult:
-        """Grasp the spring; `views` are the subscribers, watchers and requests of the loop."""
-        return run_grasp(plan, array=self, gripper=self, clock=self.clock, **views)
+    def grasp(self, plan: Plan, **more: Any) -> GraspResult:
+        """Grasp the spring; `more` are views of the loop, and changes of the plan."""
+        views = {name: more.pop(name) for name in _VIEWS if name in more}
+        changed = replace(plan, **more)
+        return run_grasp(changed, array=self, gripper=self, clock=self.clock, **views)
+
+    def grasp_until(
+        self, outcome: Outcome, plan: Plan, *, words: str | None = None, **more: Any
+    ) -> GraspResult:
+        """Grasp the spring; check the outcome, and the words of a fault, or that there is none."""
+        result = self.grasp(plan, **more)
+        assert result.outcome is outcome, result.faults
+        assert words in " ".join(result.faults) if words is not None else result.faults == ()
+        return result
 
 
 @pytest.fixture

@@ -12,12 +12,26 @@ from tests.factories import draw, grasp_on_twin
 
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
 from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 from palpate.grasp.sweep import blind_time_s
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
+
+
+def note_activity(grasp_state: GraspState, seen: list[tuple[Activity | Phase, float]]) -> None:
+    """Add an activity that has begun, and its time."""
+    if not seen or grasp_state.activity != seen[-1][0]:
+        seen.append((grasp_state.activity, grasp_state.estimate.now_s))
+
+
+def entered(plan: Plan, bench: Any) -> list[Activity | Phase]:
+    """Grasp; return the activities and phases in order."""
+    seen = list[tuple[Activity | Phase, float]]()
+    bench.grasp_until(Outcome.HELD, plan, watchers=[lambda state: note_activity(state, seen)])
+    return [activity for activity, _ in seen]
 
 
 def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: Any) -> None:
@@ -46,37 +60,28 @@ def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: An
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", ["lab", "field"])
-def test_sweep_slowing_before_expected_size_detects_no_contact(level: str) -> None:
+def test_sweep_slowing_before_expected_size_detects_no_contact() -> None:
     """Resistances rise with finger speed, and fall on deceleration or by noise."""
-    calibration = calibrate_once(seed=5, level=level, apart_from="strawberry")
+    calibration = calibrate_once(seed=5, level="field", apart_from="strawberry")
     # So light that a finger which pushes it to the middle feels nothing.
     berry = replace(draw("strawberry", 11), mass_g=0.1)
-    felt_s = dict[bool, list[float]]()
+    felt_s = list[float]()
     for expected in (False, True):
-        world = World(berry, seed=11, sheet_seed=5, level=level)
+        world = World(berry, seed=11, sheet_seed=5, level="field")
         size_mm = berry.size_mm + 3.0 if expected else None
-        phases = list[tuple[Activity | Phase, float]]()
-
-        def watch(
-            grasp_state: GraspState, to: list[tuple[Activity | Phase, float]] = phases
-        ) -> None:
-            if not to or grasp_state.activity != to[-1][0]:
-                to.append((grasp_state.activity, grasp_state.estimate.now_s))
-
-        grasp_on_twin(world, calibration, views={"watchers": [watch]}, expect_size_mm=size_mm)
-        felt_s[expected] = [time_s for phase, time_s in phases if phase is Activity.EVALUATE]
-    assert len(felt_s[False]) == len(felt_s[True]) == 1
-    assert felt_s[True][0] <= felt_s[False][0]
+        seen = list[tuple[Activity | Phase, float]]()
+        views = {"watchers": [lambda state, to=seen: note_activity(state, to)]}
+        grasp_on_twin(world, calibration, views=views, expect_size_mm=size_mm)
+        [felt] = [time_s for activity, time_s in seen if activity is Activity.EVALUATE]
+        felt_s.append(felt)
+    assert felt_s[1] <= felt_s[0]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [15.0, 250.0])
-def test_sweep_checks_for_contact_again_before_expected_size(
-    rate_hz: float,
-) -> None:
+def test_sweep_checks_for_contact_again_before_expected_size(rate_hz: float) -> None:
     calibration = calibrate_once(seed=5, level="lab", apart_from="strawberry")
-    berry = draw("strawberry", 11)
+    berry, requests = draw("strawberry", 11), Requests()
     world = World(berry, seed=11, sheet_seed=5, level="lab", frame_rate_hz=rate_hz)
     slowed = list[tuple[float, float]]()
 
@@ -85,9 +90,10 @@ def test_sweep_checks_for_contact_again_before_expected_size(
         if sweep is not None and sweep.slowed and not slowed:
             left_mm = TwinGripper(world).state().width_mm - berry.size_mm
             slowed.append((left_mm / sweep.rate, blind_time_s(grasp_state.estimate.period_s)))
+            requests.stop.set()
 
-    size_mm = berry.size_mm - 5.0
-    grasp_on_twin(world, calibration, views={"watchers": [watch]}, expect_size_mm=size_mm)
+    views = {"watchers": [watch], "requests": requests}
+    grasp_on_twin(world, calibration, views=views, expect_size_mm=berry.size_mm - 5.0)
     [(before_s, blind)] = slowed
     assert blind <= before_s < blind + 0.3
 
@@ -103,42 +109,10 @@ def test_sheet_with_unchanged_reading_after_retraction_ends_grasp(plan: Plan, be
         return replace(frame, counts=stuck[0] + frame.sequence % 3)
 
     bench.change_frames(sticking)
-    result = bench.grasp(plan)
-    assert result.outcome is Outcome.SENSOR_LOST
-    assert "most of the contact force after the fingers retracted" in " ".join(result.faults)
+    bench.grasp_until(
+        Outcome.SENSOR_LOST, plan, words="most of the contact force after the fingers retracted"
+    )
     assert bench.force_n == 0.0
-
-
-def entered_phases(plan: Plan, bench: Any) -> tuple[list[Activity | Phase], list[float]]:
-    """Grasp; return the phases in order, and the closures up to the hold."""
-    phases, closures = list[Activity | Phase](), list[float]()
-
-    def watch(grasp_state: GraspState) -> None:
-        if not phases or grasp_state.activity != phases[-1]:
-            phases.append(grasp_state.activity)
-        if Phase.HOLD not in phases:
-            closures.append(grasp_state.estimate.closure)
-
-    result = bench.grasp(plan, watchers=[watch])
-    assert result.outcome is Outcome.HELD
-    return phases, closures
-
-
-def test_light_contact_is_first_squeeze_step(plan: Plan, bench: Any) -> None:
-    bench.n_per_mm = 0.4
-    _, closures = entered_phases(plan, bench)
-    assert (np.diff(closures) >= 0).all()
-
-
-def test_fine_approach_after_firm_contact_starts_close_to_it(plan: Plan, bench: Any) -> None:
-    bench.n_per_mm = 10.0
-    _, closures = entered_phases(plan, bench)
-    ways = np.diff(closures)
-    back = int(np.argmin(ways))
-    met = closures[back]
-    assert ways[back] < -plan.step
-    again = closures[back + 1 :][int(np.argmax(ways[back + 1 :] > 0)) + 1]
-    assert met - plan.step < again < met
 
 
 def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: Any) -> None:
@@ -153,7 +127,7 @@ def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: An
         return frame
 
     bench.change_frames(pushing)
-    phases, _ = entered_phases(plan, bench)
+    phases = entered(plan, bench)
     felt = phases.index(Activity.EVALUATE)
     assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]
 
@@ -172,6 +146,6 @@ def test_contact_of_nearly_equal_fingers_is_not_a_push(plan: Plan, bench: Any) -
 
     bench.change_frames(faint)
     bench.n_per_mm = 0.4
-    phases, _ = entered_phases(plan, bench)
+    phases = entered(plan, bench)
     felt = [n for n, phase in enumerate(phases) if phase is Activity.EVALUATE]
     assert phases[felt[0] + 1] == Activity.TOUCH

@@ -1,4 +1,4 @@
-"""Corrections of the settled force: closing further, or opening and closing again."""
+"""Corrections of the settled force by closing further."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.settle import increase_force, reduce_force, return_from_below
+from palpate.grasp.settle import increase_force
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
 
@@ -44,31 +44,23 @@ def holding(force_n: float) -> GraspState:
     return GraspState(estimate=estimate)
 
 
-def test_increase_force_adds_the_missing_force(plan: Plan) -> None:
-    state = holding(4.0)
-    wish = increase_force(state, settled(4.0), plan, force_deficit_n=1.0)
-    assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
-    assert state.correction.count == 1
-    assert state.correction.before == (21.0, pytest.approx(4.0))
-
-
-def test_increase_force_after_small_effect_lowers_slope_to_a_quarter(
-    plan: Plan,
+@pytest.mark.parametrize(
+    ("before", "deficit_n", "closure"),
+    [
+        (None, 1.0, 21.0 + 1.0 / N_PER_MM),
+        # 0.5 mm added 0.1 N instead of 1 N: the slope is lowered to a quarter, not to a tenth.
+        ((20.5, 3.9), 0.2, 21.0 + 0.2 / (N_PER_MM / 4.0)),
+        # A step without effect is not repeated with a longer one.
+        ((20.9, 4.1), 3.0, 21.1),
+    ],
+)
+def test_increase_force_steps_by_the_slope_as_far_as_the_last_step_showed_it(
+    plan: Plan, before: tuple[float, float] | None, deficit_n: float, closure: float
 ) -> None:
-    """0.5 mm added 0.1 N instead of 1 N; the next step is quadrupled."""
     state = holding(4.0)
-    state.correction.before = (20.5, 3.9)
-    wish = increase_force(state, settled(4.0), plan, force_deficit_n=0.2)
-    assert plan.gripper.highest - wish.target == pytest.approx(
-        21.0 + 0.2 / (N_PER_MM / 4.0), abs=0.05
-    )
-
-
-def test_increase_force_after_ineffective_step_limits_step_to_previous_travel(plan: Plan) -> None:
-    state = holding(4.0)
-    state.correction.before = (20.9, 4.1)
-    wish = increase_force(state, settled(4.0), plan, force_deficit_n=3.0)
-    assert plan.gripper.highest - wish.target == pytest.approx(21.1, abs=0.03)
+    state.correction.before = before
+    wish = increase_force(state, settled(4.0), plan, force_deficit_n=deficit_n)
+    assert plan.gripper.highest - wish.target == pytest.approx(closure, abs=0.03)
 
 
 def test_increase_force_without_safe_step_changes_nothing(plan: Plan) -> None:
@@ -76,42 +68,3 @@ def test_increase_force_without_safe_step_changes_nothing(plan: Plan) -> None:
     state.estimate.damage_low_n = 4.1
     assert increase_force(state, settled(4.0), plan, force_deficit_n=3.0) is None
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)
-
-
-def test_reduce_force_opens_well_below_target(plan: Plan) -> None:
-    state = holding(5.0)
-    command = reduce_force(state, settled(5.0), plan, goal_n=4.0)
-    over_n = 5.0 - 4.0
-    closure = 21.0 - over_n / N_PER_MM
-    assert state.correction.return_closure == pytest.approx(closure, abs=0.05)
-    opened = closure - 0.3 * 4.0 / N_PER_MM - plan.backlash
-    assert plan.gripper.highest - command.target == pytest.approx(opened, abs=0.05)
-    assert state.estimate.force_n == pytest.approx(0.7 * 4.0)
-    assert state.correction.next_forecast_s == 0.0
-    assert state.correction.count == 1
-
-
-def below(force_n: float, *, return_closure: float) -> GraspState:
-    state = holding(force_n)
-    state.correction.return_closure = return_closure
-    state.estimate.force_n = state.estimate.force_high_n = 0.1
-    return state
-
-
-def test_return_from_below_takes_half_a_second(plan: Plan) -> None:
-    state = below(3.0, return_closure=22.0)
-    wish = return_from_below(state, plan)
-    assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
-    assert wish.rate == pytest.approx(1.0 / 0.5)
-    assert state.estimate.force_n == pytest.approx(3.0, rel=0.1)
-
-
-@pytest.mark.parametrize("return_closure", [21.0, 22.0])
-def test_return_from_below_waits_for_reading_and_ends_at_closure(
-    plan: Plan, return_closure: float
-) -> None:
-    state = below(3.0, return_closure=return_closure)
-    if return_closure > 21.0:
-        state.estimate.touches = ()
-    assert return_from_below(state, plan) is None
-    assert state.estimate.force_n == 0.1

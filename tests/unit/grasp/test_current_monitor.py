@@ -18,12 +18,25 @@ from palpate.grasp.state import ContactEstimate
 from palpate.gripper.interface import GripperState
 
 GEARS_MA, MA_PER_N = 40.0, 16.0
+#: Current of one newton with a warm servo: the force that a current proves.
+PROVEN_MA_PER_N = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
+
+
+def with_friction(plan: Plan, mean_ma: float, *, scatter: float = 1.0) -> Plan:
+    """Return the plan with a current law; without `scatter` a current proves its force exactly."""
+    gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=scatter, movement_ma=4.0 * scatter)
+    law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0 * scatter)
+    return replace(plan, current=law)
 
 
 @pytest.fixture
 def calibrated(plan: Plan) -> Plan:
-    gears = GearFriction(mean_ma=GEARS_MA, mean_sd_ma=1.0, movement_ma=4.0)
-    return replace(plan, current=CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0))
+    return with_friction(plan, GEARS_MA)
+
+
+@pytest.fixture
+def ideal(plan: Plan) -> Plan:
+    return with_friction(plan, 0.0, scatter=0.0)
 
 
 def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstimate:
@@ -42,6 +55,12 @@ def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstima
     )
 
 
+def report(closure: float, current_ma: float, *, moving: bool, time_s: float = 0.0) -> GripperState:
+    return GripperState(
+        time_s=time_s, width_mm=74.0 - closure, current_ma=current_ma, moving=moving
+    )
+
+
 def moved(
     watch: CurrentMonitor,
     current_ma: float,
@@ -54,15 +73,14 @@ def moved(
     found = list[Alarm | None]()
     for part in np.linspace(0.0, 1.0, 4):
         at = closure - part if opening else closure + part
-        # Reports of two movements never have one time.
-        time_s = at + 1e-3 * closure
-        state = GripperState(time_s=time_s, width_mm=74.0 - at, current_ma=current_ma, moving=True)
         estimate = estimate_of(reading, closure=closure, still=False)
         if opening:
             estimate = replace(estimate, sent=0.0)
+        # Reports of two movements never have one time.
+        state = report(at, current_ma, moving=True, time_s=at + 1e-3 * closure)
         found.append(watch.check(state, estimate=estimate))
-    stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
-    found.append(watch.check(stands, estimate=estimate_of(reading, closure=closure, still=True)))
+    still = estimate_of(reading, closure=closure, still=True)
+    found.append(watch.check(report(closure + 1.0, 0.0, moving=False), estimate=still))
     return found
 
 
@@ -70,88 +88,78 @@ def of_force(force_n: float) -> float:
     return GEARS_MA + MA_PER_N * force_n
 
 
+def dangers(found: list[Alarm | None]) -> list[Danger | None]:
+    return [alarm and alarm.danger for alarm in found]
+
+
 def test_current_monitor_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
-    rng = np.random.default_rng(1)
+    watch, rng = CurrentMonitor(calibrated), np.random.default_rng(1)
     for closure in range(60):
         current_ma = GEARS_MA * float(np.exp(0.1 * rng.standard_normal()))
         assert moved(watch, current_ma, closure=closure) == [None] * 5
 
 
-def test_current_monitor_moving_above_ceiling_raises_alarm(calibrated: Plan) -> None:
-    alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
-    assert alarm.danger is Danger.FORCE_LIMIT
-    assert "the limit is 15 N" in alarm.message
-
-
-def test_current_monitor_below_ceiling_raises_no_alarm(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
-    assert moved(watch, of_force(14.0), closure=20.0, reading=100.0) == [None] * 5
-
-
-def test_current_monitor_at_rest_above_ceiling_raises_alarm(calibrated: Plan) -> None:
-    state = GripperState(time_s=0.0, width_mm=50.0, current_ma=of_force(22.0))
-    alarm = CurrentMonitor(calibrated).check(
-        state, estimate=estimate_of(100.0, closure=24.0, still=True)
-    )
-    assert alarm is None or alarm.danger is Danger.FORCE_LIMIT
-    watch = CurrentMonitor(calibrated)
-    found = [
-        watch.check(state, estimate=estimate_of(100.0, closure=24.0, still=True)) for _ in range(6)
-    ]
-    assert found[-1].danger is Danger.FORCE_LIMIT
-
-
-def test_current_monitor_single_high_current_at_rest_raises_no_alarm(
-    calibrated: Plan,
+@pytest.mark.parametrize(
+    ("force_n", "reading", "opening", "danger"),
+    [
+        (22.0, 100.0, False, Danger.FORCE_LIMIT),
+        (14.0, 100.0, False, None),
+        # An object next to the sheet is detected at once.
+        (6.0, 0.0, False, Danger.UNSEEN_FORCE),
+        (6.0, 1.0, False, Danger.UNSEEN_FORCE),
+        (6.0, 12.0, False, None),
+        (0.0, 0.02, False, None),
+        (6.0, 0.0, True, None),
+    ],
+)
+def test_current_monitor_movement_above_ceiling_or_force_of_the_sheet_raises_an_alarm(
+    calibrated: Plan, force_n: float, reading: float, opening: bool, danger: Danger | None
 ) -> None:
-    watch, estimate = CurrentMonitor(calibrated), estimate_of(100.0, closure=24.0, still=True)
-    currents = [of_force(8.0)] * 3 + [of_force(22.0)]
-    states = [GripperState(time_s=0.0, width_mm=50.0, current_ma=ma) for ma in currents]
-    assert [watch.check(state, estimate=estimate) for state in states] == [None] * 4
-
-
-@pytest.mark.parametrize("reading", [0.0, 1.0])
-def test_current_monitor_force_not_shown_by_sheet_raises_alarm(
-    calibrated: Plan, reading: float
-) -> None:
-    """An object next to the sheet is detected at once, or after two movements."""
-    alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
-    assert alarm.danger is Danger.UNSEEN_FORCE
-    assert "and the sheet at most" in alarm.message
-
-
-def test_current_monitor_weak_force_raises_alarm_after_two_movements(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
-    assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
-    stands = GripperState(time_s=0.0, width_mm=53.0, current_ma=0.0)
-    still = estimate_of(0.0, closure=20.0, still=True)
-    assert watch.check(stands, estimate=still) is None, "one movement counts once"
-    # A movement too short to be reported is not counted.
-    assert watch.check(stands, estimate=replace(still, moved_s=9.0)) is None
-    assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
+    found = moved(watch, of_force(force_n), closure=20.0, reading=reading, opening=opening)
+    # The ceiling is exceeded while moving; the sheet is compared after it.
+    at = 3 if danger is Danger.FORCE_LIMIT else 4
+    assert dangers(found)[at] is danger
+    if danger is None:
+        assert found == [None] * 5
+    elif danger is Danger.FORCE_LIMIT:
+        assert "the limit is 15 N" in found[at].message
+    else:
+        assert "and the sheet at most" in found[at].message
 
 
-def test_current_monitor_weak_force_in_alternate_movements_raises_no_alarm(
+@pytest.mark.parametrize(
+    ("forces_n", "moving", "is_alarm"),
+    [
+        ((22.0,) * 6, False, True),
+        ((8.0, 8.0, 8.0, 22.0), False, False),
+        # The hand is at its target and pushes.
+        ((22.0,) * 4, True, True),
+    ],
+)
+def test_current_monitor_at_rest_raises_an_alarm_above_the_ceiling_but_not_for_one_reading(
+    calibrated: Plan, forces_n: tuple[float, ...], moving: bool, is_alarm: bool
+) -> None:
+    watch = CurrentMonitor(calibrated)
+    estimate = estimate_of(100.0, closure=19.0 if moving else 24.0, still=not moving)
+    closure = 20.0 if moving else 24.0
+    states = [report(closure, of_force(force_n), moving=moving) for force_n in forces_n]
+    found = dangers([watch.check(state, estimate=estimate) for state in states])
+    assert set(found) <= {None, Danger.FORCE_LIMIT}
+    assert (found[-1] is not None) == any(found) == is_alarm
+
+
+def test_current_monitor_weak_force_raises_an_alarm_after_two_successive_movements(
     calibrated: Plan,
 ) -> None:
     watch = CurrentMonitor(calibrated)
     for closure, force_n in enumerate((0.0, 2.6, 0.0, 2.6)):
-        assert moved(watch, of_force(force_n), closure=20.0 + closure)[-1] is None
-
-
-@pytest.mark.parametrize(("force_n", "reading"), [(6.0, 12.0), (0.0, 0.02)])
-def test_current_monitor_force_shown_by_sheet_raises_no_alarm(
-    calibrated: Plan, force_n: float, reading: float
-) -> None:
-    watch = CurrentMonitor(calibrated)
-    assert moved(watch, of_force(force_n), closure=20.0, reading=reading) == [None] * 5
-
-
-def test_current_monitor_opening_movement_is_not_checked(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
-    found = moved(watch, of_force(6.0), closure=20.0, opening=True)
-    assert found == [None] * 5
+        assert moved(watch, of_force(force_n), closure=17.0 + closure)[-1] is None
+    stands, still = report(21.0, 0.0, moving=False), estimate_of(0.0, closure=20.0, still=True)
+    assert watch.check(stands, estimate=still) is None, "one movement counts once"
+    # A movement too short to be reported is not counted.
+    assert watch.check(stands, estimate=replace(still, moved_s=9.0)) is None
+    assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
 @pytest.mark.parametrize(("step_mm", "is_alarm"), [(0.3, True), (0.0625, False)])
@@ -159,49 +167,56 @@ def test_current_monitor_checks_closing_despite_opening_command(
     calibrated: Plan, step_mm: float, is_alarm: bool
 ) -> None:
     """A change by one step of the reports is not a closing."""
-    watch = CurrentMonitor(replace(calibrated, resolution=0.0625))
-    found = list[Alarm | None]()
+    watch, found = CurrentMonitor(replace(calibrated, resolution=0.0625)), list[Danger | None]()
     for part in range(6):
         closure = 20.0 + step_mm * part
-        state = GripperState(
-            time_s=0.02 * part, width_mm=74.0 - closure, current_ma=of_force(22.0), moving=True
-        )
         estimate = replace(estimate_of(100.0, closure=closure, still=False), sent=10.0)
-        found.append(watch.check(state, estimate=estimate))
-    alarms = [alarm for alarm in found if alarm is not None]
-    assert bool(alarms) == is_alarm
-    assert not alarms or alarms[0].danger is Danger.FORCE_LIMIT
-
-
-def test_current_monitor_hand_pushing_at_its_target_raises_alarm(calibrated: Plan) -> None:
-    watch, estimate = CurrentMonitor(calibrated), estimate_of(100.0, closure=19.0, still=False)
-    pushes = GripperState(time_s=0.0, width_mm=54.0, current_ma=of_force(22.0), moving=True)
-    found = [watch.check(pushes, estimate=estimate) for _ in range(4)]
-    assert found[-1].danger is Danger.FORCE_LIMIT
+        state = report(closure, of_force(22.0), moving=True, time_s=0.02 * part)
+        found += dangers([watch.check(state, estimate=estimate)])
+    assert set(found) - {None} == ({Danger.FORCE_LIMIT} if is_alarm else set())
 
 
 def test_current_monitor_reversal_without_stop_discards_closing_current(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     for closure, sent, current_ma in ((20.0, 21.0, of_force(6.0)), (19.5, 19.0, -GEARS_MA)):
-        state = GripperState(
-            time_s=closure, width_mm=74.0 - closure, current_ma=current_ma, moving=True
-        )
         estimate = replace(estimate_of(12.0, closure=closure, still=False), sent=sent)
+        state = report(closure, current_ma, moving=True, time_s=closure)
         assert watch.check(state, estimate=estimate) is None
     away = replace(estimate_of(0.0, closure=19.0, still=True), sent=19.0)
-    stands = GripperState(time_s=30.0, width_mm=55.0, current_ma=0.0)
-    assert watch.check(stands, estimate=away) is None
+    assert watch.check(report(19.0, 0.0, moving=False, time_s=30.0), estimate=away) is None
 
 
-def test_current_monitor_uncalibrated_compares_with_approach(plan: Plan) -> None:
+def test_current_monitor_short_opening_discards_old_readings(calibrated: Plan) -> None:
+    """The hand has released the object without a report of movement."""
+    watch, touching = CurrentMonitor(calibrated), estimate_of(12.0, closure=20.0, still=False)
+    for part in (0.0, 0.3, 0.6, 0.9):
+        state = report(20.0 + part, of_force(6.0), moving=True)
+        assert watch.check(state, estimate=touching) is None
+    soon = replace(estimate_of(12.0, closure=21.0, still=True), still_since_s=9.95)
+    assert watch.check(report(21.0, of_force(2.0), moving=False), estimate=soon) is None
+    away = replace(estimate_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
+    assert watch.check(report(19.0, 0.0, moving=False), estimate=away) is None
+
+
+def test_current_monitor_uncalibrated_compares_with_two_movements_of_the_approach(
+    plan: Plan,
+) -> None:
     watch = CurrentMonitor(plan)
-    for closure in range(6):
+    assert moved(watch, GEARS_MA, closure=0.0) == [None] * 5
+    still = estimate_of(0.0, closure=0.0, still=True)
+    for _ in range(5):
+        assert watch.check(report(1.0, 0.0, moving=False), estimate=still) is None
+    assert moved(watch, of_force(6.0), closure=1.0) == [None] * 5, "one movement is not enough"
+    watch = CurrentMonitor(plan)
+    for closure in range(2):
         assert moved(watch, GEARS_MA + closure, closure=closure) == [None] * 5
-    felt = moved(watch, of_force(6.0), closure=6.0, reading=12.0)
-    assert felt == [None] * 5
-    alarm = moved(watch, of_force(6.0), closure=7.0)[-1]
+    assert moved(watch, of_force(6.0), closure=2.0, reading=12.0) == [None] * 5
+    alarm = moved(watch, of_force(6.0), closure=3.0)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "with an empty hand" in alarm.message
+
+
+# -- long movements --------------------------------------------------------------------------------
 
 
 def swept(
@@ -209,14 +224,13 @@ def swept(
     current_ma: Callable[[float], float],
     *,
     reading: Callable[[float], float] = lambda closure: 0.0,
-    rng: np.random.Generator | None = None,
+    seed: int = 5,
 ) -> tuple[float, Alarm | None]:
     """Close by 30 mm at 15 mm/s without pause, at 15 frames/s.
 
     Returns the closure at which an alarm came, and it.
     """
-    rng = np.random.default_rng(5) if rng is None else rng
-    estimate = estimate_of(0.0, closure=0.0, still=False)
+    rng, estimate = np.random.default_rng(seed), estimate_of(0.0, closure=0.0, still=False)
     for look in range(200):
         time_s, closure = 0.01 * look, 0.15 * look
         if look % 7 == 0:
@@ -225,13 +239,10 @@ def swept(
                 now_s=time_s,
                 sent=closure + 5.0,
             )
-        state = GripperState(
-            time_s=time_s,
-            width_mm=74.0 - closure,
-            current_ma=current_ma(closure) + 3.0 * float(rng.standard_normal()),
-            moving=True,
+        noisy_ma = current_ma(closure) + 3.0 * float(rng.standard_normal())
+        alarm = watch.check(
+            report(closure, noisy_ma, moving=True, time_s=time_s), estimate=estimate
         )
-        alarm = watch.check(state, estimate=estimate)
         if alarm is not None:
             return closure, alarm
     return closure, None
@@ -250,15 +261,11 @@ def test_current_monitor_uncalibrated_rise_in_long_movement_raises_alarm(plan: P
 
 
 def test_current_monitor_uncalibrated_friction_raises_no_alarm(plan: Plan) -> None:
-    waves = [
-        swept(
-            CurrentMonitor(plan),
-            lambda at: GEARS_MA * (1.0 + 0.3 * np.sin(at)),
-            rng=np.random.default_rng(seed),
-        )[1]
-        for seed in range(20)
-    ]
-    assert waves == [None] * 20
+    for seed in range(20):
+        waves = swept(
+            CurrentMonitor(plan), lambda at: GEARS_MA * (1.0 + 0.3 * np.sin(at)), seed=seed
+        )
+        assert waves[1] is None
 
 
 def test_current_monitor_contact_shown_one_frame_later_raises_no_alarm(plan: Plan) -> None:
@@ -276,90 +283,67 @@ def test_current_monitor_contact_shown_one_frame_later_raises_no_alarm(plan: Pla
     assert alarm is None
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_current_monitor_negative_current_raises_alarm(
-    plan: Plan, calibrated: Plan, known: bool
+@pytest.mark.parametrize(
+    ("friction_ma", "current_ma", "is_alarm"),
+    [
+        (None, -GEARS_MA, True),
+        (GEARS_MA, -GEARS_MA, True),
+        (1.0, -GEARS_MA, True),
+        (0.0, -GEARS_MA, False),
+        # A spring assists closing, or friction is near zero.
+        (-GEARS_MA, -GEARS_MA, False),
+        (0.0, 0.0, False),
+        (0.001, 0.001, False),
+    ],
+)
+def test_current_monitor_negative_current_raises_an_alarm_unless_the_friction_was_so(
+    plan: Plan, friction_ma: float | None, current_ma: float, is_alarm: bool
 ) -> None:
-    closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
-    assert alarm.danger is Danger.GRIPPER_FAULT
-    assert "-40 mA while the hand closes; its driver must report closing" in alarm.message
-    assert closure < 3.0
-
-
-@pytest.mark.parametrize(("mean_ma", "is_alarm"), [(0.0, False), (1.0, True)])
-def test_current_monitor_negative_current_is_usual_unless_calibrated_friction_is_positive(
-    plan: Plan, mean_ma: float, is_alarm: bool
-) -> None:
-    gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
-    law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
-    alarm = swept(CurrentMonitor(replace(plan, current=law)), lambda at: -GEARS_MA)[1]
+    known = plan if friction_ma is None else with_friction(plan, friction_ma)
+    closure, alarm = swept(CurrentMonitor(known), lambda at: current_ma)
     assert (alarm is not None) == is_alarm
+    if alarm is not None:
+        assert alarm.danger is Danger.GRIPPER_FAULT
+        assert "-40 mA while the hand closes; its driver must report closing" in alarm.message
+        assert closure < 3.0
 
 
-@pytest.mark.parametrize("mean_ma", [-GEARS_MA, 0.0, 0.001])
-def test_current_monitor_calibrated_negative_friction_raises_no_alarm(
-    plan: Plan, mean_ma: float
+# -- missing and constant currents -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("is_calibrated", "current_ma", "message"),
+    [
+        (True, np.nan, "reports no current"),
+        (False, np.nan, None),
+        (True, 0.0, "the reading is stuck"),
+    ],
+)
+def test_current_monitor_missing_or_constant_current_raises_an_alarm_if_calibrated(
+    plan: Plan, calibrated: Plan, is_calibrated: bool, current_ma: float, message: str | None
 ) -> None:
-    """A spring assists closing, or friction is near zero."""
-    gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
-    law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
-    assert swept(CurrentMonitor(replace(plan, current=law)), lambda at: mean_ma)[1] is None
-
-
-def test_current_monitor_missing_calibrated_current_raises_alarm(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
-    found = [alarm for closure in range(4) for alarm in moved(watch, np.nan, closure=closure)]
-    (alarm,) = set(found) - {None}
-    assert alarm.danger is Danger.GRIPPER_FAULT
-    assert "reports no current" in alarm.message
-    assert found.index(alarm) == 18, "the sixteenth report of a movement"
-
-
-def test_current_monitor_missing_uncalibrated_current_raises_no_alarm(plan: Plan) -> None:
-    watch = CurrentMonitor(plan)
-    assert not any(alarm for at in range(9) for alarm in moved(watch, np.nan, closure=at))
-
-
-def test_current_monitor_missing_current_at_rest_raises_no_alarm(calibrated: Plan) -> None:
-    state = GripperState(time_s=0.0, width_mm=50.0)
-    watch = CurrentMonitor(calibrated)
-    assert watch.check(state, estimate=estimate_of(0.0, closure=24.0, still=True)) is None
-
-
-def test_current_monitor_constant_current_raises_alarm(calibrated: Plan) -> None:
-    watch = CurrentMonitor(calibrated)
-    found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
+    watch = CurrentMonitor(calibrated if is_calibrated else plan)
+    found = [alarm for closure in range(4) for alarm in moved(watch, current_ma, closure=closure)]
     assert found[:18] == [None] * 18
-    assert found[18].danger is Danger.GRIPPER_FAULT
-    assert "the reading is stuck" in found[18].message
+    if message is None:
+        assert not any(found)
+    else:
+        # The sixteenth report of a movement.
+        assert found[18].danger is Danger.GRIPPER_FAULT
+        assert message in found[18].message
 
 
-def test_current_monitor_short_opening_discards_old_readings(calibrated: Plan) -> None:
-    """The hand has released the object without a report of movement."""
-    watch = CurrentMonitor(calibrated)
-    touching = [
-        GripperState(time_s=0.0, width_mm=54.0 - part, current_ma=of_force(6.0), moving=True)
-        for part in (0.0, 0.3, 0.6, 0.9)
-    ]
-    for state in touching:
-        assert watch.check(state, estimate=estimate_of(12.0, closure=20.0, still=False)) is None
-    stands = GripperState(time_s=0.0, width_mm=53.0, current_ma=of_force(2.0))
-    soon = replace(estimate_of(12.0, closure=21.0, still=True), still_since_s=9.95)
-    assert watch.check(stands, estimate=soon) is None
-    back = GripperState(time_s=0.0, width_mm=55.0, current_ma=0.0)
-    away = replace(estimate_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
-    assert watch.check(back, estimate=away) is None
+@pytest.mark.parametrize(("current_ma", "moving"), [(np.nan, False), (GEARS_MA, True)])
+def test_current_monitor_repeated_or_missing_report_at_rest_is_no_fault(
+    calibrated: Plan, current_ma: float, moving: bool
+) -> None:
+    """A recording repeats the same report at every reading of the gripper."""
+    watch, state = CurrentMonitor(calibrated), report(24.0, current_ma, moving=moving, time_s=1.0)
+    estimate = estimate_of(0.0, closure=24.0, still=not moving)
+    assert [watch.check(state, estimate=estimate) for _ in range(40)] == [None] * 40
 
 
-def smallest_n(plan: Plan, movements: int) -> float:
-    """Return the smallest force with an alarm after these movements, to 0.05 N."""
-    for force_n in np.arange(0.0, 8.0, 0.05):
-        watch = CurrentMonitor(plan)
-        for movement in range(movements):
-            alarm = moved(watch, of_force(force_n), closure=20.0 + movement)[-1]
-        if alarm is not None:
-            return float(force_n)
-    raise AssertionError("no force is an alarm")
+# -- limits ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("movements", "deviations"), [(1, 4.5), (2, 3.0), (3, 3.0)])
@@ -369,35 +353,12 @@ def test_current_monitor_lowest_detected_force_matches_model(
     """Highest gear friction, three readings, cold motor; at most twice the sheet's force."""
     shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
     gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(3)
-    per_n = MA_PER_N * (1.0 + 2.0 * 0.035)
-    least_n = (gears_ma + 2.0 * shown_n * per_n - GEARS_MA) / MA_PER_N
-    assert smallest_n(calibrated, movements) == pytest.approx(least_n, abs=0.051)
-
-
-def test_current_monitor_learns_friction_from_two_movements(
-    plan: Plan,
-) -> None:
-    watch = CurrentMonitor(plan)
-    for closure in range(1):
-        moved(watch, GEARS_MA, closure=closure)
-        stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
-        for _ in range(5):
-            assert (
-                watch.check(stands, estimate=estimate_of(0.0, closure=closure, still=True)) is None
-            )
-    assert moved(watch, of_force(6.0), closure=1.0)[-1] is None, "one movement is not enough"
-    fresh = CurrentMonitor(plan)
-    for closure in range(2):
-        moved(fresh, GEARS_MA, closure=closure)
-    assert moved(fresh, of_force(6.0), closure=2.0)[-1] is not None
-
-
-def test_current_monitor_repeated_report_is_not_stuck(calibrated: Plan) -> None:
-    """A recording repeats the same report at every reading of the gripper."""
-    watch = CurrentMonitor(calibrated)
-    state = GripperState(time_s=1.0, width_mm=50.0, current_ma=GEARS_MA, moving=True)
-    estimate = estimate_of(0.0, closure=24.0, still=False)
-    assert [watch.check(state, estimate=estimate) for _ in range(40)] == [None] * 40
+    least_n = (gears_ma + 2.0 * shown_n * MA_PER_N * (1.0 + 2.0 * 0.035) - GEARS_MA) / MA_PER_N
+    for excess_n in (-0.02, 0.02):
+        watch = CurrentMonitor(calibrated)
+        for movement in range(movements):
+            alarm = moved(watch, of_force(least_n + excess_n), closure=20.0 + movement)[-1]
+        assert (alarm is not None) == (excess_n > 0)
 
 
 @pytest.mark.parametrize(("fraction", "is_limit"), [(0.98, False), (1.02, True)])
@@ -405,34 +366,19 @@ def test_current_monitor_force_limit_starts_at_proven_ceiling(
     calibrated: Plan, fraction: float, is_limit: bool
 ) -> None:
     """The limit includes friction, noise, and the larger current of a warm servo."""
-    assert calibrated.current is not None
     gears_ma = GEARS_MA * np.exp(CURRENT.repeated_sd * 4.0 / GEARS_MA)
     noise_ma = CURRENT.repeated_sd * 6.0 / np.sqrt(READING.fewest_frames)
-    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
     proven_n = fraction * calibrated.safety.force_ceiling_n
-    found = moved(
-        CurrentMonitor(calibrated),
-        gears_ma + noise_ma + per_n * proven_n,
-        closure=20.0,
-        reading=2.0 * proven_n,
-    )
-    dangers = [alarm.danger for alarm in found if alarm is not None]
-    assert (Danger.FORCE_LIMIT in dangers[:4]) == is_limit
-
-
-@pytest.fixture
-def ideal(plan: Plan) -> Plan:
-    """A gripper without friction or noise: the current proves the force exactly."""
-    gears = GearFriction(mean_ma=0.0, mean_sd_ma=0.0, movement_ma=0.0)
-    return replace(plan, current=CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=0.0))
+    current_ma = gears_ma + noise_ma + PROVEN_MA_PER_N * proven_n
+    found = moved(CurrentMonitor(calibrated), current_ma, closure=20.0, reading=2.0 * proven_n)
+    assert (Danger.FORCE_LIMIT in dangers(found)[:4]) == is_limit
 
 
 @pytest.mark.parametrize(("excess_n", "is_limit"), [(0.0, False), (0.01, True)])
 def test_current_monitor_proven_force_at_ceiling_is_allowed(
     ideal: Plan, excess_n: float, is_limit: bool
 ) -> None:
-    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
-    current_ma = per_n * (ideal.safety.force_ceiling_n + excess_n)
+    current_ma = PROVEN_MA_PER_N * (ideal.safety.force_ceiling_n + excess_n)
     found = moved(CurrentMonitor(ideal), current_ma, closure=20.0, reading=100.0)
     assert (found[3] is not None) == is_limit
 
@@ -445,11 +391,10 @@ def test_current_monitor_twice_the_force_of_the_sheet_is_allowed(
 ) -> None:
     """The sheet's response is complete 0.3 s after a movement."""
     shown_n = float(ideal.early_law.force_n(2.0, level=ideal.level).high)
-    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
-    current_ma = per_n * (CURRENT.sheet_ratio * shown_n + excess_n)
-    stands = GripperState(time_s=0.0, width_mm=54.0, current_ma=current_ma)
+    current_ma = PROVEN_MA_PER_N * (CURRENT.sheet_ratio * shown_n + excess_n)
     estimate = replace(estimate_of(2.0, closure=20.0, still=True), now_s=still_s, still_since_s=0.0)
-    assert (CurrentMonitor(ideal).check(stands, estimate=estimate) is not None) == is_alarm
+    state = report(20.0, current_ma, moving=False)
+    assert (CurrentMonitor(ideal).check(state, estimate=estimate) is not None) == is_alarm
 
 
 def closing(
@@ -458,12 +403,9 @@ def closing(
     """Close without a stop with these currents; frames are this much later than reports."""
     found = list[Alarm | None]()
     for number, current_ma in enumerate(currents_ma):
-        time_s = 1.0 + number
-        state = GripperState(
-            time_s=time_s, width_mm=60.0 - number, current_ma=current_ma, moving=True
-        )
+        state = report(14.0 + number, current_ma, moving=True, time_s=1.0 + number)
         estimate = estimate_of(reading, closure=14.0 + number, still=False)
-        found.append(watch.check(state, estimate=replace(estimate, now_s=time_s + lag_s)))
+        found.append(watch.check(state, estimate=replace(estimate, now_s=state.time_s + lag_s)))
     return found
 
 

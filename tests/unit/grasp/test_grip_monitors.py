@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.factories import closing_steps, touch
 
-from palpate.grasp.config import GUARDS, READING
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Observation, Touch
+from palpate.grasp.config import READING
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Observation
 from palpate.grasp.monitors import (
     BoardMonitor,
     CeilingMonitor,
@@ -39,108 +40,97 @@ def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
     return GraspState(phase=phase, estimate=estimate)
 
 
-@pytest.mark.parametrize("phase", [Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD])
-def test_slip_monitor_reading_below_fraction_raises_alarm(plan: Plan, phase: Phase) -> None:
-    alarm = SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction - 0.02, phase=phase))
-    assert alarm.danger is Danger.SLIPPED
-
-
-def test_slip_monitor_while_opening_raises_no_alarm(plan: Plan) -> None:
-    assert SlipMonitor(plan).check(SEEN, held(0.0, phase=Phase.RELEASE)) is None
-
-
-def closed(*readings: float) -> GraspState:
-    """Return a squeeze with these readings at its steps."""
-    estimate = ContactEstimate(
-        now_s=9.0, still_since_s=8.9, steps=closing_steps(readings, step_mm=1.0), contact_s=0.0
-    )
-    return GraspState(phase=Phase.SQUEEZE, estimate=estimate)
-
-
 @pytest.mark.parametrize(
-    ("readings", "is_alarm"),
+    ("phase", "frames", "still_s", "reading", "is_alarm"),
     [
-        ((1.0, 2.0, 1.9, 1.8, 1.7), True),
-        ((2.0, 1.9, 1.8, 1.7), True),
-        ((1.0, 2.0, 1.9, 1.8), False),
-        ((1.0, 2.0, 1.9, 1.8, 1.85), False),
-        ((2.0, 1.9, 1.91, 1.8, 1.7), False),
-        ((2.0, 1.999, 1.998, 1.997), False),
-        ((2.0, 1.9, 1.8, 1.7, 2.1), False),
-        # Falls of exactly the limit, 1 % of the largest reading.
-        ((100.0, 99.0, 98.0, 97.0), False),
+        (Phase.SQUEEZE, 6, 0.3, 6.9, True),
+        (Phase.SETTLE, 6, 0.3, 6.9, True),
+        (Phase.HOLD, 6, 0.3, 6.9, True),
+        (Phase.HOLD, 6, 0.3, 7.0, False),
+        (Phase.HOLD, 5, 0.3, 6.9, False),
+        (Phase.HOLD, 6, 0.29, 6.9, False),
+        (Phase.RELEASE, 6, 0.3, 0.0, False),
     ],
 )
-def test_response_monitor_three_falling_responses_raise_an_alarm(
-    plan: Plan, readings: tuple[float, ...], is_alarm: bool
+def test_slip_monitor_reading_below_fraction_raises_an_alarm_unless_opening(
+    plan: Plan, phase: Phase, frames: int, still_s: float, reading: float, is_alarm: bool
 ) -> None:
-    alarm = ResponseMonitor(plan).check(SEEN, closed(*readings))
-    assert (alarm is not None) == is_alarm
-    if alarm is not None:
-        assert alarm.danger is Danger.UNSEEN_FORCE
-        assert "the reading falls while the hand closes" in alarm.message
-
-
-def test_response_monitor_contact_at_its_threshold_raises_an_alarm(plan: Plan) -> None:
-    state = closed(2.0, 1.9, 1.8, 1.7)
-    state.estimate.steps = closing_steps(
-        (2.0, 1.9, 1.8, 1.7), step_mm=1.0, percent=READING.contact_percent
+    """Six frames, 0.3 s at rest, and 35 % of the largest reading, 20."""
+    estimate = ContactEstimate(
+        now_s=still_s,
+        still_since_s=0.0,
+        touches=(touch(reading, time_s=0.2),) * frames,
+        strongest_reading=20.0,
     )
-    assert ResponseMonitor(plan).check(SEEN, state) is not None
-
-
-@pytest.mark.parametrize("contact_s", [None, 1.0])
-def test_response_monitor_falls_before_contact_raise_no_alarm(
-    plan: Plan, contact_s: float | None
-) -> None:
-    state = closed(2.0, 1.9, 1.8, 1.7)
-    state.estimate.contact_s = contact_s
-    assert ResponseMonitor(plan).check(SEEN, state) is None
-
-
-def test_response_monitor_after_loss_of_contact_raises_no_alarm(plan: Plan) -> None:
-    state = closed(2.0, 1.9, 1.8, 1.7)
-    free = ClosingStep(closure=24.0, touch=touch(0.0, percent=0.0, time_s=4.0))
-    state.estimate.steps += (free,)
-    assert ResponseMonitor(plan).check(SEEN, state) is None
-
-
-def one_finger(phase: Phase, *, other_percent: float) -> GraspState:
-    """Return a grasp in which finger 1 is pressed, and finger 0 reads this change."""
-    touches = tuple(
-        Touch(
-            time_s=0.1 * number,
-            finger_percent=(other_percent, -40.0),
-            relative_percent=-20.0,
-            reading=1.0,
-        )
-        for number in range(12)
-    )
-    return GraspState(
-        phase=phase, estimate=ContactEstimate(now_s=9.0, still_since_s=0.0, touches=touches)
-    )
+    alarm = SlipMonitor(plan).check(SEEN, GraspState(phase=phase, estimate=estimate))
+    assert (alarm and alarm.danger) is (Danger.SLIPPED if is_alarm else None)
 
 
 @pytest.mark.parametrize(
-    ("phase", "other_percent", "is_alarm"),
+    ("readings", "contact", "is_alarm"),
     [
-        (Phase.SQUEEZE, 0.0, True),
-        (Phase.HOLD, 0.0, True),
-        (Phase.HOLD, -30.0, False),
+        ((1.0, 2.0, 1.9, 1.8, 1.7), {}, True),
+        ((2.0, 1.9, 1.8, 1.7), {}, True),
+        ((1.0, 2.0, 1.9, 1.8), {}, False),
+        ((1.0, 2.0, 1.9, 1.8, 1.85), {}, False),
+        ((2.0, 1.9, 1.91, 1.8, 1.7), {}, False),
+        ((2.0, 1.999, 1.998, 1.997), {}, False),
+        ((2.0, 1.9, 1.8, 1.7, 2.1), {}, False),
+        # Falls of exactly the limit, 1 % of the largest reading.
+        ((100.0, 99.0, 98.0, 97.0), {}, False),
+        ((2.0, 1.9, 1.8, 1.7), {"percent": READING.contact_percent}, True),
+        ((2.0, 1.9, 1.8, 1.7), {"contact_s": None}, False),
+        ((2.0, 1.9, 1.8, 1.7), {"contact_s": 1.0}, False),
+        ((2.0, 1.9, 1.8, 1.7), {"is_lost": True}, False),
+    ],
+)
+def test_response_monitor_three_falling_responses_in_contact_raise_an_alarm(
+    plan: Plan, readings: tuple[float, ...], contact: dict[str, Any], is_alarm: bool
+) -> None:
+    """The contact is at its threshold, not yet there, later, or lost again."""
+    steps = closing_steps(readings, step_mm=1.0, percent=contact.get("percent", -20.0))
+    if "is_lost" in contact:
+        steps += (ClosingStep(closure=24.0, touch=touch(0.0, percent=0.0, time_s=4.0)),)
+    estimate = ContactEstimate(
+        now_s=9.0, still_since_s=8.9, steps=steps, contact_s=contact.get("contact_s", 0.0)
+    )
+    state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
+    alarm = ResponseMonitor(plan).check(SEEN, state)
+    assert (alarm and alarm.danger) is (Danger.UNSEEN_FORCE if is_alarm else None)
+    assert alarm is None or "the reading falls while the hand closes" in alarm.message
+
+
+@pytest.mark.parametrize(
+    ("phase", "frames", "still_s", "percents", "is_alarm"),
+    [
+        (Phase.SQUEEZE, 12, 9.0, (0.0, -40.0), True),
+        (Phase.HOLD, 12, 9.0, (0.0, -40.0), True),
+        (Phase.HOLD, 12, 9.0, (-30.0, -40.0), False),
         # A hint of contact at the other finger, exactly at its threshold.
-        (Phase.HOLD, -3.0, False),
-        (Phase.APPROACH, 0.0, False),
-        (Phase.RELEASE, 0.0, False),
+        (Phase.HOLD, 12, 9.0, (-3.0, -40.0), False),
+        (Phase.APPROACH, 12, 9.0, (0.0, -40.0), False),
+        (Phase.RELEASE, 12, 9.0, (0.0, -40.0), False),
+        # Three frames, 0.4 s at rest, and -6 % at one finger.
+        (Phase.HOLD, 3, 0.4, (0.0, -6.0), True),
+        (Phase.HOLD, 2, 0.4, (0.0, -6.0), False),
+        (Phase.HOLD, 3, 0.39, (0.0, -6.0), False),
+        (Phase.HOLD, 3, 0.4, (0.0, -5.9), False),
     ],
 )
 def test_fingers_monitor_grip_of_one_finger_alone_raises_an_alarm_while_holding(
-    plan: Plan, phase: Phase, other_percent: float, is_alarm: bool
+    plan: Plan,
+    phase: Phase,
+    frames: int,
+    still_s: float,
+    percents: tuple[float, float],
+    is_alarm: bool,
 ) -> None:
-    alarm = FingersMonitor(plan).check(SEEN, one_finger(phase, other_percent=other_percent))
-    assert (alarm is not None) == is_alarm
-    if alarm is not None:
-        assert alarm.danger is Danger.SENSOR_LOST
-        assert "finger 1 measures a grip force and the other finger none" in alarm.message
+    pressed = replace(touch(1.0, time_s=0.2), finger_percent=percents)
+    estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
+    alarm = FingersMonitor(plan).check(SEEN, GraspState(phase=phase, estimate=estimate))
+    assert (alarm and alarm.danger) is (Danger.SENSOR_LOST if is_alarm else None)
+    message = "finger 1 measures a grip force and the other finger none"
+    assert alarm is None or message in alarm.message
 
 
 @pytest.mark.parametrize(
@@ -157,12 +147,7 @@ def test_fingers_monitor_grip_of_one_finger_alone_raises_an_alarm_while_holding(
     ],
 )
 def test_response_monitor_rise_after_opening_raises_an_alarm(
-    plan: Plan,
-    activity: Activity,
-    opened_mm: float,
-    reading: float,
-    still_s: float,
-    is_alarm: bool,
+    plan: Plan, activity: Activity, opened_mm: float, reading: float, still_s: float, is_alarm: bool
 ) -> None:
     steps = closing_steps((1.0, 2.0), step_mm=1.0)
     estimate = ContactEstimate(
@@ -179,16 +164,12 @@ def test_response_monitor_rise_after_opening_raises_an_alarm(
     assert (ResponseMonitor(plan).check(SEEN, state) is not None) == is_alarm
 
 
-@pytest.mark.parametrize(("has_tripped", "is_alarm"), [(True, True), (False, False)])
-def test_board_monitor_tripped_ceiling_raises_force_limit_alarm(
-    has_tripped: bool, is_alarm: bool
-) -> None:
-    frame = replace(SEEN.frame, ceiling_tripped=has_tripped)
-    alarm = BoardMonitor().check(replace(SEEN, frame=frame), held(1.0))
-    assert (alarm is not None) == is_alarm
-    if alarm is not None:
-        assert alarm.danger is Danger.FORCE_LIMIT
-        assert "the board's own ceiling has tripped" in alarm.message
+def test_board_monitor_tripped_ceiling_raises_force_limit_alarm() -> None:
+    assert BoardMonitor().check(SEEN, held(1.0)) is None
+    tripped = replace(SEEN, frame=replace(SEEN.frame, ceiling_tripped=True))
+    alarm = BoardMonitor().check(tripped, held(1.0))
+    assert alarm.danger is Danger.FORCE_LIMIT
+    assert "the board's own ceiling has tripped" in alarm.message
 
 
 def test_rest_monitor_checks_each_new_rest_once(plan: Plan) -> None:
@@ -211,45 +192,3 @@ def test_ceiling_and_time_monitor_raise_an_alarm_only_above_their_limits(
     state.estimate.began_s, state.estimate.now_s = 0.0, plan.longest_s + excess
     assert (CeilingMonitor(plan).check(SEEN, state) is not None) == is_alarm
     assert (TimeMonitor(plan).check(SEEN, state) is not None) == is_alarm
-
-
-@pytest.mark.parametrize(
-    ("frames", "still_s", "reading", "is_alarm"),
-    [
-        (6, 0.3, 6.9, True),
-        (6, 0.3, 7.0, False),
-        (5, 0.3, 6.9, False),
-        (6, 0.29, 6.9, False),
-    ],
-)
-def test_slip_monitor_limits_are_inclusive(
-    plan: Plan, frames: int, still_s: float, reading: float, is_alarm: bool
-) -> None:
-    """Six frames, 0.3 s at rest, and 35 % of the largest reading, 20."""
-    estimate = ContactEstimate(
-        now_s=still_s,
-        still_since_s=0.0,
-        touches=(touch(reading, time_s=0.2),) * frames,
-        strongest_reading=20.0,
-    )
-    state = GraspState(phase=Phase.HOLD, estimate=estimate)
-    assert (SlipMonitor(plan).check(SEEN, state) is not None) == is_alarm
-
-
-@pytest.mark.parametrize(
-    ("frames", "still_s", "pressed_percent", "is_alarm"),
-    [
-        (3, 0.4, -6.0, True),
-        (2, 0.4, -6.0, False),
-        (3, 0.39, -6.0, False),
-        (3, 0.4, -5.9, False),
-    ],
-)
-def test_fingers_monitor_limits_are_inclusive(
-    plan: Plan, frames: int, still_s: float, pressed_percent: float, is_alarm: bool
-) -> None:
-    """Three frames, 0.4 s at rest, and -6 % at one finger."""
-    pressed = replace(touch(1.0, time_s=0.2), finger_percent=(0.0, pressed_percent))
-    estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
-    state = GraspState(phase=Phase.HOLD, estimate=estimate)
-    assert (FingersMonitor(plan).check(SEEN, state) is not None) == is_alarm

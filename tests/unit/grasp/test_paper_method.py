@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,11 @@ import pytest
 from tests.commands import Command
 from tests.conftest import skip
 
-from palpate.errors import RecordingError
+from palpate.errors import InputError, RecordingError
 from palpate.grasp.paper import Paper
+from palpate.grasp.paper_method import use_paper_method
+from palpate.grasp.plan import Plan
+from palpate.gripper.pneumatic import SOFT_LIMITS
 from palpate.twin.firmware import BUILD
 
 pytestmark = pytest.mark.slow
@@ -51,11 +55,6 @@ def test_paper_method_on_rigid_fingers_measures_size_and_force(
     assert read["settled_percent"]["value"] == pytest.approx(settled, rel=0.1)
 
 
-def test_paper_method_on_pressure_driven_fingers_has_no_size(palpate: Command) -> None:
-    found = grasped(palpate, "--rig", "sim-soft", *RATE)
-    assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
-
-
 @pytest.mark.system
 def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
     palpate: Command,
@@ -88,13 +87,18 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
         (["--step-mm", "2"], "--step-mm: valid only with --method paper"),
         (["--method", "paper", "--step-mm", "0"], "--step-mm must be above 0"),
         (["--method", "paper", "--target-force-n", "3"], "combined with --target-force-n"),
-        (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "pressure-driven"),
     ],
 )
 def test_paper_setting_out_of_range_is_refused(
     options: list[str], message: str, palpate: Command
 ) -> None:
     assert message in palpate.refused("grasp", *options)
+
+
+def test_paper_method_refuses_steps_in_mm_of_pressure_driven_fingers(plan: Plan) -> None:
+    soft = replace(plan, gripper=SOFT_LIMITS)
+    with pytest.raises(InputError, match="pressure-driven"):
+        use_paper_method(soft, Paper(extra_mm=1.0), calibration=None)  # type: ignore[arg-type]
 
 
 def test_with_line_law_stores_law_in_calibration(tmp_path: Path, palpate: Command) -> None:

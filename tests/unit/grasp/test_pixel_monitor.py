@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,20 +17,28 @@ from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
 
 REST = 350
+#: Time, closure in mm, and counts.
+Moment = tuple[float, float, Any]
+
+
+def see(
+    watch: PixelMonitor, moments: Sequence[Moment], *, moving: bool = False
+) -> list[Alarm | None]:
+    """Return the alarm at each moment."""
+    found = list[Alarm | None]()
+    for number, (time_s, closure, counts) in enumerate(moments):
+        frame = Frame(time_s=time_s, sequence=number, counts=np.asarray(counts))
+        state = GripperState(time_s=time_s, width_mm=74.0 - closure, moving=moving)
+        found.append(watch.check(Observation(frame=frame, gripper=state)))
+    return found
 
 
 def alarms(
     plan: Plan, frames: list[Any], *, step_mm: float = 0.0, moving: bool = False
 ) -> list[Alarm | None]:
     """Return the alarm at each frame; the fingers close by a step between frames."""
-    watch = PixelMonitor(plan)
-    found = []
-    for number, counts in enumerate(frames):
-        frame = Frame(time_s=number / 15, sequence=number, counts=np.asarray(counts))
-        width_mm = 74.0 - number * step_mm
-        state = GripperState(time_s=number / 15, width_mm=width_mm, moving=moving)
-        found.append(watch.check(Observation(frame=frame, gripper=state)))
-    return found
+    moments = [(number / 15, number * step_mm, counts) for number, counts in enumerate(frames)]
+    return see(PixelMonitor(plan), moments, moving=moving)
 
 
 def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
@@ -42,34 +51,46 @@ def stopped(plan: Plan, frames: list[Any], *, step_mm: float) -> list[str | None
     moments = []
     for number, counts in enumerate(frames):
         moments += [(number - 0.5, number * step_mm, counts), (number, number * step_mm, counts)]
-    return [alarm and alarm.message for alarm in watched_at(plan, moments)[1::2]]
+    return [alarm and alarm.message for alarm in see(PixelMonitor(plan), moments)[1::2]]
 
 
-def at_rest(count: int) -> list[Any]:
-    """Return frames with a flicker of one count in every pixel."""
-    return [np.full((4, 2), REST) + number % 2 for number in range(count)]
+def flickering(count: int, *, counts: int = REST, since: int = 0, **changed: Any) -> list[Any]:
+    """Return frames with a flicker of one count in every pixel.
+
+    From frame `since` on, the pixels `where` have the counts `value`.
+    """
+    frames = [np.full((4, 2), counts) + number % 2 for number in range(count)]
+    for frame in frames[since:] if changed else ():
+        frame[changed["where"]] = changed["value"]
+    return frames
 
 
 @pytest.mark.parametrize(("counts", "how"), [(0, "open"), (1023, "short")])
 def test_pixel_monitor_second_frame_at_range_end_raises_alarm(
     plan: Plan, counts: int, how: str
 ) -> None:
-    frames = at_rest(6)
-    for frame in frames[3:]:
-        frame[2, 1] = counts
+    frames = flickering(6, since=3, where=(2, 1), value=counts)
     said = watched(plan, frames)
     assert said[:4] == [None] * 4
     assert said[4] == f"pixel R2 C1 reads {how}; run `palpate doctor`"
+    assert watched(plan, [*frames[:4], *flickering(2)]) == [None] * 6, "one frame is no fault"
 
 
-def test_pixel_monitor_single_frame_at_range_end_raises_no_alarm(plan: Plan) -> None:
-    frames = at_rest(6)
-    frames[3][2, 1] = 0
-    assert watched(plan, frames) == [None] * 6
+def test_pixel_monitor_frame_with_new_range_end_is_uncertain(plan: Plan) -> None:
+    watch, uncertain = PixelMonitor(plan), []
+    for number, counts in enumerate((REST, 1023, REST + 1, 0, REST)):
+        frame = np.full((4, 2), REST)
+        frame[0, 1] = counts
+        assert see(watch, [(number / 15, 0.0, frame)]) == [None]
+        uncertain.append(watch.is_frame_uncertain)
+    assert uncertain == [False, True, False, True, False]
+
+
+# -- saturation ------------------------------------------------------------------------------------
 
 
 def test_pixel_monitor_saturated_sheet_is_not_short(plan: Plan) -> None:
-    frames = at_rest(2)
+    frames = flickering(2)
     for number in range(8):
         frames.append(np.minimum(REST + 100 * number + np.arange(8).reshape(4, 2) * 9, 1023))
     assert frames[-1].max() == 1023
@@ -80,7 +101,7 @@ def test_pixel_monitor_saturated_sheet_is_not_short(plan: Plan) -> None:
 
 def climbing(pixels: int) -> list[Any]:
     """Return frames with pixels that rise to the range end; six are loaded."""
-    frames = at_rest(2)
+    frames = flickering(2)
     for number in range(20):
         frame = np.full((4, 2), 900) + number % 2
         frame[3] = REST + number % 2
@@ -90,25 +111,18 @@ def climbing(pixels: int) -> list[Any]:
 
 
 def test_pixel_monitor_one_saturated_pixel_raises_no_alarm(plan: Plan) -> None:
-    watch, frames = PixelMonitor(plan), climbing(1)
-    for number, counts in enumerate(frames):
-        state = GripperState(time_s=number / 15, width_mm=74.0 - 0.3 * number)
-        frame = Frame(time_s=number / 15, sequence=number, counts=counts)
-        assert watch.check(Observation(frame=frame, gripper=state)) is None
-        if number > 4:
-            assert not watch.is_frame_uncertain
+    watch = PixelMonitor(plan)
+    for number, counts in enumerate(climbing(1)):
+        assert see(watch, [(number / 15, 0.3 * number, counts)]) == [None]
+        assert number <= 4 or not watch.is_frame_uncertain
     assert "pixel R0 C0 is loaded beyond its measuring range" in str(watch.saturation_warning)
 
 
-def test_pixel_monitor_saturation_of_four_of_six_loaded_pixels_raises_force_limit_alarm(
+def test_pixel_monitor_saturation_of_most_loaded_pixels_raises_force_limit_alarm(
     plan: Plan,
 ) -> None:
-    found = alarms(plan, climbing(4), step_mm=0.3)[-1]
-    assert found.danger is Danger.FORCE_LIMIT
-
-
-def test_pixel_monitor_saturation_of_half_of_loaded_pixels_raises_no_alarm(plan: Plan) -> None:
-    assert alarms(plan, climbing(3), step_mm=0.3) == [None] * 22
+    assert alarms(plan, climbing(4), step_mm=0.3)[-1].danger is Danger.FORCE_LIMIT
+    assert alarms(plan, climbing(3), step_mm=0.3) == [None] * 22, "half of them is not most"
 
 
 @pytest.mark.parametrize(("other", "is_short"), [(512, True), (513, False)])
@@ -116,21 +130,63 @@ def test_pixel_monitor_rising_pixel_is_short_without_another_loaded_pixel(
     plan: Plan, other: int, is_short: bool
 ) -> None:
     """At 512 counts the other pixel has exactly half its rest resistance."""
-    reference_ohm = plan.layout.divider.reference_ohm
-    frames = [np.full((4, 2), REST) + number % 2 for number in range(16)]
+    frames = flickering(16)
     for number, frame in enumerate(frames):
         frame[0] = min(900 + 9 * number, 1023), other
-    found = alarms(replace(plan, rest_ohm=np.full((4, 2), 2 * reference_ohm)), frames)[-1]
+    rest_ohm = np.full((4, 2), 2 * plan.layout.divider.reference_ohm)
+    found = alarms(replace(plan, rest_ohm=rest_ohm), frames)[-1]
     assert (found is not None) == is_short
-    if found is not None:
-        assert "R0 C0 reads short" in found.message
+    assert not is_short or "R0 C0 reads short" in found.message
 
 
-def test_pixel_monitor_jump_of_one_loaded_pixel_is_short(plan: Plan) -> None:
-    frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
-    for frame in frames[3:]:
-        frame[0, 0] = 1023
-    assert "R0 C0 reads short" in str(watched(plan, frames)[4])
+LOST, LIMIT = Danger.SENSOR_LOST, Danger.FORCE_LIMIT
+
+
+@pytest.mark.parametrize(
+    ("where", "counts", "moving", "danger", "message"),
+    [
+        *((np.s_[1, :], counts, False, LOST, "reads short") for counts in (REST, 900)),
+        *((np.s_[:, 1], counts, False, LOST, "reads short") for counts in (REST, 900)),
+        *((np.s_[:2], counts, False, LOST, "reads short") for counts in (REST, 900)),
+        *((np.s_[:], counts, False, LOST, "reads short") for counts in (REST, 900)),
+        (np.s_[0, 0], 900, False, LOST, "pixel R0 C0 reads short"),
+        (np.s_[1, 1], 900, True, LOST, "pixel R1 C1 reads short"),
+        (np.s_[:2], 900, True, LIMIT, "loaded beyond its measuring range"),
+    ],
+)
+def test_pixel_monitor_simultaneous_shorts_are_a_load_only_while_closing(
+    plan: Plan, where: Any, counts: int, moving: bool, danger: Danger, message: str
+) -> None:
+    frames = flickering(6, counts=counts, since=3, where=where, value=1023)
+    alarm = alarms(plan, frames, moving=moving)[4]
+    assert alarm.danger is danger
+    assert message in alarm.message
+
+
+def test_pixel_monitor_shorts_from_first_frame_raise_alarm(plan: Plan) -> None:
+    assert alarms(plan, [np.full((4, 2), 1023)] * 2)[1].danger is Danger.SENSOR_LOST
+
+
+@pytest.mark.parametrize(
+    ("moved_mm", "after_s", "danger"),
+    [
+        (0.25, 0.3, LIMIT),
+        (0.25, 0.31, LOST),
+        # The error of a position report, three steps of 1/16 mm.
+        (0.1875, 0.3, LOST),
+    ],
+)
+def test_pixel_monitor_simultaneous_shorts_within_disturbance_of_movement_are_a_load(
+    plan: Plan, moved_mm: float, after_s: float, danger: Danger
+) -> None:
+    loaded, short = np.full((4, 2), 900), np.full((4, 2), 900)
+    short[:2] = 1023
+    moments = [(-1.0, 0.0, loaded), (0.0, moved_mm, loaded + 1)]
+    moments += [(after_s + 0.1 * number, moved_mm, short - number % 2) for number in range(2)]
+    assert see(PixelMonitor(replace(plan, resolution=0.0625)), moments)[-1].danger is danger
+
+
+# -- stuck pixels and repeated frames --------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rows", [4, 2])
@@ -140,21 +196,25 @@ def test_pixel_monitor_pixel_unchanged_by_movements_is_stuck(plan: Plan, rows: i
         rest_ohm = np.full((4, 2), np.nan)
         rest_ohm[1:3, 0] = plan.rest_ohm[1:3, 0]
         plan = replace(plan, rest_ohm=rest_ohm)
-    frames = at_rest(30)
-    for frame in frames:
-        frame[1, 0] = REST
+    frames = flickering(30, where=(1, 0), value=REST)
     said = stopped(plan, frames, step_mm=0.5)
-    first = next(number for number, message in enumerate(said) if message)
-    assert said[first] == "pixel R1 C0 reads stuck; run `palpate doctor`"
-    assert first == 4
-
-
-def test_pixel_monitor_quiet_pixel_is_not_stuck_while_a_fast_hand_closes(plan: Plan) -> None:
-    """The hand stops between the frames of a slow sensor, and the closing continues."""
-    frames = at_rest(30)
-    for frame in frames:
-        frame[1, 0] = REST
+    assert said[:4] == [None] * 4
+    assert said[4] == "pixel R1 C0 reads stuck; run `palpate doctor`"
+    # A fast hand stops between the frames of a slow sensor, and the closing continues.
     assert watched(plan, frames, step_mm=0.5) == [None] * 30
+
+
+@pytest.mark.parametrize(("slept", "stuck"), [(1, True), (2, False)])
+def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
+    plan: Plan, slept: int, stuck: bool
+) -> None:
+    """One pixel never changes, and another is unchanged in the same movements."""
+    frames = flickering(9, where=(1, 0), value=REST)
+    for number, frame in enumerate(frames):
+        frame[2, 1] = REST + (number >= 8 - slept)
+    message = stopped(plan, frames, step_mm=0.5)[-1]
+    assert (message is not None) == stuck
+    assert not stuck or "R1 C0 reads stuck" in str(message)
 
 
 @pytest.mark.parametrize("step_mm", [0.5, 0.25])
@@ -169,85 +229,41 @@ def test_pixel_monitor_repeated_frames_raise_alarm_after_four_movements(
     assert watched(plan, frames) == [None] * 30, "a hand at rest does not disturb the sheet"
 
 
-SHORTS = {"a row": np.s_[1, :], "a column": np.s_[:, 1], "a finger": np.s_[:2], "all": np.s_[:]}
-
-
-@pytest.mark.parametrize("where", SHORTS)
-@pytest.mark.parametrize("loaded", [REST, 900])
-def test_pixel_monitor_simultaneous_shorts_at_rest_raise_alarm(
-    plan: Plan, where: str, loaded: int
-) -> None:
-    frames = [np.full((4, 2), loaded) + number % 2 for number in range(6)]
-    for frame in frames[3:]:
-        frame[SHORTS[where]] = 1023
-    alarm = alarms(plan, frames)[4]
-    assert alarm.danger is Danger.SENSOR_LOST
-    assert "reads short" in alarm.message
-
-
-def test_pixel_monitor_simultaneous_shorts_while_closing_raise_force_limit(plan: Plan) -> None:
-    frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
-    for frame in frames[3:]:
-        frame[:2] = 1023
-    alarm = alarms(plan, frames, moving=True)[4]
-    assert alarm.danger is Danger.FORCE_LIMIT
-    assert "loaded beyond its measuring range" in alarm.message
-
-
-def test_pixel_monitor_short_of_one_pixel_while_closing_reads_short(plan: Plan) -> None:
-    frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
-    for frame in frames[3:]:
-        frame[1, 1] = 1023
-    alarm = alarms(plan, frames, moving=True)[4]
-    assert alarm.danger is Danger.SENSOR_LOST
-    assert "pixel R1 C1 reads short" in alarm.message
-
-
-def test_pixel_monitor_shorts_from_first_frame_raise_alarm(plan: Plan) -> None:
-    alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
-    assert alarm.danger is Danger.SENSOR_LOST
-
-
-def test_pixel_monitor_frame_with_new_range_end_is_uncertain(plan: Plan) -> None:
-    watch = PixelMonitor(plan)
-    doubts = []
-    for number, counts in enumerate((REST, 1023, REST + 1, 0, REST)):
-        frame = np.full((4, 2), REST)
-        frame[0, 1] = counts
-        seen = Frame(time_s=number / 15, sequence=number, counts=frame)
-        state = GripperState(time_s=number / 15, width_mm=74.0)
-        assert watch.check(Observation(frame=seen, gripper=state)) is None
-        doubts.append(watch.is_frame_uncertain)
-    assert doubts == [False, True, False, True, False]
-
-
-@pytest.mark.parametrize("ohm", [np.nan, 0.0])
-def test_pixel_monitor_ignores_pixels_without_rest_value(plan: Plan, ohm: float) -> None:
-    rest_ohm = plan.rest_ohm.copy()
-    rest_ohm[3, 1] = ohm
-    frames = at_rest(5)
-    for frame in frames:
-        frame[3, 1] = 0
-    assert watched(replace(plan, rest_ohm=rest_ohm), frames) == [None] * 5
-
-
-def test_pixel_monitor_without_any_rest_value_raises_no_alarm(plan: Plan) -> None:
-    nothing = replace(plan, rest_ohm=np.full((4, 2), np.nan))
-    assert watched(nothing, [np.zeros((4, 2))] * 5) == [None] * 5
-
-
-def test_pixel_monitor_repeated_frames_at_rest_raise_alarm(plan: Plan) -> None:
+def test_pixel_monitor_repeated_frames_at_rest_raise_alarm_unless_usual(plan: Plan) -> None:
     """After flicker without equal frames, eleven equal frames are a fault."""
     rng = np.random.default_rng(2)
     frames = [REST + rng.integers(0, 3, (4, 2)) for _ in range(40)]
     said = watched(plan, [*frames, *[frames[-1]] * 11])
     assert said[:50] == [None] * 50
     assert "no pixel has changed in 11 frames" in str(said[50])
+    usual = [np.full((4, 2), REST + number // 12) for number in range(200)]
+    assert watched(plan, usual) == [None] * 200
 
 
-def test_pixel_monitor_sensor_with_usual_repeats_raises_no_alarm(plan: Plan) -> None:
-    frames = [np.full((4, 2), REST + number // 12) for number in range(200)]
-    assert watched(plan, frames) == [None] * 200
+@pytest.mark.parametrize(
+    ("lively", "alike", "known"), [(9, 3, True), (8, 3, False), (30, 4, False)]
+)
+def test_pixel_monitor_unusual_repeats_raise_alarm(
+    plan: Plan, lively: int, alike: int, known: bool
+) -> None:
+    """Frames repeat once in normal use; later all frames repeat."""
+    frames = flickering(lively - alike + 1)
+    frames += [frames[-1]] * (alike - 1) + [np.full((4, 2), REST + 9)] * 12
+    message = watched(plan, frames)[-1]
+    assert ("no pixel has changed in 11 frames" in str(message)) == known
+
+
+# -- rest values -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ohm", [np.nan, 0.0])
+def test_pixel_monitor_ignores_pixels_without_rest_value(plan: Plan, ohm: float) -> None:
+    rest_ohm = plan.rest_ohm.copy()
+    rest_ohm[3, 1] = ohm
+    frames = flickering(5, where=(3, 1), value=0)
+    assert watched(replace(plan, rest_ohm=rest_ohm), frames) == [None] * 5
+    nothing = replace(plan, rest_ohm=np.full((4, 2), np.nan))
+    assert watched(nothing, [np.zeros((4, 2))] * 5) == [None] * 5
 
 
 def test_pixel_monitor_equal_pixels_raise_alarm(plan: Plan) -> None:
@@ -257,9 +273,7 @@ def test_pixel_monitor_equal_pixels_raise_alarm(plan: Plan) -> None:
     frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
     said = watched(replace(plan, rest_ohm=unlike), frames)
     assert said[:4] == [None] * 4
-    assert (
-        said[4] == "all pixels read the same value, which indicates a fault; run `palpate doctor`"
-    )
+    assert "all pixels read the same value, which indicates a fault" in said[4]
     assert watched(plan, frames) == [None] * 5, "these have equal rest values"
 
 
@@ -278,62 +292,3 @@ def test_pixel_monitor_equal_pixels_need_a_spread_of_rest_values(
     said = watched(unlike, [first, first + 1])
     assert said[0] is None
     assert (said[1] is not None) == is_fault
-
-
-def watched_at(plan: Plan, moments: list[tuple[float, float, Any]]) -> list[Alarm | None]:
-    """Return the alarm at each moment: time, closure in mm, and counts."""
-    watch, found = PixelMonitor(plan), list[Alarm | None]()
-    for number, (time_s, closure, counts) in enumerate(moments):
-        frame = Frame(time_s=time_s, sequence=number, counts=np.asarray(counts))
-        state = GripperState(time_s=time_s, width_mm=74.0 - closure)
-        found.append(watch.check(Observation(frame=frame, gripper=state)))
-    return found
-
-
-@pytest.mark.parametrize(
-    ("moved_mm", "after_s", "danger"),
-    [
-        (0.25, 0.3, Danger.FORCE_LIMIT),
-        (0.25, 0.31, Danger.SENSOR_LOST),
-        # The error of a position report, three steps of 1/16 mm.
-        (0.1875, 0.3, Danger.SENSOR_LOST),
-    ],
-)
-def test_pixel_monitor_simultaneous_shorts_within_disturbance_of_movement_are_a_load(
-    plan: Plan, moved_mm: float, after_s: float, danger: Danger
-) -> None:
-    loaded, short = np.full((4, 2), 900), np.full((4, 2), 900)
-    short[:2] = 1023
-    moments = [(-1.0, 0.0, loaded), (0.0, moved_mm, loaded + 1)]
-    moments += [(after_s + 0.1 * number, moved_mm, short - number % 2) for number in range(2)]
-    alarm = watched_at(replace(plan, resolution=0.0625), moments)[-1]
-    assert alarm is not None
-    assert alarm.danger is danger
-
-
-@pytest.mark.parametrize(("slept", "stuck"), [(1, True), (2, False)])
-def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
-    plan: Plan, slept: int, stuck: bool
-) -> None:
-    """One pixel never changes, and another is unchanged in the same movements."""
-    frames = at_rest(9)
-    for number, frame in enumerate(frames):
-        frame[1, 0] = REST
-        frame[2, 1] = REST + (number >= 8 - slept)
-    message = stopped(plan, frames, step_mm=0.5)[-1]
-    assert (message is not None) == stuck
-    assert not stuck or "R1 C0 reads stuck" in str(message)
-
-
-@pytest.mark.parametrize(
-    ("lively", "alike", "known"), [(9, 3, True), (8, 3, False), (30, 4, False)]
-)
-def test_pixel_monitor_unusual_repeats_raise_alarm(
-    plan: Plan, lively: int, alike: int, known: bool
-) -> None:
-    """Frames repeat once in normal use; later all frames repeat."""
-    frames = [np.full((4, 2), REST + number % 2) for number in range(lively - alike + 1)]
-    frames += [frames[-1]] * (alike - 1)
-    frames += [np.full((4, 2), REST + 9)] * 12
-    message = watched(plan, frames)[-1]
-    assert ("no pixel has changed in 11 frames" in str(message)) == known

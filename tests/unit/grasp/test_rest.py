@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,29 +20,21 @@ from palpate.twin.world import World
 OLD, DRIFTED = "the calibration's rest values are used", "climate or wear changed the sheet"
 
 
-def calibrated_when_dry(plan: Plan) -> Plan:
-    """Return the plan of a sheet with rest values 20 % higher at calibration."""
-    return replace(plan, rest_ohm=1.2 * plan.rest_ohm)
-
-
-def test_drifted_sheet_detects_no_touch_before_the_object(plan: Plan, bench: Any) -> None:
-    result = bench.grasp(calibrated_when_dry(plan))
-    assert result.outcome is Outcome.HELD
-    assert abs(result.size_mm.value - 50.3) < 0.3
-    assert any(DRIFTED in fault for fault in result.faults)
-
-
-def test_approach_closes_finely_until_rest_is_verified(plan: Plan, bench: Any) -> None:
+def test_drifted_sheet_closes_finely_until_rest_is_verified_and_detects_no_early_touch(
+    plan: Plan, bench: Any
+) -> None:
+    """The rest values were 20 % higher at calibration."""
     closures = list[float]()
 
     def watch(grasp_state: GraspState) -> None:
-        if (
-            grasp_state.attempt.rest_check_from is not None
-            and grasp_state.estimate.closure not in closures
-        ):
-            closures.append(grasp_state.estimate.closure)
+        closure = grasp_state.estimate.closure
+        if grasp_state.attempt.rest_check_from is not None and closure not in closures:
+            closures.append(closure)
 
-    bench.grasp(calibrated_when_dry(plan), watchers=[watch])
+    rest_ohm = 1.2 * plan.rest_ohm
+    wishes = {"rest_ohm": rest_ohm, "watchers": [watch], "words": DRIFTED}
+    result = bench.grasp_until(Outcome.HELD, plan, **wishes)
+    assert abs(result.size_mm.value - 50.3) < 0.3
     assert 0.7 * plan.step <= max(closures) <= plan.step
     assert np.diff(closures).max() <= plan.fine_step + 1e-9
 
@@ -64,9 +55,7 @@ def test_rest_waits_until_the_sensor_is_released(plan: Plan, bench: Any) -> None
         if observation.frame.time_s > 1.5:
             bench.size_mm = size_mm
 
-    result = bench.grasp(plan, subscribers=[let_go])
-    assert result.outcome is Outcome.HELD
-    assert result.faults == ()
+    result = bench.grasp_until(Outcome.HELD, plan, subscribers=[let_go])
     assert abs(result.size_mm.value - size_mm) < 0.3
 
 
@@ -79,9 +68,7 @@ def test_sheet_never_at_rest_uses_calibrated_rest_values(plan: Plan, bench: Any)
         elif grasp_state.phase is Phase.APPROACH:
             bench.size_mm = 50.3
 
-    result = bench.grasp(plan, watchers=[worry])
-    assert any(OLD in fault for fault in result.faults)
-    assert result.outcome is Outcome.HELD
+    bench.grasp_until(Outcome.HELD, plan, watchers=[worry], words=OLD)
 
 
 @pytest.mark.slow

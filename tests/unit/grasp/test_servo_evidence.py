@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
 
 from palpate.estimate.compliance import Compliance
@@ -14,13 +15,13 @@ from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import SafetyLimits
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 GEARS = GearFriction(mean_ma=40.0, mean_sd_ma=0.5, movement_ma=0.0)
@@ -67,10 +68,7 @@ def slow(bench: Any) -> Any:
             gears_ma = 40.0 if moving else self.rng.uniform(-40, 40)
             current = gears_ma + 16.0 * self.force_n + 6.0 * self.rng.standard_normal()
             return GripperState(
-                time_s=self.clock.now_s(),
-                width_mm=self.width_mm,
-                current_ma=current,
-                moving=moving,
+                time_s=self.clock.now_s(), width_mm=self.width_mm, current_ma=current, moving=moving
             )
 
         def command(self, wanted: GripperCommand) -> GripperCommand:
@@ -80,78 +78,52 @@ def slow(bench: Any) -> Any:
     return Slow()
 
 
-def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
-    forces = list[float]()
-
-    def at_hold(grasp_state: Any) -> None:
-        if grasp_state.phase is Phase.HOLD:
-            forces.append(bench.force_n)
-
-    result = bench.grasp(plan, watchers=[at_hold])
-    assert result.outcome is Outcome.HELD
-    return result, forces[-1]
-
-
-def doubted(plan: Plan) -> Plan:
-    """Return the plan of a sheet with a gain uncertainty of a third."""
-    law = replace(plan.early_law, residual_sd=0.35)
-    return replace(plan, early_law=law, settled_law=law, target_force_n=4.0)
-
-
 @pytest.mark.parametrize("gain", [0.6, 1.5])
 def test_current_corrects_the_gain_of_the_sheet(plan: Plan, slow: Any, gain: float) -> None:
+    """The gain of the sheet is uncertain by a third."""
+    law, forces = replace(plan.early_law, residual_sd=0.35), list[float]()
     slow.gain = gain
-    result, force_n = held_n(replace(doubted(plan), current=LAW), slow)
-    assert force_n == pytest.approx(4.0, rel=0.15)
-    assert result.force_n.low <= force_n <= result.force_n.high
+
+    def at_hold(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD:
+            forces.append(slow.force_n)
+
+    wishes = {"early_law": law, "settled_law": law, "target_force_n": 4.0, "current": LAW}
+    result = slow.grasp_until(Outcome.HELD, plan, watchers=[at_hold], **wishes)
+    assert forces[-1] == pytest.approx(4.0, rel=0.15)
+    assert result.force_n.low <= forces[-1] <= result.force_n.high
     assert result.force_n.high / result.force_n.low < 1.6
 
 
-def test_without_current_the_sheet_alone_gives_the_force(plan: Plan, slow: Any) -> None:
-    slow.gain = 0.6
-    _, force_n = held_n(doubted(plan), slow)
-    assert force_n == pytest.approx(4.0 / 0.6, rel=0.15)
-
-
-def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
-    """The object stiffens at the last step; the hand opens and closes again."""
-    phases, forces = list[Activity | Phase](), list[float]()
-
-    def watch(grasp_state: Any) -> None:
-        if grasp_state.activity is Activity.FORECAST and not phases.count(Activity.EASE):
-            # Something pushes the fingers' object thicker once.
-            slow.size_mm = 50.9
-        phases.append(grasp_state.activity)
-        forces.append(slow.force_n)
-
-    result = slow.grasp(replace(plan, target_force_n=4.0), watchers=[watch])
-    names = [moment.name for moment in result.moments if moment.finger is None]
-    assert "eased" in names
-    assert names.index("eased") < names.index("answer")
-    last = [force for phase, force in zip(phases, forces, strict=True) if phase is Phase.HOLD][-1]
-    assert last == pytest.approx(4.0, rel=0.1)
-    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Activity.EASE]
-    assert min(eased_n) < 0.8 * 4.0
-
-
 @pytest.mark.parametrize("ceiling_n", [15.0, 6.0])
-def test_return_after_easing_ends_at_a_wider_opening_than_before(
+def test_excess_force_is_corrected_from_below_up_to_a_wider_opening_than_before(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
-    """One movement with a high ceiling, several with a low one."""
-    stood, again, came = list[float](), list[float](), list[float]()
+    """Something pushes the object thicker at the last step; the hand opens and closes again.
 
-    def watch(grasp_state: Any) -> None:
+    It is one movement with a high ceiling, several with a low one.
+    """
+    stood, again, came = list[float](), list[float](), list[float]()
+    eased_n, held_n = list[float](), list[float]()
+
+    def watch(grasp_state: GraspState) -> None:
         if grasp_state.activity is Activity.FORECAST:
             slow.size_mm = 50.9
             (came if again else stood).append(plan.gripper.target(grasp_state.estimate.sent))
         if grasp_state.activity is Activity.EASE:
             again.append(plan.gripper.target(grasp_state.correction.return_closure))
+            eased_n.append(slow.force_n)
+        if grasp_state.phase is Phase.HOLD:
+            held_n.append(slow.force_n)
 
-    close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=ceiling_n))
-    result = slow.grasp(close, watchers=[watch])
+    safety = SafetyLimits(force_ceiling_n=ceiling_n)
+    result = slow.grasp(plan, target_force_n=4.0, safety=safety, watchers=[watch])
+    names = [moment.name for moment in result.moments if moment.finger is None]
+    assert names.index("eased") < names.index("answer")
+    assert min(eased_n) < 0.8 * 4.0
     assert min(again) > min(stood)
     assert came[0] == pytest.approx(again[0], abs=plan.resolution)
+    assert held_n[-1] == pytest.approx(4.0, rel=0.1)
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
 
 
@@ -171,8 +143,8 @@ def test_soft_fingers_on_insensitive_sheet_use_pressure_force() -> None:
 @pytest.mark.slow
 def test_soft_fingers_calibration_without_compliance_gives_no_force() -> None:
     """Block calibration with nearly the same pressure at every force."""
-    calibration = calibrate_twin(seed=7, level="lab", apart_from="tomato", kind="soft")
-    world = World(draw_object(np.random.default_rng(7), "tomato"), seed=7, gripper="soft")
+    calibration = calibrate_once(seed=5, level="lab", apart_from="tomato", kind="soft")
+    world = World(draw("tomato", 7), seed=5, gripper="soft")
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper, target_force_n=2.0)
     assert plan.bend is not None

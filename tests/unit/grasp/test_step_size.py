@@ -8,12 +8,9 @@ import pytest
 from tests.factories import closing_steps, draw, grasp_on_twin
 
 from palpate.estimate.damage import DamageModel
-from palpate.grasp.config import SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety_filter import filter_command
-from palpate.grasp.step_size import close_by, slope_n, squeeze_depth, squeeze_step
-from palpate.gripper.interface import GripperCommand
+from palpate.grasp.step_size import close_by, slope_n
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.world import GripperKind, World
 
@@ -31,37 +28,27 @@ def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
     )
 
 
-def test_slope_n_with_rises_above_noise_is_steepest_of_last_two(plan: Plan) -> None:
-    estimate = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
-    assert slope_n(estimate, plan) == pytest.approx(1.4, rel=0.05)
-
-
-def test_slope_n_of_rises_within_the_noise_is_their_upper_bound(plan: Plan) -> None:
-    estimate = stairs(force_n=[2.0, 2.06, 2.09, 2.1], step_mm=0.5)
-    assert slope_n(estimate, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
-
-
-def test_slope_n_with_falling_force_equals_slope_of_a_rigid_object(plan: Plan) -> None:
-    assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
-
-
-def test_slope_n_ignores_travel_with_one_finger_in_contact(plan: Plan) -> None:
-    pushed = stairs(force_n=[0.9, 0.95, 0.92, 1.0], step_mm=0.5)
-    alone = tuple(
+@pytest.mark.parametrize(
+    ("force_n", "alone", "slope"),
+    [
+        # Above the noise it is the steepest of the last two, within the noise an upper bound.
+        ([0.8, 1.3, 2.0, 2.5], 0, 1.4),
+        ([2.0, 2.06, 2.09, 2.1], 0, 1.1 * 2.1 / 1.5),
+        # A travel with one finger in contact counts not at all.
+        ([0.9, 0.95, 0.92, 1.0], 3, 1.1 * 1.0 / 0.5),
+        ([2.0, 2.6, 2.5], 0, None),
+    ],
+)
+def test_slope_n_is_the_steepest_that_the_steps_allow_or_that_of_a_rigid_object(
+    plan: Plan, force_n: list[float], alone: int, slope: float | None
+) -> None:
+    estimate = stairs(force_n=force_n, step_mm=0.5)
+    pushed = tuple(
         replace(step, touch=replace(step.touch, finger_percent=(-40.0, 0.0)))
-        for step in pushed.steps[:3]
+        for step in estimate.steps[:alone]
     )
-    estimate = replace(pushed, steps=(*alone, pushed.steps[3]))
-    assert slope_n(estimate, plan) == pytest.approx(1.1 * 1.0 / 0.5, rel=0.05)
-
-
-def test_squeeze_step_is_limited_by_depth_so_far(plan: Plan) -> None:
-    """Far from the target, the step is limited by the depth of the known slope."""
-    estimate = stairs(force_n=[0.8, 1.3], step_mm=0.25)
-    depth_mm = squeeze_depth(estimate, plan)
-    assert depth_mm == pytest.approx(0.25 + 0.8 / 2.0, rel=0.1)
-    step_mm = squeeze_step(estimate, replace(plan, target_force_n=12.0), goal_n=12.0)
-    assert step_mm == pytest.approx(depth_mm + plan.fine_step)
+    found = slope_n(replace(estimate, steps=(*pushed, *estimate.steps[alone:])), plan)
+    assert found == pytest.approx(slope, rel=0.05) if slope else found == plan.steepest_n
 
 
 @pytest.mark.parametrize("force_n", [0.5, 1.0, 1.9])
@@ -126,15 +113,3 @@ def test_squeeze_depth_ignores_one_finger_alone(
     careful = replace(plan, damage=damage, target_force_n=4.0)
     estimate = felt(first=first, second=second, force_n=force_n)
     assert (close_by(estimate, 0.25, careful) is not None) == goes_on
-
-
-def test_filter_command_limits_steps_while_damage_limit_is_unknown(
-    plan: Plan, damage: DamageModel
-) -> None:
-    careful = replace(plan, damage=damage, target_force_n=4.0)
-    estimate = felt(first=-5.0, second=-5.0, force_n=0.9)
-    touched = replace(estimate, steps=estimate.steps[:1], closure=20.0, sent=20.0)
-    command = filter_command(GripperCommand(target=50.0, rate=5.0), touched, careful)
-    travel_mm = careful.gripper.highest - 20.0 - command.target
-    longest_mm = 2 * SQUEEZE.min_rise_n * (1.0 / careful.steepest_n + 1.0 / SQUEEZE.soft_n_per_mm)
-    assert longest_mm - 2 * careful.resolution <= travel_mm <= longest_mm

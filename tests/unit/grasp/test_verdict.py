@@ -11,14 +11,11 @@ from palpate.measurement import Measurement
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "words"),
-    [(1.2, 2.9, "soft"), (0.7, 40.0, "firmness 28 to 87 of 100")],
+    ("low", "high", "words"), [(1.2, 2.9, "soft"), (0.7, 40.0, "firmness 28 to 87 of 100")]
 )
 def test_verdict_gives_firmness_as_word_or_index(low: float, high: float, words: str) -> None:
     stiffness = Measurement(value=2.0, low=low, high=high, unit="n_per_mm", level=0.9)
     result = GraspResult(
-        outcome=Outcome.HELD,
-        stiffness_n_per_mm=stiffness,
-        firmness=firmness_index(stiffness),
+        outcome=Outcome.HELD, stiffness_n_per_mm=stiffness, firmness=firmness_index(stiffness)
     )
     assert verdict(result, target_force_n=None)["firmness"] == words

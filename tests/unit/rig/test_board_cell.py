@@ -94,25 +94,26 @@ def test_board_cell_works_with_one_cell_connected(desk: Desk) -> None:
     assert cell.read_n() == pytest.approx(2.0)
 
 
-def test_board_cell_tare_without_reading_is_refused(desk: Desk) -> None:
-    desk.board.raw[1] = NO_READING
-    with pytest.raises(DeviceError, match="load cell 1 sends no reading"):
-        desk.cell(1e-5, 1e-5).tare()
-
-
-def test_board_cell_saturated_cell_is_refused(desk: Desk) -> None:
+@pytest.mark.parametrize(
+    ("is_tared", "name", "value", "message"),
+    [
+        (False, "raw", [0, NO_READING], "load cell 1 sends no reading"),
+        (False, "reading_hz", [80.0, 0.0], "load cell 1 is stuck"),
+        (False, "reading_hz", [10.0, 80.0], "load cell 0 sends (9|10) readings per second.*RATE"),
+        (True, "raw", [0, 2**23 - 1], "load cell 1 is at the end of its range"),
+        (True, "silent", True, "no frame with load cells"),
+    ],
+)
+def test_board_cell_that_fails_at_its_tare_or_reading_is_refused(
+    desk: Desk, is_tared: bool, name: str, value: object, message: str
+) -> None:
     cell = desk.cell(1e-5, 1e-5)
-    cell.tare()
-    desk.board.raw[1] = 2**23 - 1
-    desk.clock.sleep_s(0.02)
-    with pytest.raises(DeviceError, match="load cell 1 is at the end of its range"):
-        cell.read_n()
-
-
-def test_board_cell_tare_with_stuck_cell_is_refused(desk: Desk) -> None:
-    desk.board.reading_hz[1] = 0.0
-    with pytest.raises(DeviceError, match="load cell 1 is stuck"):
-        desk.cell(1e-5, 1e-5).tare()
+    if is_tared:
+        cell.tare()
+    setattr(desk.board, name, value)
+    desk.clock.sleep_s(1.0 if is_tared else 0.0)
+    with pytest.raises(DeviceError, match=message):
+        (cell.read_n if is_tared else cell.tare)()
 
 
 def read_repeatedly(cell: BoardLoadCell, desk: Desk, *, pause_s: float) -> None:
@@ -138,21 +139,6 @@ def test_board_cell_stuck_during_pause_is_refused_at_first_reading(desk: Desk) -
     desk.board.read_until_us = desk.board.device_us(desk.clock.now_s())
     desk.clock.sleep_s(5.0)
     with pytest.raises(DeviceError, match=r"load cell \d is stuck"):
-        cell.read_n()
-
-
-def test_board_cell_slow_cell_is_refused(desk: Desk) -> None:
-    desk.board.reading_hz[0] = 10.0
-    with pytest.raises(DeviceError, match=r"load cell 0 sends (9|10) readings per second.*RATE"):
-        desk.cell(1e-5, 1e-5).tare()
-
-
-def test_board_cell_silent_board_is_refused(desk: Desk) -> None:
-    cell = desk.cell(1e-5, 1e-5)
-    cell.tare()
-    desk.board.silent = True
-    desk.clock.sleep_s(1.0)
-    with pytest.raises(DeviceError, match="no frame with load cells"):
         cell.read_n()
 
 

@@ -57,7 +57,6 @@ def test_grasp_holds_and_is_recorded_until_released(rig: palpate.Rig, tmp_path: 
         assert reading.contact
         assert reading.force_n.low < 2.0 < reading.force_n.high
         assert grip.size_mm is not None
-        texts = [repr(rig), repr(reading), repr(grip)]
         document = grip.to_dict()
         result = grip.release()
         assert not grip.is_holding
@@ -70,9 +69,6 @@ def test_grasp_holds_and_is_recorded_until_released(rig: palpate.Rig, tmp_path: 
     assert recording.time_s.size == result.frames
     assert json.loads(json.dumps(document, allow_nan=False))["outcome"] == "held"
     assert document["simulated"] is True
-    assert texts[0] == "Rig('twin', simulated, tomato)"
-    assert texts[2].startswith("Grip(held, size ")
-    assert all("\n" not in text and len(text) < 90 for text in texts)
 
 
 def test_grasp_second_grasp_is_refused_and_block_end_releases(rig: palpate.Rig) -> None:
@@ -87,14 +83,14 @@ def test_grasp_second_grasp_is_refused_and_block_end_releases(rig: palpate.Rig) 
 def test_rig_error_in_block_stops_without_dropping_object(rig: palpate.Rig) -> None:
     grips: list[palpate.Grip] = []
 
-    def grasp_and_fail(rig: palpate.Rig) -> None:
-        grips.append(rig.grasp())
-        raise ZeroDivisionError
+    def grasp_and_fail() -> None:
+        with rig:
+            grips.append(rig.grasp())
+            raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), rig:
-        grasp_and_fail(rig)
-    (grip,) = grips
-    assert grip.outcome is palpate.Outcome.STOPPED
+    with pytest.raises(ZeroDivisionError):
+        grasp_and_fail()
+    assert grips[0].outcome is palpate.Outcome.STOPPED
     width = rig.gripper.state().width_mm
     assert width < rig.gripper.limits.highest - 10.0
 
@@ -151,7 +147,8 @@ def test_grasp_with_paper_method_closes_in_its_steps_and_holds(rig: palpate.Rig)
 def test_open_rig_simulated_reads_at_the_rate_of_the_firmware_or_the_given_one(
     rate_hz: float | None, period_s: float
 ) -> None:
-    with palpate.open_rig("sim-rigid", rate_hz=rate_hz) as rig:
+    wanted = {"object_name": "tomato", "seed": SEED, "rate_hz": rate_hz}
+    with palpate.open_rig("sim-rigid", **wanted) as rig:
         first, second = (rig.array.read(timeout_s=1.0).time_s for _ in range(2))
     assert second - first == pytest.approx(period_s)
 
