@@ -16,6 +16,7 @@ from palpate.cli.calibrate_bench import has_load_cell
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 from palpate.sensor.rest_calibration import replace_rest
+from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -35,6 +36,12 @@ class Bench(Desk):
         self.rig = folder / "rig.toml"
         self.prompts: list[str] = []
         self.react: Callable[[str], None] = lambda instruction: None
+        self.array.close()
+
+    def reopen_array(self) -> SerialArray:
+        """Return the array of one more command, which closes it."""
+        self.array = self.open_array()
+        return self.array
 
     def prompt(self, instruction: str, **_: object) -> str:
         self.prompts.append(instruction)
@@ -46,7 +53,7 @@ class Bench(Desk):
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench(tmp_path)
-    opened = SimpleNamespace(array=lambda: bench.array, gripper=lambda: TwinGripper(bench.world))
+    opened = SimpleNamespace(array=bench.reopen_array, gripper=lambda: TwinGripper(bench.world))
     monkeypatch.setitem(sys.modules, "desk_of_the_test", opened)
     for module in ("rig.bench", "cli.calibrate_force"):
         monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)

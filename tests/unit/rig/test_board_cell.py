@@ -52,7 +52,10 @@ class Desk:
         self.clock, self.board = Bench(), WeighingBoard()
         self.board.booted_s = self.clock.now_s()
         self.clock.boards.append(self.board)
-        self.array = SerialArray(
+        self.array = self.open_array()
+
+    def open_array(self) -> SerialArray:
+        return SerialArray(
             self.clock.open(self.board.port),
             clock=self.clock,
             layout=RIGID_LAYOUT,
