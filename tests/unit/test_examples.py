@@ -129,7 +129,7 @@ def test_pick_and_place_prints_forces_and_releases(
 def test_learn_from_grasps_force_cap_prevents_damage(
     run: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run("learn_from_grasps.py", "2", "1")
+    run("learn_from_grasps.py", "1", "1")
     free, capped = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"no cap: \d of 1 held undamaged at 1 N or more, \d damaged; .*", free)
     assert re.match(r"cap 4 N: \d of 1 held undamaged", capped)

@@ -74,6 +74,7 @@ def record_twin(tmp_path: Path) -> Callable[..., Path]:
                 counts = volts_to_counts(volts, divider=RIGID_LAYOUT.divider)
                 frames.append(Frame(time_s=frame.time_s, sequence=frame.sequence, counts=counts))
         path = tmp_path / "run.mcap"
+        path.unlink(missing_ok=True)
         with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")) as file:
             for frame in frames:
                 file.add(frame)

@@ -65,25 +65,40 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench.board.unplug()
 
 
-def test_calibrate_cell_scales_the_first_cell_then_a_second(bench: Bench, palpate: Command) -> None:
-    calibrate = ("calibrate", "cell", "--rig", bench.rig, "--known-n", "10")
-    bench.rig.write_text(TABLES)
-    assert "calibrate cell 0 first" in palpate(*calibrate, "--cell", "1", status=2).err
-    assert "changed by only 0 counts" in palpate(*calibrate, status=2).err
-    bench.board.raw = [1_000, 0]
-
+@pytest.mark.parametrize(
+    ("known", "cell", "by_weight", "scales"),
+    [([], 0, -2_000_000, [-5e-6]), ([4e-6], 1, 1_000_000, [4e-6, 1e-5])],
+)
+def test_calibrate_cell_known_weight_prints_the_rig_file_table(
+    known: list[float],
+    cell: int,
+    by_weight: int,
+    scales: list[float],
+    bench: Bench,
+    palpate: Command,
+) -> None:
     def place_weight(instruction: str) -> None:
-        placed = "remove everything" not in instruction
-        bench.board.raw = [1_000 - 2_000_000 * placed, 1_000_000 * placed]
+        bench.board.raw[cell] = 1_000 + by_weight * ("remove everything" not in instruction)
 
     bench.react = place_weight
-    line = palpate(*calibrate).out
-    assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
-    assert not has_load_cell(str(bench.rig))
+    options = ("--rig", bench.rig, "--cell", cell, "--known-n", "10")
+    if known:
+        bench.rig.write_text(TABLES)
+        assert "calibrate cell 0 first" in palpate("calibrate", "cell", *options, status=2).err
+    bench.rig.write_text(TABLES + f"[load_cells]\nnewtons_per_count = {known}\n" * bool(known))
+    assert has_load_cell(str(bench.rig)) == bool(known)
+    line = palpate("calibrate", "cell", *options).out
+    assert line == f"[load_cells]\nnewtons_per_count = {scales}\n"
     bench.rig.write_text(TABLES + line)
     assert has_load_cell(str(bench.rig))
-    document = palpate(*calibrate, "--cell", "1", "--json").document
-    assert document["newtons_per_count"] == pytest.approx([-5e-6, 1e-5])
+
+
+def test_calibrate_cell_without_weight_on_the_cell_is_refused(
+    bench: Bench, palpate: Command
+) -> None:
+    bench.rig.write_text(TABLES)
+    error = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10", status=2).err
+    assert "changed by only 0 counts" in error
 
 
 @pytest.mark.slow

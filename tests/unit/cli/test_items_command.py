@@ -36,7 +36,7 @@ def grasp(item_id: str, *, days: int = 0, **values: float) -> Grasp:
 
 
 @pytest.fixture
-def filled() -> None:
+def filled(folder: Path) -> None:
     with Store.open() as store:
         store.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=NOON))
         store.add_item(Item(item_id="K2", kind="kiwi", first_seen=NOON + timedelta(days=1)))

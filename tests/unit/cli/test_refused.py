@@ -95,7 +95,7 @@ USAGE = [
     ("settle holds.csv --mean", "requires --rest START:END"),
     ("settle holds.csv --interval -1", "--interval -1"),
     ("settle empty.csv --json --out all.json", "empty.csv: the file is empty"),
-    ("settle word.csv --json --out all.json", "word.csv, line 3: value is 'oops'"),
+    ("settle word.csv --json --out all.json", "word.csv line 3: value is 'oops'"),
     ("settle overflow.csv --json --out all.json", "overflow"),
     ("sort", "give the sorting rules with --rules FILE, or an item with --identify ITEM"),
     ("sort --identify nobody", "no item 'nobody'"),

@@ -69,23 +69,24 @@ def test_ripeness_of_one_item_is_explained_plotted_and_stored(
 def test_ripeness_of_item_without_kind_uses_its_first_day_and_stores_no_assumption(
     made: Path, palpate: Command
 ) -> None:
-    with Store.open(made, create=False) as store, Store.open("one.sqlite") as other:
+    with Store.open(made, create=False) as store:
         grasps = store.grasps_of("fruit-1")
-        for name, own in (("mine", grasps), ("new", grasps[:1])):
+    for name, own in (("mine", grasps), ("new", grasps[:1])):
+        with Store.open(f"{name}.sqlite") as other:
             other.add_item(Item(item_id=name))
             for grasp in own:
                 other.add_grasp(replace(grasp, item_id=name, calibration_id=None))
-    shown = palpate("ripeness", "mine", "--store", "one.sqlite", "--json")
+    shown = palpate("ripeness", "mine", "--store", "mine.sqlite", "--json")
     assert "judged relative to its first day, because its kind is unknown" in shown.err
     item = json.loads(shown.out)["items"][0]
     assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
     # The stiffness has fallen by a third in two days, which leaves the stage uncertain.
     assert item["stage"] == max(item["probabilities"], key=item["probabilities"].get)
     assert item["unsure"]
-    output = palpate("ripeness", "new", "--store", "one.sqlite").out
+    output = palpate("ripeness", "new", "--store", "new.sqlite").out
     assert "assumed" in output
     assert "no earlier day to compare" in " ".join(output.split())
-    with Store.open("one.sqlite", create=False) as other:
+    with Store.open("new.sqlite", create=False) as other:
         assert other.verdicts_of("new") == ()
 
 

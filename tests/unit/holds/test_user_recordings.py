@@ -265,7 +265,8 @@ def test_settle_folder_reads_all_recordings(desk: Desk) -> None:
     desk.write("all well\n", "notes.txt")
     desk.write(b"ignored", "picture.png")
     found = desk.settle(desk.folder)
-    assert found.settled[:3] == found.settled[3:] == SETTLED
+    assert found.settled[:3] == SETTLED
+    assert found.settled[3:] == SETTLED
     assert found.names[::3] == ["a:R:1", "b:resistance_ohm:1"]
     assert found.message.count("\n") == 1
     assert "notes.txt: no table found" in found.message

@@ -186,7 +186,7 @@ def test_bootstrap_interval_resamples_specimens_not_holds() -> None:
     assert 0.4 < by_hold[0] < by_hold[1] < 0.6
 
 
-METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
+NAMES, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
 
 
 @pytest.fixture
@@ -200,9 +200,9 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_score_agrees_with_the_settle_command(path: Path, palpate: Command) -> None:
-    options = [text for name in METHODS for text in ("--method", name)]
+    options = [text for name in NAMES for text in ("--method", name)]
     options += [text for cutoff_s in CUTOFFS_S for text in ("--cutoff", str(cutoff_s))]
-    table = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    table = score(read_holds(path), methods=NAMES, cutoffs_s=CUTOFFS_S)
     printed = palpate("settle", path, *options, "--json").document
     assert table.to_dict()["summary"] == printed["summary"]
     lines = [line.rstrip() for line in palpate("settle", path, *options).out.splitlines()]
@@ -210,9 +210,9 @@ def test_score_agrees_with_the_settle_command(path: Path, palpate: Command) -> N
 
 
 def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:
-    frame = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    frame = score(read_holds(path), methods=NAMES, cutoffs_s=CUTOFFS_S)
     table = frame.to_dataframe()
     assert list(zip(table["method"], table["cutoff_s"], strict=True)) == [
-        (method, cutoff_s) for method in METHODS for cutoff_s in CUTOFFS_S
+        (method, cutoff_s) for method in NAMES for cutoff_s in CUTOFFS_S
     ]
     assert (table["holds"] == 2).all()
