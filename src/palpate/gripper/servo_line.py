@@ -103,7 +103,9 @@ class ServoLine:
             self._port.ser.exclusive = True
             self._port.ser.timeout = _WAIT_S
         except OSError as error:
-            self.close()
+            # Without `close`, which would undo the claim of the program that uses the port.
+            if self._port.is_open:
+                self._port.closePort()
             raise explain_refusal(port, error) from error
         if os.name == "posix":
             claim_port(self._port.ser.fileno())
