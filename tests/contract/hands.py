@@ -51,6 +51,40 @@ class Hand:
     read_position: Callable[[], float]
 
 
+def open_servo(
+    world: World, bus: ServoBus, *, reply_s: float = REPLY_S, **options: Any
+) -> DynamixelGripper:
+    """Return the real driver, connected to a simulated servo."""
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=reply_s)
+    return DynamixelGripper(line, clock=world.clock, **{"fingers": CrankFingers()} | options)
+
+
+def open_jaw(
+    world: World, bus: StsBus, *, reply_s: float = REPLY_S, **options: Any
+) -> FeetechGripper:
+    """Return the real driver, connected to a simulated Feetech servo."""
+    line = ServoLine(bus.name, servo_id=6, baud=BAUD, reply_s=reply_s, packets=PROTOCOL_1)
+    given = {"jaw": JAW, "limits": JAW_LIMITS, "closed_tick": CLOSED_TICK}
+    return FeetechGripper(line, clock=world.clock, **given | options)
+
+
+def pass_time(world: World, duration_s: float) -> None:
+    """Advance a world in steps of 10 ms without reading the gripper."""
+    for _ in range(round(duration_s / 0.01)):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+
+
+def read_for(
+    world: World, gripper: Gripper, duration_s: float, *, every_s: float = 0.05
+) -> GripperState:
+    """Advance a world with a reading after each step; return the last state."""
+    for _ in range(round(duration_s / every_s)):
+        world.clock.sleep_s(every_s)
+        state = gripper.state()
+    return state
+
+
 class Servo:
     """A simulated servo that moves the fingers of a world, and its driver once it is opened.
 
@@ -75,10 +109,8 @@ class Servo:
 
     def open(self, *, reply_s: float = REPLY_S, **options: Any) -> Any:
         """Return the real driver, connected to the servo."""
-        given = {"jaw": JAW, "limits": JAW_LIMITS, "closed_tick": CLOSED_TICK}
-        given = given if self.is_feetech else {"fingers": CrankFingers()}
-        line = self.connect(reply_s=reply_s)
-        self.gripper = self.driver(line, clock=self.world.clock, **given | options)
+        opened: Any = open_jaw if self.is_feetech else open_servo
+        self.gripper = opened(self.world, self.bus, reply_s=reply_s, **options)
         return self.gripper
 
     def fall_silent(self) -> None:
@@ -107,17 +139,12 @@ class Servo:
         return sent
 
     def wait(self, duration_s: float) -> None:
-        """Advance the world in steps of 10 ms without reading the gripper."""
-        for _ in range(round(duration_s / 0.01)):
-            self.world.clock.sleep_s(0.01)
-            self.world.drive_value(self.world.clock.now_s())
+        """Advance the world without reading the gripper."""
+        pass_time(self.world, duration_s)
 
     def follow(self, duration_s: float, *, every_s: float = 0.05) -> GripperState:
         """Advance the world with a reading after each step; return the last state."""
-        for _ in range(round(duration_s / every_s)):
-            self.world.clock.sleep_s(every_s)
-            state: GripperState = self.gripper.state()
-        return state
+        return read_for(self.world, self.gripper, duration_s, every_s=every_s)
 
     def close(self) -> None:
         """Close the driver and remove the servo; repeatable."""
