@@ -19,7 +19,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
 
-from palpate.dashboard import listening
+from palpate.dashboard import front, listening
 from palpate.dashboard import transport as connections
 from palpate.dashboard.transport import BoundedConnection
 
@@ -56,10 +56,12 @@ async def serving(**limits: int) -> AsyncIterator[int]:
         await running
 
 
-def list_children() -> list[int]:
-    """Return the numbers of this process's children."""
+def list_accepting() -> list[int]:
+    """Return the numbers of this process's children that accept connections."""
     tasks = Path("/proc/self/task").glob("*/children")
-    return [int(number) for task in tasks for number in task.read_text().split()]
+    children = [number for task in tasks for number in task.read_text().split()]
+    commands = {number: Path("/proc", number, "cmdline").read_bytes() for number in children}
+    return [int(number) for number, line in commands.items() if front.__file__.encode() in line]
 
 
 class Client:
@@ -145,13 +147,13 @@ def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only() -> No
 def test_listener_whose_accepting_process_was_killed_serves_the_connections_that_waited() -> None:
     async def kill() -> None:
         async with serving() as port:
-            (accepting,) = list_children()
+            (accepting,) = list_accepting()
             os.kill(accepting, signal.SIGKILL)
             clients = [await Client.open(port) for _ in range(3)]
             for client in clients:
                 assert await client.ask(STOP) == b"HTTP/1.1 200 OK\r\n"
                 await client.close()
-        assert not list_children()
+        assert not list_accepting()
 
     asyncio.run(kill())
 
