@@ -24,10 +24,9 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-import palpate
 from palpate.gripper.interface import GripperCommand
 from palpate.rig import open_rig
-from palpate.rig.recorded import record_grasp
+from palpate.rig.job import GraspJob
 from palpate_lerobot.export import export_lerobot
 from palpate_lerobot.hand import PolicyHand
 
@@ -45,16 +44,9 @@ def record(folder: Path, *, grasps: int) -> Path:
     files = []
     for seed in range(grasps):
         rig = open_rig("sim-rigid", object_name=FRUITS[seed % len(FRUITS)], seed=seed)
-        plan = palpate.plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N)
         path = folder / f"{seed}.mcap"
-        with record_grasp(path, rig=rig, plan=plan, damage=None) as recorder:
-            result = palpate.run_grasp(
-                plan,
-                array=rig.array,
-                gripper=rig.gripper,
-                clock=rig.clock,
-                subscribers=[recorder],
-            )
+        with GraspJob(rig, target_force_n=TARGET_N, record=path) as job:
+            result = job.run()
         rig.close()
         if result.outcome == "held":
             files.append(path)

@@ -129,7 +129,7 @@ def test_gateway_example_fills_its_registers(
                 (b'{"target_force_n": NaN}', "body.target_force_n: Input should be "),
                 ({"force": 2}, "body.force: Extra inputs are not permitted"),
                 ({"item_id": "\n"}, "item"),
-                ({"kind": "kiwi"}, "kind kiwi requires a damage model"),
+                ({"kind": "kiwi"}, "kind kiwi: requires a damage file"),
                 (b"{", "body.1: JSON decode error"),
             )
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from queue import Queue
 
@@ -14,6 +15,8 @@ from tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
 from tests.served_pages import SIMULATED, Machine, run_server
 from tests.unit.test_json_schemas import faults
 
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.mqtt.broker import Broker, read_broker
 from palpate.mqtt.publisher import Publisher
 
@@ -57,9 +60,13 @@ def publisher_to(
     return Publisher(plain, store=folder / "items.sqlite", on_error=on_error)
 
 
+def numbered(number: int) -> GraspDocument:
+    return GraspDocument(result=GraspResult(outcome=Outcome.HELD, frames=number))
+
+
 def numbers(documents: list[dict[str, int]]) -> list[int]:
     """Return the numbers in order; unacknowledged results may arrive twice."""
-    return list(dict.fromkeys(document["number"] for document in documents))
+    return list(dict.fromkeys(document["frames"] for document in documents))
 
 
 def test_served_grasps_and_stops_with_a_hanging_or_missing_broker_are_not_delayed(
@@ -113,14 +120,14 @@ def test_mqtt_results_arrive_in_order_after_a_broker_outage(
 ) -> None:
     publisher = publisher_to(broker, tmp_path)
     for number in range(first):
-        publisher.publish_result({"number": number})
+        publisher.publish_result(numbered(number))
     results = [subscriber.until("result") for _ in range(min(first, 5))]
     broker.stop() if first > 1 else broker.kill()
-    assert results[-1]["number"] < 299, "the outage must precede most results"
+    assert results[-1]["frames"] < 299, "the outage must precede most results"
     for number in range(first, 300):
-        publisher.publish_result({"number": number})
+        publisher.publish_result(numbered(number))
     broker.start()
-    while results[-1]["number"] < 299:
+    while results[-1]["frames"] < 299:
         results.append(subscriber.until("result"))
     assert numbers(results) == list(range(300))
     publisher.close()
@@ -133,12 +140,12 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     subscriber.until("online")
     broker.suspend()
     for number in range(3):
-        first.publish_result({"number": number})
+        first.publish_result(numbered(number))
     first.close()
     broker.kill()
     broker.start()
     second = publisher_to(broker, tmp_path)
-    second.publish_result({"number": 3})
+    second.publish_result(numbered(3))
     results = [subscriber.until("result") for _ in range(4)]
     assert numbers(results) == [0, 1, 2, 3]
     second.close()
@@ -151,8 +158,8 @@ def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     complaints: Queue[str] = Queue()
     (tmp_path / "items.sqlite").write_bytes(b"not a database" * 100)
     publisher = publisher_to(broker, tmp_path, complaints)
-    publisher.publish_result({"number": 1})
-    assert subscriber.until("result") == {"number": 1}
+    publisher.publish_result(numbered(1))
+    assert subscriber.until("result")["frames"] == 1
     assert "unsent results are kept in memory only" in complaints.get(timeout=TIMEOUT_S)
     publisher.close()
 
@@ -184,13 +191,13 @@ def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
         complaints: Queue[str] = Queue()
         asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
         publisher = Publisher(asked, store=tmp_path / "items.sqlite", on_error=complaints.put)
-        publisher.publish_result({"password": password})
+        publisher.publish_result(replace(numbered(1), item_id=password))
         if password == "guess":
             assert "check username and password" in complaints.get(timeout=TIMEOUT_S)
         else:
             # The result that could not be sent with the wrong password was queued.
-            assert listening.until("result") == {"password": "guess"}
-            assert listening.until("result") == {"password": "sesame"}
+            assert listening.until("result")["item_id"] == "guess"
+            assert listening.until("result")["item_id"] == "sesame"
         publisher.close()
     listening.close()
     broker.kill()

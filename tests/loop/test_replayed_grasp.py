@@ -9,10 +9,7 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
 from palpate.grasp.phases import Phase
-from palpate.grasp.planning import plan_grasp
 from palpate.grasp.replay_grasp import replay_grasp
-from palpate.grasp.requests import Requests
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.recording import (
     RecordingInfo,
@@ -22,7 +19,7 @@ from palpate.recording import (
     load_recording,
 )
 from palpate.rig import open_rig
-from palpate.rig.recorded import record_grasp
+from palpate.rig.job import GraspJob
 from palpate.sensor.array import RIGID_LAYOUT
 
 
@@ -37,28 +34,19 @@ from palpate.sensor.array import RIGID_LAYOUT
 def test_replay_of_a_grasp_ended_by_the_user_ends_at_the_same_frame(
     tmp_path: Path, request_in: Phase, name: str, outcome: str
 ) -> None:
-    file, requests = tmp_path / "run.mcap", Requests()
+    file = tmp_path / "run.mcap"
     rig = open_rig("sim-rigid", seed=3, rate_hz=50.0)
-    plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=2.0, hold_s=60.0)
+    job = GraspJob(rig, target_force_n=2.0, hold_s=60.0, record=file)
     seen_in: list[float] = []
 
     def send_request(state: GraspState) -> None:
         if state.phase is request_in:
             seen_in.append(state.estimate.now_s)
         if seen_in and state.estimate.now_s > seen_in[0] + 2.0 * (request_in is Phase.HOLD):
-            getattr(requests, name).set()
+            getattr(job.requests, name).set()
 
-    with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
-        result = run_grasp(
-            plan,
-            array=rig.array,
-            gripper=rig.gripper,
-            clock=rig.clock,
-            subscribers=[recorder],
-            watchers=[send_request],
-            requests=requests,
-        )
-        recorder.end(result, requests)
+    with job:
+        result = job.run(watchers=[send_request])
     assert result.outcome == outcome
     clock = ManualClock(load_recording(file).time_s[0])
     source = Replay(file, clock=clock)

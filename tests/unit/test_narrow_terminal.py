@@ -16,6 +16,7 @@ from rich.text import Text
 
 from palpate.cli import grasp_card
 from palpate.cli.output import print_card
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement, Status
 from palpate.terminal_table import fit_table, make_console, make_table, print_table
@@ -53,9 +54,8 @@ def card(width: int, monkeypatch: pytest.MonkeyPatch) -> str:
     console = make_console(width=width, file=file)
     monkeypatch.setattr(grasp_card, "make_console", lambda: console)
     truth = {"size_mm": 49.1, "force_n": 2.85, "stiffness_n_per_mm": 4.64, "settled_percent": -25.1}
-    grasp_card.print_card(
-        RESULT, title="ball-33lbs on sim-rigid", simulated=True, seed=123456, truth=truth
-    )
+    document = GraspDocument(result=RESULT, is_simulated=True, truth=truth)
+    grasp_card.print_card(document, title="ball-33lbs on sim-rigid", seed=123456)
     return file.getvalue()
 
 

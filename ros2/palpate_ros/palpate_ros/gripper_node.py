@@ -18,14 +18,15 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from palpate import open_rig
-from palpate.estimate.damage_file import DamageFile
+from palpate.errors import PalpateError
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig import Rig
+from palpate.rig.job import GraspJob
 from palpate.rig.recorded import recording_info
 from palpate.sensor.array import PressureArray
 from palpate.twin.paced_array import PacedArray
-from palpate_ros.hand import Grasping, Hand
+from palpate_ros.hand import Hand
 from palpate_ros.messages import build_measurement
 from palpate_ros.parameters import HAND, SHARED, declare
 from palpate_ros.spinning import run
@@ -65,12 +66,11 @@ class GripperNode(Node):
         )
         self.topics = SensorTopics(self, about)
         damage = self._value("damage")
-        options = {} if not damage else {"damage": DamageFile.load(Path(damage)).model}
         self.hand = Hand(
             rig,
             array=array,
             hold_s=self._value("hold_s"),
-            options=options,
+            damage=Path(damage) if damage else None,
             viewer=self.topics.publish,
             on_fault=self._report_fault,
         )
@@ -125,18 +125,21 @@ class GripperNode(Node):
         return GoalResponse.ACCEPT
 
     def _grasp(self, goal: ServerGoalHandle) -> Grasp.Result:
-        order = self.hand.grasp(
-            target_force_n=goal.request.target_force_n or None, kind=goal.request.kind
-        )
+        reason = "the hand is busy or holds an object; call the service `release` first"
+        try:
+            order = self.hand.grasp(
+                target_force_n=goal.request.target_force_n or None, kind=goal.request.kind
+            )
+        except PalpateError as error:
+            order, reason = None, str(error)
         if order is None:
             goal.abort()
-            reason = "the hand is busy or holds an object; call the service `release` first"
             return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[reason])
-        while not order.known.wait(_FEEDBACK_S):
+        while not order.job.known.wait(_FEEDBACK_S):
             if goal.is_cancel_requested:
-                order.requests.stop.set()
-            goal.publish_feedback(self._feedback(order))
-        found = self._result(order)
+                order.job.requests.stop.set()
+            goal.publish_feedback(self._feedback(order.job))
+        found = self._result(order.job.result)
         if goal.is_cancel_requested:
             goal.canceled()
         elif found.outcome == Outcome.HELD:
@@ -145,8 +148,8 @@ class GripperNode(Node):
             goal.abort()
         return found
 
-    def _feedback(self, order: Grasping) -> Grasp.Feedback:
-        grasp_state, state = order.grasp_state, self.hand.state
+    def _feedback(self, job: GraspJob) -> Grasp.Feedback:
+        grasp_state, state = job.grasp_state, self.hand.state
         return Grasp.Feedback(
             phase=grasp_state.activity.value,
             force_n=float(grasp_state.estimate.force_n),
@@ -155,13 +158,9 @@ class GripperNode(Node):
             pressure_kpa=math.nan if state is None else state.pressure_kpa,
         )
 
-    def _result(self, order: Grasping) -> Grasp.Result:
-        found = order.result
-        if found is None:
-            return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[order.refusal])
+    def _result(self, found: GraspResult) -> Grasp.Result:
         return Grasp.Result(
-            # During the hold the runner has not set the final outcome yet.
-            outcome=str(found.outcome if order.over.is_set() else Outcome.HELD),
+            outcome=str(found.outcome),
             decision_time_s=math.nan if found.decision_time_s is None else found.decision_time_s,
             measurements=_measurements(found),
             limited=found.is_limited,

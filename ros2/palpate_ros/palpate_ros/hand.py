@@ -6,17 +6,17 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from palpate import plan_grasp, run_grasp
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
+from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.estimator import Observation
-from palpate.grasp.phases import Phase
-from palpate.grasp.requests import Requests
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.state import GraspState
+from palpate.grasp.result import Outcome
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.rig import Rig
+from palpate.rig.job import GraspJob
 from palpate.sensor.array import Frame, PressureArray
 
 #: Timeout of a frame, and pause after a fault, seconds.
@@ -32,30 +32,10 @@ Viewer = Callable[[Frame, GripperState | None], None]
 
 @dataclass(slots=True, eq=False)
 class Grasping:
-    """A running grasp, shared with other threads.
+    """A running grasp, shared with other threads; `over` is set after its last command."""
 
-    Attributes
-    ----------
-    grasp_state : GraspState
-        Newest state.
-    known : Event
-        Set when the object is held and the answer is known, or when the grasp has ended.
-    result : GraspResult or None
-        Result when `known` was set; None if the grasp could not start.
-    refusal : str
-        Reason why the grasp could not start.
-    over : Event
-        Set after the last command.
-    """
-
-    target_force_n: float | None
-    kind: str
-    grasp_state: GraspState = field(default_factory=GraspState)
-    requests: Requests = field(default_factory=Requests)
-    known: threading.Event = field(default_factory=threading.Event)
+    job: GraspJob
     over: threading.Event = field(default_factory=threading.Event)
-    result: GraspResult | None = None
-    refusal: str = ""
 
 
 @dataclass(slots=True, eq=False)
@@ -79,8 +59,8 @@ class Hand:
         The rig's array, or the same array paced to real time.
     hold_s : float
         Duration of a hold without a request; the object is then released.
-    options : dict
-        Additional options of each plan, such as `damage`.
+    damage : path or None
+        File of a damage limit that each grasp obeys.
     viewer, on_fault : callable
         Called with every frame, and with every fault.
     """
@@ -91,12 +71,13 @@ class Hand:
         *,
         array: PressureArray,
         hold_s: float,
-        options: dict[str, Any],
+        damage: Path | None,
         viewer: Viewer,
         on_fault: Callable[[str], None],
     ) -> None:
         self._rig, self._array, self._hold_s = rig, array, hold_s
-        self._options, self._viewer, self._on_fault = options, viewer, on_fault
+        self._damage = None if damage is None else DamageFile.load(damage)
+        self._damage_path, self._viewer, self._on_fault = damage, viewer, on_fault
         self._orders: queue.Queue[Grasping | Moving] = queue.Queue()
         self._ending, self._lock = threading.Event(), threading.Lock()
         self._now: Grasping | Moving | None = None
@@ -112,11 +93,22 @@ class Hand:
         return self._rig.gripper.limits
 
     def grasp(self, *, target_force_n: float | None, kind: str = "") -> Grasping | None:
-        """Start a grasp; return None if the hand is busy or may hold an object."""
+        """Start a grasp; return None if the hand is busy or may hold an object.
+
+        Raises `InputError` or `CalibrationError` if this grasp is not possible.
+        """
+        job = GraspJob(
+            self._rig,
+            target_force_n=target_force_n,
+            limit=choose_limit(self._damage, path=self._damage_path, kind=kind or None),
+            array=self._array,
+            hold_s=self._hold_s,
+            longest_s=self._hold_s + _CLOSING_S,
+        )
         with self._lock:
             if self._now is not None or self._gripped:
                 return None
-            self._now = order = Grasping(target_force_n=target_force_n, kind=kind)
+            self._now = order = Grasping(job)
         self._orders.put(order)
         return order
 
@@ -128,7 +120,7 @@ class Hand:
         with self._lock:
             busy = self._now
             if isinstance(busy, Grasping):
-                busy.requests.release.set()
+                busy.job.requests.release.set()
                 self._now = order = Moving(width_mm=None)
             elif busy is not None:
                 return None
@@ -142,7 +134,7 @@ class Hand:
         with self._lock:
             busy = self._now
         if isinstance(busy, Grasping):
-            busy.requests.stop.set()
+            busy.job.requests.stop.set()
         elif busy is not None:
             busy.stop.set()
 
@@ -188,45 +180,19 @@ class Hand:
         self._viewer(frame, self.state)
 
     def _grasp(self, order: Grasping) -> None:
+        def show_frame(observation: Observation) -> None:
+            self.state = observation.gripper
+            self._viewer(observation.frame, observation.gripper)
+
         try:
-            plan = plan_grasp(
-                self._rig.calibration,
-                gripper=self._rig.gripper,
-                target_force_n=order.target_force_n,
-                kind=order.kind,
-                hold_s=self._hold_s,
-                longest_s=self._hold_s + _CLOSING_S,
-                **self._options,
-            )
-
-            def store_state(grasp_state: GraspState) -> None:
-                order.grasp_state = grasp_state
-                if grasp_state.phase is Phase.HOLD and not order.known.is_set():
-                    order.result = grasp_state.result
-                    order.known.set()
-
-            def show_frame(observation: Observation) -> None:
-                self.state = observation.gripper
-                self._viewer(observation.frame, observation.gripper)
-
-            result = run_grasp(
-                plan,
-                array=self._array,
-                gripper=self._rig.gripper,
-                clock=self._rig.clock,
-                subscribers=[show_frame],
-                watchers=[store_state],
-                requests=order.requests,
-            )
+            result = order.job.run(subscribers=[show_frame])
             self._gripped = result.outcome in _STOPPED_OUTCOMES
-            if not order.known.is_set():
-                order.result = result
             for fault in result.faults:
                 self._on_fault(fault)
         except PalpateError as error:
-            order.refusal = str(error)
+            self._on_fault(str(error))
         finally:
-            order.known.set()
+            order.job.known.set()
             order.over.set()
 
     def _move(self, order: Moving) -> None:

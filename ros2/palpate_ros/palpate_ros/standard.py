@@ -19,6 +19,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from palpate.errors import PalpateError
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_ros.hand import Grasping, Hand, Moving
@@ -71,22 +72,22 @@ class StandardGripper:
     def _execute(self, action: _Action, goal: ServerGoalHandle) -> Any:
         command, hand = _command(goal.request), self._hand
         wanted_mm, state = min(1e3 * command.position[0], hand.limits.highest), hand.state
-        order: Grasping | Moving | None
-        if state is None:
-            order = None
-        elif abs(wanted_mm - state.width_mm) <= _TOLERANCE_MM:
+        if state is not None and abs(wanted_mm - state.width_mm) <= _TOLERANCE_MM:
             goal.succeed()
             return action.Result(**self._state(action), reached_goal=True)
-        elif wanted_mm > state.width_mm:
-            order = hand.open(wanted_mm)
-        else:
-            force_n = command.effort[0] if command.effort else 0.0
-            order = hand.grasp(target_force_n=force_n or None)
+        order: Grasping | Moving | None = None
+        try:
+            if state is not None and wanted_mm > state.width_mm:
+                order = hand.open(wanted_mm)
+            elif state is not None:
+                order = hand.grasp(target_force_n=(command.effort or [0.0])[0] or None)
+        except PalpateError as error:
+            self._node.get_logger().warning(f"no grasp: {error}")
         if order is None:
             goal.abort()
             return action.Result(**self._state(action))
         stop, ended = (
-            (order.requests.stop, order.known)
+            (order.job.requests.stop, order.job.known)
             if isinstance(order, Grasping)
             else (order.stop, order.over)
         )
@@ -94,10 +95,7 @@ class StandardGripper:
             if goal.is_cancel_requested:
                 stop.set()
             goal.publish_feedback(action.Feedback(**self._state(action, order)))
-        found = order.result if isinstance(order, Grasping) else None
-        is_stalled = found is not None and (
-            not order.over.is_set() or found.outcome is Outcome.HELD
-        )
+        is_stalled = isinstance(order, Grasping) and order.job.result.outcome is Outcome.HELD
         remaining_mm = math.nan if hand.state is None else wanted_mm - hand.state.width_mm
         is_opening = isinstance(order, Moving)
         has_reached = (remaining_mm if is_opening else -remaining_mm) <= _TOLERANCE_MM
@@ -115,9 +113,9 @@ class StandardGripper:
         """Return the common fields of result and feedback: opening, m, and force, N."""
         state, force_n = self._hand.state, 0.0
         if isinstance(order, Grasping):
-            found = None if order.result is None else order.result.force_n
+            found, estimate = order.job.result.force_n, order.job.grasp_state.estimate
             answer_n = None if found is None else found.value
-            force_n = order.grasp_state.estimate.force_n if answer_n is None else answer_n
+            force_n = estimate.force_n if answer_n is None else answer_n
         position_m = math.nan if state is None else state.width_mm / 1e3
         if action is GripperCommand:
             return {"position": position_m, "effort": float(force_n)}

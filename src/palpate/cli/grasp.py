@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +20,7 @@ from palpate.cli.options import (
     paper_settings,
 )
 from palpate.cli.output import print_json, print_message, tolerate_lost_output
-from palpate.errors import InputError, RecordingLostError
+from palpate.errors import InputError
 from palpate.stop_signals import handle_always, handle_stop_signals
 
 #: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
@@ -103,15 +104,14 @@ def grasp(
     """
     # Imported here to keep help and completion fast.
     from palpate.cli.grasp_card import print_card
-    from palpate.cli.grasp_extras import open_limit, open_store_entry, run_watched
-    from palpate.grasp.document import grasp_document
-    from palpate.grasp.paper_method import use_paper_method
-    from palpate.grasp.planning import plan_grasp
+    from palpate.cli.grasp_extras import open_store_entry
+    from palpate.grasp.damage_limit import load_limit
     from palpate.grasp.pull import judge_pull
     from palpate.grasp.requests import Requests
     from palpate.grasp.verdict import outcome_text
     from palpate.rig import open_rig
     from palpate.rig.file import find_ports, replace_calibration
+    from palpate.rig.job import GraspJob
     from palpate.sensor.usb_latency import explain_latencies
 
     paper = paper_settings(
@@ -121,11 +121,9 @@ def grasp(
         extra_mm=extra_mm,
         cutoff_s=cutoff_s,
     )
-    if paper is not None and (target_force_n is not None or expect_size_mm is not None):
-        raise InputError("--method paper can't be combined with --target-force-n or --expect-size")
     if (pull_n is None) != (friction is None):
         raise InputError("--pull-n and --friction must be given together")
-    limit = open_limit(damage, kind=kind)
+    limit = load_limit(damage, kind=kind, names={"damage": "--damage FILE", "kind": "--kind"})
     with ExitStack() as stack:
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed, rate_hz=rate_hz)
@@ -138,70 +136,39 @@ def grasp(
         stack.callback(devices.close)
         for text in explain_latencies(find_ports(rig, array=devices.array)):
             print_message(f"palpate grasp: {text}")
-        plan = plan_grasp(
-            devices.calibration,
-            gripper=devices.gripper,
+        job = GraspJob(
+            devices,
             target_force_n=target_force_n,
             expect_size_mm=expect_size_mm,
-            damage=None if limit is None else limit.model,
-            kind="" if limit is None else limit.kind,
-        )
-        if paper is not None:
-            plan = use_paper_method(plan, paper, calibration=devices.calibration)
-        recording = stack.enter_context(ExitStack())
-        result = run_watched(
-            plan,
-            rig=devices,
             limit=limit,
-            entry=entry,
+            paper=paper,
             record=record,
             requests=requests,
-            stack=recording,
         )
-        truth = None if devices.truth is None else dict(devices.truth())
-        limited = None if limit is None else limit.to_dict(result)
-        stored_names = (
-            {} if entry is None else entry.add_result(result, rig=devices, recording=record)
-        )
-        pull = None
+        with job:
+            job.run(
+                subscribers=[] if entry is None else [entry.add_observation],
+                watchers=[] if entry is None else [entry.watch(job.plan)],
+            )
+        document, result = job.document(), job.result
+        if entry is not None:
+            document = entry.add_document(document, rig=devices, recording=record)
         if pull_n is not None and friction is not None:
             pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
+            document = replace(document, pull=pull)
         with tolerate_lost_output():
             if as_json:
-                document = grasp_document(
-                    result,
-                    target_force_n=target_force_n,
-                    damage_limit=limited,
-                    names=stored_names,
-                    simulated=devices.is_simulated,
-                    truth=truth,
-                    subject=devices.subject,
-                )
-                if entry is not None:
-                    document["item"] = entry.item_document()
-                if pull is not None:
-                    document["pull"] = pull.to_dict()
-                print_json(document)
+                print_json(document.to_dict())
             else:
                 print_card(
-                    result,
-                    target_force_n=target_force_n,
+                    document,
                     title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
-                    simulated=devices.is_simulated,
                     seed=seed,
-                    truth=truth,
-                    limited=limited,
                 )
-                if pull is not None:
-                    print(
-                        f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}"
-                    )
         # Stored after the result is printed, because the store may be slow or unreachable.
         is_lost = entry is not None and not entry.store()
-        try:
-            recording.close()
-        except RecordingLostError as error:
-            print_message(f"palpate grasp: {error}")
+        if job.lost is not None:
+            print_message(f"palpate grasp: {job.lost}")
             is_lost = True
     status = EXIT_STATUS[result.outcome]
     if status >= 3:

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from palpate.cli.output import print_card as print_frame
 from palpate.estimate.firmness import is_determined
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement, Status
@@ -32,22 +33,10 @@ _NOTES = {
 }
 
 
-def print_card(
-    result: GraspResult,
-    *,
-    title: str,
-    simulated: bool,
-    seed: int | None,
-    target_force_n: float | None = None,
-    truth: Mapping[str, object] | None = None,
-    limited: Mapping[str, object] | None = None,
-) -> None:
-    """Print the card on standard output.
-
-    `truth`: true values of the simulated object; None if unknown.
-    `limited`: effect of a learned damage limit; None without a limit.
-    """
-    summary = verdict(result, target_force_n=target_force_n)
+def print_card(document: GraspDocument, *, title: str, seed: int | None) -> None:
+    """Print the card on standard output; `seed`: that of a simulated rig."""
+    result, truth = document.result, document.truth
+    summary = verdict(result, target_force_n=document.target_force_n)
     damaged = truth is not None and bool(truth.get("damaged"))
     good = result.outcome is Outcome.HELD and not damaged
     headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
@@ -63,16 +52,22 @@ def print_card(
         parts.append(Text(damage, style="bold red"))
     parts += [None, _measurements(result, truth), None]
     parts.append(_timings(result))
-    if limited is not None:
-        parts.append(Text(_limit_text(limited)))
+    if document.limit is not None:
+        parts.append(Text(_limit_text(document.limit.to_dict(result, low_n=document.damage_low_n))))
     notes = {_note_text(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
+    if (pull := document.pull) is not None:
+        parts.append(
+            Text(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
+        )
     print_frame(
         console,
         *parts,
         title=title,
-        subtitle=f"[bold yellow]SIMULATED on the twin, seed {seed}[/]" if simulated else "measured",
+        subtitle=f"[bold yellow]SIMULATED on the twin, seed {seed}[/]"
+        if document.is_simulated
+        else "measured",
         style="green" if good else "red",
     )
 

@@ -10,6 +10,7 @@ from palpate.cli.grasp_card import print_card
 from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
 from palpate.cli.output import print_json, print_message
 from palpate.clock import ManualClock
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.replay_grasp import evaluate_with_paper_method, replay_grasp
 from palpate.recording import RecordingReader, Replay
 from palpate.recording.replay import observations
@@ -58,16 +59,14 @@ def replay(
         )
     finally:
         source.close()
+    info = source.info
+    is_simulated = info.origin != "hardware"
     if as_json:
-        simulated = source.info.origin != "hardware"
-        document = {**result.to_dict(), "recording": str(file), "simulated": simulated}
-        print_json(document)
+        print_json({**result.to_dict(), "recording": str(file), "simulated": is_simulated})
     else:
-        info = source.info
         print_card(
-            result,
+            GraspDocument(result=result, is_simulated=is_simulated),
             title=f"[bold]{file.name}[/], {info.rig or info.layout.name}",
-            simulated=info.origin != "hardware",
             seed=info.seed,
         )
 

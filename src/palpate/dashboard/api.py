@@ -111,7 +111,7 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
         _, last = app_state.result()
         if last is None:
             raise HTTPException(404, "no grasp has ended since palpate serve was started")
-        return JSONResponse(last)
+        return JSONResponse(last.to_dict())
 
     # Plain functions run in worker threads, because a store may be slow or not answer.
     @api.get("/items", responses=_documents("items") | _refusals(503))

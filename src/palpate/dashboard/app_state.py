@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import multiprocessing
 import threading
 import time
@@ -46,7 +45,8 @@ from palpate.dashboard.session import Session
 from palpate.dashboard.transport import run_on
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.grasp.document import damage_limit_document, grasp_document
+from palpate.grasp.damage_limit import choose_limit
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
@@ -153,12 +153,11 @@ class AppState:
         self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
-        #: Number of finished grasps, and the last document, in the format of
-        #: `palpate grasp --json`.
+        #: Number of finished grasps, and the document of the last one.
         self._results = 0
-        self._last_document: dict[str, object] | None = None
+        self._last_document: GraspDocument | None = None
         #: Called with each grasp document.
-        self.on_result: list[Callable[[dict[str, object]], None]] = []
+        self.on_result: list[Callable[[GraspDocument], None]] = []
         self.session = Session(
             send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
         )
@@ -201,7 +200,7 @@ class AppState:
         """Return the state document."""
         return state_document(self.session)
 
-    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+    def result(self) -> tuple[int, GraspDocument | None]:
         """Return the number of finished grasps and the document of the last grasp."""
         return self._results, self._last_document
 
@@ -303,17 +302,18 @@ class AppState:
             )
         if item_id:
             item_id = check_item(item_id)
-        damage = self.settings.damage
-        if kind and damage is None:
-            raise InputError(f"kind {kind} requires a damage model; omit the kind")
-        if kind and damage is not None:
-            damage.check_kind(kind, where="the damage file")
+        settings = self.settings
+        limit = choose_limit(
+            settings.damage,
+            path=settings.damage_path,
+            kind=kind or None,
+            names={"damage": "a damage file (`palpate serve --damage FILE`)"},
+        )
         return GraspOrder(
             target_force_n=target_force_n,
             recording=make_recording_path(self.settings.folder, "grasp"),
             item_id=item_id,
-            damage=None if damage is None else damage.as_text(),
-            kind=kind,
+            limit=limit,
         )
 
     def rename(self, name: str, stem: str) -> None:
@@ -376,23 +376,24 @@ class AppState:
         live = self.session.devices.live
         entry = make_entry(
             grasped,
-            kind=outcome_kind(
-                grasped, target_force_n=order.target_force_n, damage_low_n=self._damage_low_n
-            ),
+            kind=outcome_kind(grasped.document),
             item_id=order.item_id,
-            target_force_n=order.target_force_n,
-            simulated=live.source is not None and live.source.is_simulated,
             curve=list(live.curve),
         )
-        document = self._document(grasped, order, ended_at=entry.ended_at)
+        document = replace(
+            grasped.document,
+            item_id=order.item_id,
+            recording=order.recording.name,
+            ended_at=entry.ended_at,
+        )
         source = live.source
         if source is None or not (order.item_id or self.settings.rules):
-            self._publish(entry, document, {}, order=order)
+            why = "the devices have no source" if order.item_id else NO_ITEM
+            self._publish(entry, replace(document, stored=False, not_stored=why), order=order)
             return
         place = partial(
             self.item_store.sort_grasp,
-            grasped.result,
-            item_id=order.item_id,
+            document,
             source=source,
             recording=grasped.recording if order.item_id else None,
             closing=grasped.closing,
@@ -406,9 +407,9 @@ class AppState:
 
     async def _place_and_publish(
         self,
-        place: Callable[[], Mapping[str, Any]],
+        place: Callable[[], GraspDocument],
         entry: Entry,
-        document: dict[str, object],
+        document: GraspDocument,
         *,
         order: GraspOrder,
     ) -> None:
@@ -416,54 +417,41 @@ class AppState:
         devices, grasped = self.session.devices, self.session.devices.grasped
         try:
             async with asyncio.timeout(_STORE_TIMEOUT_S):
-                placement = await asyncio.get_running_loop().run_in_executor(None, place)
+                placed = await asyncio.get_running_loop().run_in_executor(None, place)
         except TimeoutError:
             why = f"the store has not answered for {_STORE_TIMEOUT_S:g} s"
-            placement = self.item_store.placement_without_store(entry.item_id, why=why)
+            placed = self.item_store.place_without_store(document, why=why)
         if devices.grasped is grasped:
-            devices.placement = placement
-        self._publish(entry, document, placement, order=order)
+            devices.placed = placed
+        self._publish(entry, placed, order=order)
         if devices.activity is DeviceActivity.GRASPING:
             devices.mark_idle()
 
-    def _publish(
-        self,
-        entry: Entry,
-        document: dict[str, object],
-        placement: Mapping[str, Any],
-        *,
-        order: GraspOrder,
-    ) -> None:
+    def _publish(self, entry: Entry, document: GraspDocument, *, order: GraspOrder) -> None:
         """Add a grasp to the history, and publish its document."""
-        devices, found = self.session.devices, placement.get("bin") or {}
-        again = bool(found.get("again")) or document["outcome"] in REPEATED_OUTCOMES
-        self.session.form.return_item(order, again=again)
-        not_stored = None
-        if not placement.get("stored"):
-            why = self.item_store.trouble or placement.get("why") or "the devices have no source"
-            not_stored = why if entry.item_id else NO_ITEM
-        devices.not_stored = not_stored or ""
-        item = placement.get("item") or {}
+        devices, chosen, item = self.session.devices, document.bin, document.item
+        again = chosen is not None and chosen.again
+        is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
+        self.session.form.return_item(order, again=is_repeated)
+        devices.not_stored = document.not_stored
         entry = replace(
             entry,
-            bin=found.get("name"),
-            again=found.get("again"),
-            why=found.get("why", placement.get("why")),
-            stage=item.get("stage"),
-            bruised=item.get("bruised"),
+            bin=None if chosen is None else chosen.name,
+            again=None if chosen is None else again,
+            why=document.no_bin or None if chosen is None else chosen.why,
+            stage=None if item is None else item.stage,
+            bruised=None if item is None else item.bruised,
         )
-        if not_stored is not None and entry.item_id:
-            devices.trouble = f"the grasp was not stored: {not_stored}"
+        if document.not_stored and entry.item_id:
+            devices.trouble = f"the grasp was not stored: {document.not_stored}"
         try:
             self.history.add(entry)
         except OSError as error:
             devices.trouble = f"the grasp was not added to the history: {error}"
         self._results += 1
-        placed = {name: placement[name] for name in ("bin", "item") if name in placement}
-        storage = {"stored": not_stored is None, "not_stored": not_stored}
-        self._last_document = document | placed | storage
+        self._last_document = document
         for listener in self.on_result:
-            listener(self._last_document)
+            listener(document)
 
     def _predict_bin(self) -> None:
         """Find and show the bin of the held object after its measurement."""
@@ -479,46 +467,19 @@ class AppState:
             return
         self._predicted_for = key
         # A client that sees the answer reads the bin at the same time.
-        devices.is_placing = "bin" not in devices.placement
+        devices.is_placing = devices.placed is None or not devices.placed.is_sorted
 
-        def show(placement: asyncio.Future[dict[str, Any]]) -> None:
+        def show(placed: asyncio.Future[GraspDocument]) -> None:
             """Show the bin, unless the grasp has ended in the meantime."""
             if devices.live.generation == key[0] and devices.grasped is None:
                 devices.is_placing = False
-                devices.placement = found = placement.result()
-                again = bool((found.get("bin") or {}).get("again"))
+                devices.placed = found = placed.result()
+                again = found.bin is not None and found.bin.again
                 self.session.form.return_item(order, again=again)
 
-        place = partial(self.item_store.sort_grasp, answer, item_id=order.item_id, source=source)
+        measured = GraspDocument(result=answer, item_id=order.item_id)
+        place = partial(self.item_store.sort_grasp, measured, source=source)
         asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
-
-    def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
-        settings, live, limited = self.settings, self.session.devices.live, None
-        if settings.damage is not None and settings.damage_path is not None:
-            low_n = self._damage_low_n
-            limited = damage_limit_document(
-                settings.damage,
-                path=settings.damage_path,
-                kind=order.kind,
-                low_n=math.inf if low_n is None else low_n,
-                result=grasped.result,
-            )
-        names = {"recording": order.recording.name, "ended_at": ended_at}
-        return grasp_document(
-            grasped.result,
-            target_force_n=order.target_force_n,
-            damage_limit=limited,
-            names=names | ({"item_id": order.item_id} if order.item_id else {}),
-            simulated=live.source is not None and live.source.is_simulated,
-            truth=grasped.truth,
-            subject=None if live.source is None else live.source.subject,
-        )
-
-    @property
-    def _damage_low_n(self) -> float | None:
-        """The damage limit of the last grasp, newtons; None if unknown."""
-        progress = self.session.devices.live.progress
-        return None if progress is None else progress.bounds.damage_low_n
 
     def _send(self, message: Order | Request) -> None:
         if self._process is not None:

@@ -259,12 +259,11 @@ def make_entry(
     *,
     kind: str,
     item_id: str,
-    target_force_n: float | None,
-    simulated: bool,
     curve: Sequence[Point],
 ) -> Entry:
     """Return the history entry of a finished grasp; `curve` is the curve on the page."""
-    result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
+    document, result = grasped.document, grasped.document.result
+    words = verdict(result, target_force_n=document.target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
     for name in _MEASUREMENTS:
         measured |= _with_interval(name, getattr(result, name))
@@ -272,11 +271,11 @@ def make_entry(
     return Entry(
         ended_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
         recording="" if grasped.recording is None else grasped.recording.name,
-        simulated=simulated,
+        simulated=document.is_simulated,
         item_id=item_id,
         outcome=str(result.outcome),
         verdict=str(words["text"]),
-        damaged=None if grasped.truth is None else bool(grasped.truth.get("damaged")),
+        damaged=None if document.truth is None else bool(document.truth.get("damaged")),
         firmness=None if firmness is None else str(firmness),
         kind=kind,
         measured=measured,

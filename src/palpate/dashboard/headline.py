@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.dashboard.messages import DeviceActivity, Grasped
+from palpate.dashboard.messages import DeviceActivity
 from palpate.dashboard.session import DeviceState, Session
 from palpate.estimate.firmness import firmness_text
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
 
@@ -78,7 +79,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         # Hides the verdict of the previous grasp.
         return _headline(activity.value, "busy")
     if grasped is not None:
-        return _end_headline(session, grasped)
+        return _end_headline(devices, grasped.document)
     if progress is None:
         text = activity.value
         if activity is DeviceActivity.WATCHING and not devices.is_sensor_only:
@@ -88,7 +89,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     text = phase_text(progress.phase) or outcome_text(progress.answer.outcome)
     if not progress.decided:
         return _headline(text, "busy")
-    words = _verdict(progress.answer, session)
+    words = _verdict(progress.answer, target_force_n=session.shown_target_n)
     words |= {"text": text, "kind": "warn" if words["on_target"] is False else "good"}
     return _add_bin(words, devices) if progress.phase == "hold" else words
 
@@ -98,15 +99,13 @@ def phase_text(phase: str) -> str:
     return PHASES.get(phase, ("", ""))[0]
 
 
-def outcome_kind(
-    grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None
-) -> str:
+def outcome_kind(document: GraspDocument) -> str:
     """Return ``"good"``, ``"warn"`` or ``"bad"``; a grasp with a fault is never good."""
-    result = grasped.result
-    on_target = verdict(result, target_force_n=target_force_n)["on_target"]
-    if result.outcome is not Outcome.HELD or _is_damaged(grasped):
+    result = document.result
+    on_target = verdict(result, target_force_n=document.target_force_n)["on_target"]
+    if result.outcome is not Outcome.HELD or _is_damaged(document):
         return "bad"
-    passed = _has_passed_limit(result, damage_low_n)
+    passed = _has_passed_limit(document)
     return "warn" if on_target is False or result.faults or passed else "good"
 
 
@@ -122,9 +121,9 @@ def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
     }
 
 
-def _verdict(result: GraspResult, session: Session) -> dict[str, Any]:
+def _verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, Any]:
     """Return a headline with the verdict on a measured object."""
-    words = verdict(result, target_force_n=session.shown_target_n)
+    words = verdict(result, target_force_n=target_force_n)
     measured = ", ".join(_describe_measurements(result))
     return _headline("", "") | words | {"firmness": words["firmness"] or "", "measured": measured}
 
@@ -151,7 +150,7 @@ def _fault_headline(devices: DeviceState, *, stale: bool) -> dict[str, Any] | No
             return _headline("calibration stopped", "warn", why=why)
         return _headline("calibration failed", "bad", why=why)
     grasped = devices.grasped
-    is_stopped = grasped is not None and grasped.result.outcome is Outcome.STOPPED
+    is_stopped = grasped is not None and grasped.document.result.outcome is Outcome.STOPPED
     if (is_stopped or devices.stopped_early) and live.is_hand_open:
         return _headline(STOPPED_OPEN, "idle")
     if devices.stopped_early:
@@ -159,38 +158,37 @@ def _fault_headline(devices: DeviceState, *, stale: bool) -> dict[str, Any] | No
     return None
 
 
-def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
+def _end_headline(devices: DeviceState, document: GraspDocument) -> dict[str, Any]:
     """Return the headline of a grasp that has ended."""
-    progress, words = session.devices.live.progress, _verdict(grasped.result, session)
-    low_n = None if progress is None else progress.bounds.damage_low_n
-    if _is_damaged(grasped):
+    words = _verdict(document.result, target_force_n=document.target_force_n)
+    if _is_damaged(document):
         words |= {"text": "the object was damaged", "why": words["text"], "firmness": ""}
-    elif _has_passed_limit(grasped.result, low_n):
+    elif _has_passed_limit(document):
         words["why"] = "the force exceeded the damage limit before the limit was known"
-    if _is_damaged(grasped) or grasped.result.outcome is not Outcome.HELD:
+    if _is_damaged(document) or document.result.outcome is not Outcome.HELD:
         words["measured"] = ""
-    words["kind"] = outcome_kind(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-    return _add_bin(words, session.devices)
+    words["kind"] = outcome_kind(document)
+    return _add_bin(words, devices)
 
 
 def _add_bin(headline: dict[str, Any], devices: DeviceState) -> dict[str, Any]:
     """Return the headline with the bin as its text; amber for the default bin."""
-    placement = devices.placement
-    if headline["kind"] == "bad" or "bin" not in placement:
+    placed = devices.placed
+    if headline["kind"] == "bad" or placed is None or not placed.is_sorted:
         return headline
-    found = placement["bin"]
+    found = placed.bin
     if found is None:
-        return headline | {"why": f"no bin: {placement['why']}", "kind": "warn"}
+        return headline | {"why": f"no bin: {placed.no_bin}", "kind": "warn"}
     firm = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
     measured = ", ".join(filter(None, (firm, headline["measured"])))
     return headline | {
-        "text": found["name"],
-        "bin": found["name"],
-        "again": found["again"],
-        "why": f"{headline['text']}: {found['why'].partition(': ')[2]}",
+        "text": found.name,
+        "bin": found.name,
+        "again": found.again,
+        "why": f"{headline['text']}: {found.why.partition(': ')[2]}",
         "firmness": measured,
         "measured": measured,
-        "kind": "warn" if found["rule"] is None else headline["kind"],
+        "kind": "warn" if found.rule is None else headline["kind"],
     }
 
 
@@ -204,14 +202,14 @@ def _describe_measurements(result: GraspResult) -> list[str]:
     return texts
 
 
-def _has_passed_limit(result: GraspResult, damage_low_n: float | None) -> bool:
+def _has_passed_limit(document: GraspDocument) -> bool:
     """Return whether the peak force exceeded the object's learned damage limit."""
-    peak_n = result.peak_force_n
-    return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
+    peak_n = document.result.peak_force_n
+    return peak_n is not None and peak_n > document.damage_low_n
 
 
-def _is_damaged(grasped: Grasped) -> bool:
-    return bool((grasped.truth or {}).get("damaged"))
+def _is_damaged(document: GraspDocument) -> bool:
+    return bool((document.truth or {}).get("damaged"))
 
 
 def _is_stop_headline(headline: Mapping[str, object]) -> bool:
@@ -256,10 +254,10 @@ def _operator_word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return str(headline["bin"])
     firmness = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
     if grasped is not None:
-        if _is_damaged(grasped):
+        if _is_damaged(grasped.document):
             return "Damaged"
-        if grasped.result.outcome is not Outcome.HELD:
-            return OUTCOMES[grasped.result.outcome][0]
+        if grasped.document.result.outcome is not Outcome.HELD:
+            return OUTCOMES[grasped.document.result.outcome][0]
         return "Off target" if headline["on_target"] is False else firmness or "held"
     if progress is None and activity is DeviceActivity.GRASPING:
         return "Closing"
@@ -303,13 +301,15 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return OUTCOMES[Outcome.STOPPED][1]
     if grasped is None or headline["text"] == STOPPED_OPEN:
         return OUTCOMES[Outcome.HELD][1]
-    if _is_damaged(grasped):
+    if _is_damaged(grasped.document):
         return "Set this item aside"
-    if grasped.result.outcome is Outcome.HELD and devices.placement.get("bin", {}) is None:
+    placed = devices.placed
+    is_lost = placed is not None and placed.is_sorted and placed.bin is None
+    if grasped.document.result.outcome is Outcome.HELD and is_lost:
         return "Set this item aside: it has no bin"
     if headline.get("again"):
         return AGAIN_STEPS[1]
-    return OUTCOMES[grasped.result.outcome][1]
+    return OUTCOMES[grasped.document.result.outcome][1]
 
 
 def _capitalize(text: str) -> str:

@@ -7,19 +7,21 @@ other programs.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_html import draw_panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
+from palpate.grasp.document import Bin, GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import Outcome
+from palpate.line.results import NO_ITEM
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
@@ -60,32 +62,31 @@ class ItemStore:
 
     def sort_grasp(
         self,
-        result: GraspResult,
+        document: GraspDocument,
         *,
-        item_id: str,
         source: FrameSource,
         recording: Path | None = None,
         closing: Mapping[str, Measurement] = MappingProxyType({}),
-    ) -> dict[str, Any]:
-        """Return `bin` and `item` of the grasp document, based on all grasps of the item.
+    ) -> GraspDocument:
+        """Return the document with its item and bin, based on all grasps of the item.
 
-        A grasp with a recording is first written to the local store, which is then sent to a shared
-        store. `closing` contains the measurements of the closing motion by their names in the
-        store.
+        A grasp of a named item with a recording is first written to the local store, which is then
+        sent to a shared store. `closing` contains the measurements of the closing motion by their
+        names in the store.
         """
-        if self._rules is None and not item_id:
-            return {}
+        if self._rules is None and not document.item_id:
+            return replace(document, stored=False, not_stored=NO_ITEM)
         if self.trouble == MISSING:
-            return self.placement_without_store(item_id, why=MISSING)
+            return self.place_without_store(document, why=MISSING)
         from palpate.produce.grasp_record import make_grasp_record
         from palpate.produce.store import Store
         from palpate.produce.store.sender import Sender
 
         try:
             grasp = make_grasp_record(
-                result,
+                document.result,
                 # A record requires a name, but a grasp without a name is never stored.
-                item_id=item_id or "-",
+                item_id=document.item_id or "-",
                 observations=() if recording is None else _read_observations(recording),
                 layout=source.layout,
                 rig=source.name,
@@ -101,37 +102,42 @@ class ItemStore:
                 self.trouble = ""
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
-            return self.placement_without_store(item_id, why=self.trouble)
-        placement = self._choose_bin(grasp, item_id=item_id, is_stored=recording is not None)
-        if recording is not None:
-            placement["stored"] = True
-            if self._sender is None:
-                self._sender = Sender(self._where)
-            self._sender.wake()
-        return placement
+            return self.place_without_store(document, why=self.trouble)
+        placed = self._choose_bin(grasp, document, is_stored=recording is not None)
+        if recording is None:
+            return placed
+        if self._sender is None:
+            self._sender = Sender(self._where)
+        self._sender.wake()
+        return replace(placed, stored=True, not_stored="")
 
-    def _choose_bin(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
+    def _choose_bin(
+        self, grasp: Grasp, document: GraspDocument, *, is_stored: bool
+    ) -> GraspDocument:
         """Apply the rules to the item; store the decision if the grasp is stored."""
         from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.run import Sorted, bin_verdict, combine_evidence
         from palpate.produce.store import Store
 
-        rules = self._rules
+        rules, item_id = self._rules, document.item_id
+        why = "" if item_id else NO_ITEM
+        placed = replace(document, is_sorted=rules is not None, stored=False, not_stored=why)
         try:
             stored = (
                 self._read(lambda store: _StoredItem.read(store, item_id, rules=rules))
                 or _StoredItem()
             )
-            placement: dict[str, Any] = {"item": stored.facts(item_id)} if item_id else {}
+            if item_id:
+                placed = replace(placed, item=stored.facts(item_id))
             if rules is None:
-                return placement
+                return placed
             grasps = stored.grasps if is_stored else (*stored.grasps, grasp)
             evidence = combine_evidence(
                 grasps, identifier=stored.identifier, kind=stored.kind, verdicts=stored.verdicts
             )
             decision = decide(rules, evidence)
             if grasp.outcome is not Outcome.HELD:
-                return placement | {"bin": None}
+                return placed
             if is_stored:
                 done = Sorted(
                     item_id=item_id,
@@ -144,23 +150,28 @@ class ItemStore:
                 with Store.open(self._where) as store:
                     store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
         except PalpateError as error:
-            return self.placement_without_store(item_id, why=str(error))
-        return placement | {
-            "bin": {
-                "name": decision.bin,
-                "rule": None if decision.rule is None else decision.rule.line,
-                "probability": decision.probability,
-                # Grasps without a name are not combined, so another one would not help.
-                "again": decision.needs_regrasp and item_id != "",
-                "why": f"{decision.why} ({stored.away})" if stored.away else decision.why,
-            }
-        }
+            return self.place_without_store(document, why=str(error))
+        chosen = Bin(
+            name=decision.bin,
+            rule=None if decision.rule is None else decision.rule.line,
+            probability=decision.probability,
+            # Grasps without a name are not combined, so another one would not help.
+            again=decision.needs_regrasp and item_id != "",
+            why=f"{decision.why} ({stored.away})" if stored.away else decision.why,
+        )
+        return replace(placed, bin=chosen)
 
-    def placement_without_store(self, item_id: str, *, why: str) -> dict[str, Any]:
-        """Return `bin`, `item` and the reason `why` if the store can't be used."""
-        item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
-        placement: dict[str, Any] = {} if self._rules is None else {"bin": None}
-        return placement | ({"item": item} if item_id else {}) | {"why": why}
+    def place_without_store(self, document: GraspDocument, *, why: str) -> GraspDocument:
+        """Return the document without a bin if the store can't be used, with the reason."""
+        item_id = document.item_id
+        return replace(
+            document,
+            item=ItemFacts(id=item_id) if item_id else None,
+            is_sorted=self._rules is not None,
+            no_bin=why,
+            stored=False,
+            not_stored=(self.trouble or why) if item_id else NO_ITEM,
+        )
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the histories of the newest items, newest first; empty without a store.
@@ -258,7 +269,7 @@ class _StoredItem:
             away="" if store.away is None else str(store.away),
         )
 
-    def facts(self, item_id: str) -> dict[str, object]:
+    def facts(self, item_id: str) -> ItemFacts:
         """Return `item` of the grasp document."""
         from palpate.produce.store.item_history import item_facts
 

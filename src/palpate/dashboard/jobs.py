@@ -26,16 +26,13 @@ from palpate.dashboard.messages import (
 )
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
-from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.phases import Phase
-from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig import Rig
-from palpate.rig.recorded import record_grasp
+from palpate.rig.job import GraspJob
 from palpate.rig.sensor_only import SensorRig
 from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import (
@@ -213,43 +210,37 @@ _OPENING_TIMEOUT_S = 10.0
 def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     """Run one grasp and record every frame."""
     rig, telemetry = context.rig_with_gripper, context.telemetry
-    plan = plan_grasp(
-        rig.calibration,
-        gripper=rig.gripper,
+    job = GraspJob(
+        rig,
         target_force_n=order.target_force_n,
-        damage=read_recorded_model(order.damage),
-        kind=order.kind,
+        limit=order.limit,
+        record=order.recording,
+        array=context.array,
+        requests=context.requests,
         hold_s=HOLD_S,
     )
     context.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
-    with record_grasp(order.recording, rig=rig, plan=plan, damage=order.damage) as recorder:
+    closing = ClosingWatch(job.plan)
 
-        def confirm_stop_on_opening(grasp_state: GraspState) -> None:
-            """Confirm a stop as soon as the hand opens."""
-            # A hand that vents or is already opening is stopped only when it is open.
-            if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
-                context.confirm_stop()
+    def confirm_stop_on_opening(grasp_state: GraspState) -> None:
+        """Confirm a stop as soon as the hand opens."""
+        # A hand that vents or is already opening is stopped only when it is open.
+        if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
+            context.confirm_stop()
 
-        closing = ClosingWatch(plan)
-        telemetry.set_plan(plan)
-        result = run_grasp(
-            plan,
-            array=context.array,
-            gripper=rig.gripper,
-            clock=rig.clock,
-            subscribers=[recorder, telemetry.observe],
+    with job:
+        telemetry.set_plan(job.plan)
+        job.run(
+            subscribers=[telemetry.observe],
             watchers=[telemetry.set_grasp_state, confirm_stop_on_opening, closing.add_state],
-            requests=context.requests,
         )
         # Stopped before the recording is closed: a slow disk must not delay the confirmation.
         if context.requests.stop.is_set():
             with suppress(DeviceError):
                 context.stop_hand()
-        recorder.end(result, context.requests)
-    truth = None if rig.truth is None else dict(rig.truth())
     return Grasped(
-        result=result, truth=truth, recording=order.recording, closing=closing.list_measurements()
+        document=job.document(), recording=order.recording, closing=closing.list_measurements()
     )
 
 

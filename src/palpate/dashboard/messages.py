@@ -16,7 +16,8 @@ from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.errors import InputError
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.sheet_law import SheetLaw
-from palpate.grasp.result import GraspResult
+from palpate.grasp.damage_limit import DamageLimit
+from palpate.grasp.document import GraspDocument
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
@@ -50,15 +51,14 @@ class OpenRig:
 class GraspOrder:
     """Grasp and hold the object, and record every frame.
 
-    `item_id` identifies an object whose grasps are stored; empty otherwise. `damage` is the text of
-    a damage file, whose force limit applies to the grasp. `kind` is the kind of produce, if known.
+    `item_id` identifies an object whose grasps are stored; empty otherwise. `limit` is the
+    damage limit that the grasp obeys, if any.
     """
 
     target_force_n: float | None
     recording: Path
     item_id: str = ""
-    damage: str | None = None
-    kind: str = ""
+    limit: DamageLimit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,12 +333,9 @@ class CalibrationRenewed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A finished grasp, with the twin's true values on a simulated rig."""
+    """A finished grasp."""
 
-    #: The controller's result.
-    result: GraspResult
-    #: The twin's true values; None on real rigs.
-    truth: Mapping[str, object] | None = None
+    document: GraspDocument
     #: Recording with every frame of the grasp.
     recording: Path | None = None
     #: Measurements of the closing motion, by their names in the store.

@@ -30,6 +30,7 @@ _MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", 
 def state_document(session: Session) -> dict[str, object]:
     """Return the state document of a session."""
     live, source = session.devices.live, session.devices.live.source
+    placed = session.devices.placed
     # Until the devices start the grasp, the progress belongs to the previous grasp.
     is_grasping = (
         session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
@@ -39,7 +40,7 @@ def state_document(session: Session) -> dict[str, object]:
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
         "answered": running is not None and running.decided and not session.devices.is_placing,
-        "bin": (session.devices.placement.get("bin") or {}).get("name"),
+        "bin": (placed and placed.bin_name) or None,
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.is_simulated,
         "fresh": not live.link.stale and session.silence_s is None,
@@ -262,7 +263,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
     result: GraspResult | None = None
     truth: Mapping[str, object] = {}
     if grasped is not None:
-        result, truth = grasped.result, grasped.truth or {}
+        result, truth = grasped.document.result, grasped.document.truth or {}
     elif progress is not None:
         result = progress.answer
     rows = {name: None if result is None else getattr(result, name) for name in _MEASUREMENTS}
@@ -279,7 +280,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         "damaged_s": truth.get("damaged_s"),
         "force_now": _measurement_document(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.is_hand_open is not True,
-        "faults": [] if grasped is None else list(grasped.result.faults),
+        "faults": [] if result is None or grasped is None else list(result.faults),
     }
 
 

@@ -103,7 +103,7 @@ def item_label(page: ItemHistory) -> str:
 
     facts = item_facts(page.item.item_id, kind=page.item.kind, verdicts=page.verdicts)
     last = day_text(page.grasps[-1].taken_at) if page.grasps else ""
-    words = (page.item.item_id, facts["kind"], facts["stage"], last)
+    words = (page.item.item_id, facts.kind, facts.stage, last)
     return " · ".join(str(word) for word in words if word)
 
 

@@ -27,6 +27,7 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.telemetry import Telemetry, frame_columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -187,7 +188,13 @@ def _send_position(
     if decided.progresses:
         before = bisect_right(decided.progresses, at_s, key=lambda one: one.time_s) - 1
         progress = decided.progresses[-1 if at_end else max(before, 0)]
-        grasped = Grasped(result=progress.answer, recording=file) if at_end else None
+        if at_end:
+            document = GraspDocument(
+                result=progress.answer,
+                target_force_n=progress.bounds.target_n,
+                damage_low_n=progress.bounds.damage_low_n or math.inf,
+            )
+            grasped = Grasped(document=document, recording=file)
     telemetry.show_recorded(frame, state, progress)
     telemetry.note(
         ReplayPosition(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped)

@@ -6,11 +6,10 @@ driver. Another viewer becomes the driver by taking over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
-from typing import Any
 
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import (
@@ -47,6 +46,7 @@ from palpate.dashboard.messages import (
     check_ranges,
 )
 from palpate.errors import InputError
+from palpate.grasp.document import GraspDocument
 from palpate.line.results import NO_ITEM
 from palpate.sensor.health import Health
 
@@ -82,8 +82,8 @@ class DeviceState:
         self.trouble = ""
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
-        #: `bin` and `item` of the shown grasp; empty without rules and item.
-        self.placement: Mapping[str, Any] = {}
+        #: The document of the shown grasp with its item and bin; None without rules and item.
+        self.placed: GraspDocument | None = None
         #: Whether the bin of the held object is being determined.
         self.is_placing = False
         #: Item of the shown grasp; empty without a name.
@@ -172,7 +172,7 @@ class DeviceState:
         if isinstance(order, OpenHand):
             self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placement, self.is_placing = None, {}, False
+            self.grasped, self.placed, self.is_placing = None, None, False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             is_unnamed = isinstance(order, GraspOrder) and not order.item_id
             self.not_stored = NO_ITEM if is_unnamed else ""
@@ -200,7 +200,7 @@ class DeviceState:
             case Grasped():
                 self.grasped = note.found
                 if isinstance(note.order, GraspOrder):
-                    self.live.finish_grasp(note.found.result.moments)
+                    self.live.finish_grasp(note.found.document.result.moments)
                     self._on_grasped(note.found, note.order)
             case CalibrationRenewed():
                 self.calibrated = note.found

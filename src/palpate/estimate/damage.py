@@ -48,6 +48,20 @@ class RupturePrediction(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """Score of a model on closings outside its training set."""
+
+    #: Number of closings with a prediction.
+    closings: int
+    #: Mean absolute error of the rupture force predicted at half load, percent of the true force.
+    error_percent: float
+    #: The same for a baseline without stiffness: the median rupture force of the kind.
+    median_error_percent: float
+    #: Fraction of closings that ruptured above the lower bound; nominally 0.95.
+    above_low: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DamageModel:
     """Damage model learned from closings that ended in rupture, by kind of object.
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.damage import DamageModel
-from palpate.estimate.damage_learning import HeldOut
+from palpate.estimate.damage import DamageModel, HeldOut
 from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
 from palpate.files import atomic_path, load_dataclass, load_json
 

@@ -14,26 +14,13 @@ from palpate.estimate.damage import (
     FOLDS,
     NOMINAL_RATE,
     DamageModel,
+    HeldOut,
     RupturePrediction,
     fit_damage_model,
     prediction_at_half_load,
 )
 from palpate.estimate.strength import ClosingCurve, ClosingState
 from palpate.holds.strict import read_table
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
-    """Score of a model on closings outside its training set."""
-
-    #: Number of closings with a prediction.
-    closings: int
-    #: Mean absolute error of the rupture force predicted at half load, percent of the true force.
-    error_percent: float
-    #: The same for a baseline without stiffness: the median rupture force of the kind.
-    median_error_percent: float
-    #: Fraction of closings that ruptured above the lower bound; nominally 0.95.
-    above_low: float
 
 
 def find_unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:

@@ -73,7 +73,7 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     # A weak object may not withstand another full step; its damage limit is not known yet.
     if attempt.rest_check_from is not None or (plan.damage is not None and touching):
         return close_by(estimate, plan.fine_step, plan)
-    if not estimate.closure <= attempt.sweep_end + approach_step(plan):
+    if attempt.sweep_end is None or estimate.closure > attempt.sweep_end + approach_step(plan):
         start_sweep(state, plan)
         return None
     # One finger alone pushes the object to the middle; contact of the other finger follows.
@@ -211,8 +211,8 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.closure >= sweep.end - plan.smallest_step:
         return _finish_sweep(state, None)
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
-    # The first command follows no other; `sent` is NaN.
-    further = not closure_of(target, plan) <= estimate.sent + plan.resolution / 2
+    sent = estimate.sent
+    further = sent is None or closure_of(target, plan) > sent + plan.resolution / 2
     # Repeat commands to a stationary hand, after the tracking check, so that it counts as idle.
     if not further and estimate.now_s - estimate.moved_s < 2 * plan.safety.arrival_s:
         return None
@@ -288,6 +288,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
     """
     estimate, now = state.estimate, state.estimate.now
     if now.weakest_percent <= plan.hint_percent:
+        assert state.attempt.sweep_end is not None
         furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)

@@ -89,7 +89,8 @@ class GraspController:
 def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
     """Return whether the force will exceed its limit before the closing hand can stop."""
     estimate = state.estimate
-    moving = estimate.still_since_s is None and estimate.closure < estimate.sent
+    sent, is_moving = estimate.sent, estimate.still_since_s is None
+    moving = is_moving and sent is not None and estimate.closure < sent
     closing = state.activity in (Phase.SQUEEZE, Activity.FORECAST)
     if not moving or plan.target_force_n is None or not closing:
         return False

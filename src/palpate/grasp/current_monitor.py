@@ -60,7 +60,8 @@ class CurrentMonitor:
             self._still.append(reading)
             return self._check_ceiling(self._still) or self._check_sheet(estimate)
         # Also check a hand that closes although it was commanded to open.
-        if not (closure <= estimate.sent or closure > before + self._plan.resolution):
+        is_closing = estimate.sent is not None and closure <= estimate.sent
+        if not (is_closing or closure > before + self._plan.resolution):
             self._is_checked = True
             return None
         self._moving.append(reading)

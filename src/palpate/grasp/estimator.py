@@ -84,13 +84,13 @@ class HandMotion:
     began_s : float or None
         Time of the first observation.
     now_s, closure : float
-        Time and closure (mm or kPa) of the last observation.
+        Time and closure (mm or kPa) of the last observation; 0 before the first.
     frames, skipped, lost, last_sequence : int
         Frames used, frames skipped for newer ones, frames lost, and the last sequence number.
     tracking_lag : float
         Closure minus reported closure, within the error of reports.
-    sent : float
-        Closure of the last command, as returned by the gripper.
+    sent : float or None
+        Closure of the last command, as returned by the gripper; None before the first.
     moved_s : float
         Start of the last movement.
     still_since_s : float or None
@@ -101,13 +101,13 @@ class HandMotion:
 
     began_s: float | None = None
     now_s: float = 0.0
-    closure: float = math.nan
+    closure: float = 0.0
     frames: int = 0
     skipped: int = 0
     lost: int = 0
     last_sequence: int | None = None
     tracking_lag: float = 0.0
-    sent: float = math.nan
+    sent: float | None = None
     moved_s: float = 0.0
     still_since_s: float | None = None
     peak_force_n: float = 0.0
@@ -170,7 +170,7 @@ class ContactEstimate(HandMotion):
     rest_frames: tuple[NDArray[np.float64], ...] = ()
     rest_force_n: float = 0.0
     touches: tuple[Touch, ...] = ()
-    strongest_reading: float = math.nan
+    strongest_reading: float = 0.0
     frame_forces: tuple[tuple[float, float], ...] = ()
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
@@ -241,11 +241,12 @@ class ContactEstimate(HandMotion):
             self.still_since_s = None
         elif self.still_since_s is None:
             self.still_since_s = frame.time_s
-        reported = plan.gripper.closure(gripper)
+        reported, sent = plan.gripper.closure(gripper), self.sent
         # Use the command where the report agrees, because reports are rounded.
         error = READING.report_error_steps * plan.resolution
-        agrees = not gripper.moving and abs(reported - self.sent) <= error
-        self.closure = self.sent if agrees else reported
+        self.closure = reported
+        if sent is not None and not gripper.moving and abs(reported - sent) <= error:
+            self.closure = sent
         self.tracking_lag = max(self.closure - reported, 0.0)
         sample = SampleReader(plan.layout, self.rest_ohm).read(frame)
         if self.rest_ohm is None:
@@ -261,7 +262,7 @@ class ContactEstimate(HandMotion):
         self.frame_forces = frame_forces[-max(recent, READING.fewest_frames) :]
         if gripper.moving:
             self.touches = ()
-            closing = plan.gripper.closure(gripper) < self.sent and self.contact_s is not None
+            closing = sent is not None and reported < sent and self.contact_s is not None
             if closing and not math.isnan(gripper.current_ma):
                 pull = CurrentSample(
                     closure=reported, current_ma=gripper.current_ma, moved_s=self.moved_s

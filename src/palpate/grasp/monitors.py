@@ -93,7 +93,7 @@ class SlipMonitor:
         if len(estimate.touches) < 2 * READING.fewest_frames:
             return None
         strongest_reading = estimate.strongest_reading
-        if estimate.steps and np.isnan(state.correction.return_closure):
+        if estimate.steps and state.correction.return_closure is None:
             strongest_reading = max(strongest_reading, estimate.steps[-1].touch.reading)
         if estimate.now.reading >= GUARDS.lost_fraction * strongest_reading:
             return None

@@ -227,6 +227,7 @@ def return_from_below(state: GraspState, plan: Plan) -> GripperCommand | None:
     load, so its reading is an upper bound of the force.
     """
     estimate, closure = state.estimate, state.correction.return_closure
+    assert closure is not None
     travel = closure - estimate.closure
     if travel < plan.smallest_step or not estimate.touches:
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 from palpate.grasp.answers import Settled, measure_settled_force
@@ -27,8 +26,8 @@ class Attempt:
         Present activity of the approach.
     rest_check_from : float or None
         Closure at which the check of the rest values started (`rest.verify_rest`); None without.
-    sweep_end : float
-        Closure at the end of the last sweep; NaN before.
+    sweep_end : float or None
+        Closure at the end of the last sweep; None before.
     sweep_contact_s : float or None
         Time of the contact in a sweep.
     fingers : tuple of ContactState
@@ -37,7 +36,7 @@ class Attempt:
 
     activity: Activity = Activity.TOUCH
     rest_check_from: float | None = None
-    sweep_end: float = math.nan
+    sweep_end: float | None = None
     sweep_contact_s: float | None = None
     fingers: tuple[ContactState, ...] = ()
 
@@ -54,8 +53,8 @@ class Correction:
         Number of corrections so far.
     before : tuple of float or None
         Closure and force before the last upward correction.
-    return_closure : float
-        Target closure after easing; NaN if the hand never eased.
+    return_closure : float or None
+        Target closure after easing; None if the hand never eased.
     next_forecast_s : float
         Time at rest at which the next forecast is due.
     """
@@ -63,7 +62,7 @@ class Correction:
     activity: Activity = Activity.FORECAST
     count: int = 0
     before: tuple[float, float] | None = None
-    return_closure: float = math.nan
+    return_closure: float | None = None
     next_forecast_s: float = 0.0
 
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any, Protocol
 
+from palpate.grasp.document import GraspDocument
+
 
 class LineState(IntEnum):
     """States of a station, a subset modelled on PackML (ISA-TR88.00.02)."""
@@ -33,7 +35,7 @@ class Machine(Protocol):
         """Return the state document (docs/schemas/state.json)."""
         ...
 
-    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+    def result(self) -> tuple[int, GraspDocument | None]:
         """Return the number of grasps finished in this run and the last grasp document."""
         ...
 

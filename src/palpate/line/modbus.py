@@ -11,11 +11,7 @@ from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
     NO_ITEM,
     OUTCOME_NUMBERS,
-    bin_of,
-    is_bin_provisional,
-    item_of,
     list_measurements,
-    not_stored_of,
 )
 
 with require_extra("--modbus", extra="line"):
@@ -133,16 +129,18 @@ class ModbusStation:
         number, result = self._machine.result()
         found = [0] * REGISTER_COUNT
         found[STATE] = line_state(state)
-        found[FLAGS] = _flags(state) | is_bin_provisional(result) << 4
-        found[STORAGE] = 0 if result is None else _storage(not_stored_of(result))
+        found[FLAGS] = _flags(state)
         found[STOPS : STOPS + 2] = _split_uint32(int(state["stops"]))
         found[RESULTS : RESULTS + 2] = _split_uint32(number)
-        found[OUTCOME] = 0 if result is None else OUTCOME_NUMBERS[str(result["outcome"])]
         values = list_measurements(result)
         packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
         found[VALUES : VALUES + len(packed)] = packed
-        for place, text in ((ITEM, item_of(result)), (BIN, bin_of(result))):
-            found[place : place + TEXT_REGISTERS] = encode_text(text)
+        if result is not None:
+            found[FLAGS] |= result.needs_regrasp << 4
+            found[STORAGE] = _storage(result.not_stored)
+            found[OUTCOME] = OUTCOME_NUMBERS[result.result.outcome]
+            for place, text in ((ITEM, result.item_id), (BIN, result.bin_name)):
+                found[place : place + TEXT_REGISTERS] = encode_text(text)
         found[REFUSAL : REFUSAL + TEXT_REGISTERS] = encode_text(self._refusal)
         found[COMMAND:REGISTER_COUNT] = self._written
         return found

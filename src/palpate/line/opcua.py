@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from palpate.errors import InputError, require_extra
+from palpate.grasp.document import GraspDocument
 from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
     MEASUREMENTS,
     PARTS,
-    bin_of,
-    is_bin_provisional,
-    item_of,
     list_measurements,
-    not_stored_of,
 )
 
 with require_extra("--opcua", extra="line"):
@@ -64,15 +61,15 @@ _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
 }
 #: Result variable -> type and function of the grasp document (None before the first grasp).
-_RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
-    "Outcome": (ua.VariantType.String, lambda found: "" if found is None else found["outcome"]),
-    "Item": (ua.VariantType.String, item_of),
-    "Bin": (ua.VariantType.String, bin_of),
-    "BinProvisional": (ua.VariantType.Boolean, is_bin_provisional),
-    "NotStored": (ua.VariantType.String, not_stored_of),
+_RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
+    "Outcome": (ua.VariantType.String, lambda found: str(found.result.outcome)),
+    "Item": (ua.VariantType.String, lambda found: found.item_id),
+    "Bin": (ua.VariantType.String, lambda found: found.bin_name),
+    "BinProvisional": (ua.VariantType.Boolean, lambda found: found.needs_regrasp),
+    "NotStored": (ua.VariantType.String, lambda found: found.not_stored),
     "Document": (
         ua.VariantType.String,
-        lambda found: "" if found is None else json.dumps(found, allow_nan=False),
+        lambda found: json.dumps(found.to_dict(), allow_nan=False),
     ),
 }
 
@@ -146,8 +143,8 @@ class OpcUaStation:
         self._results = number
         for name, value in zip(_measurement_names(), list_measurements(result), strict=True):
             await self._write(name, value)
-        for name, (_, value_of) in _RESULT.items():
-            await self._write(name, value_of(result))
+        for name, (kind, value_of) in _RESULT.items():
+            await self._write(name, _INITIAL_VALUES[kind] if result is None else value_of(result))
         # Written last, so that a client that waits for a new number reads a complete result.
         await self._write("Number", number)
 

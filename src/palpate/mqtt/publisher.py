@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from palpate.errors import InputError, StoreError, require_extra
+from palpate.grasp.document import GraspDocument
 from palpate.mqtt.broker import Broker
 from palpate.produce.store import Store
 
@@ -65,9 +66,9 @@ class Publisher:
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         self._thread.start()
 
-    def publish_result(self, document: Mapping[str, object]) -> None:
+    def publish_result(self, document: GraspDocument) -> None:
         """Queue a result and publish it as soon as the broker is connected."""
-        text = json.dumps(document, allow_nan=False)
+        text = json.dumps(document.to_dict(), allow_nan=False)
 
         def queue(store: Store) -> None:
             self._dropped += store.add_message(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -166,48 +165,32 @@ class Rig:
             If the recording exists or can't be created. A recording that can't be written later is
             a fault of the result, and `Grip.release` raises `RecordingLostError`.
         """
-        from palpate.estimate.damage_file import DamageFile
+        from palpate.grasp.damage_limit import load_limit
         from palpate.grasp.paper import read_settings
-        from palpate.grasp.paper_method import use_paper_method
-        from palpate.grasp.planning import plan_grasp
         from palpate.rig.grip import Grip
-        from palpate.rig.recorded import GraspRecorder, record_grasp
+        from palpate.rig.job import GraspJob
+        from palpate.twin.paced_array import PacedArray
 
         if self._grip is not None and self._grip.is_holding:
             raise InputError("an object is already held; release it first (`Grip.release`)")
-        if kind is not None and damage is None:
-            raise InputError(f"kind {kind!r}: needs damage=FILE, which defines the kinds")
-        paper = read_settings(
-            method,
-            {
-                "step_mm": step_mm,
-                "epsilon_percent": epsilon_percent,
-                "extra_mm": extra_mm,
-                "cutoff_s": cutoff_s,
-            },
-            names={},
-        )
-        if paper is not None and (target_force_n is not None or expect_size_mm is not None):
-            raise InputError("method paper: omit target_force_n and expect_size_mm")
-        file = None if damage is None else DamageFile.load(Path(damage))
-        where = f"damage {damage}"
-        known = "" if file is None or kind is None else file.check_kind(kind, where=where)
-        plan = plan_grasp(
-            self.calibration,
-            gripper=self.gripper,
+        settings = {
+            "step_mm": step_mm,
+            "epsilon_percent": epsilon_percent,
+            "extra_mm": extra_mm,
+            "cutoff_s": cutoff_s,
+        }
+        paced = PacedArray(self.array, speed=math.inf) if self.is_simulated else None
+        job = GraspJob(
+            self,
             target_force_n=target_force_n,
             expect_size_mm=expect_size_mm,
-            damage=None if file is None else file.model,
-            kind=known,
+            limit=load_limit(damage, kind=kind),
+            paper=read_settings(method, settings, names={}),
+            record=None if record is None else Path(record),
+            array=paced,
             hold_s=math.inf,
         )
-        if paper is not None:
-            plan = use_paper_method(plan, paper, calibration=self.calibration)
-        recorder: AbstractContextManager[GraspRecorder | None] = nullcontext()
-        if record is not None:
-            text = None if file is None else file.as_text()
-            recorder = record_grasp(Path(record), rig=self, plan=plan, damage=text)
-        self._grip = Grip(self, plan, reader=self._get_reader(), recorder=recorder)
+        self._grip = Grip(job, reader=self._get_reader(), clock=self.clock, paced=paced)
         self._grip.start()
         return self._grip
 

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import math
 import threading
-from contextlib import AbstractContextManager
-from dataclasses import replace
 
-from palpate.errors import DeviceError, DeviceTimeoutError, RecordingLostError
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation
-from palpate.grasp.phases import Phase
-from palpate.grasp.plan import Plan
-from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
-from palpate.rig import Rig
+from palpate.rig.job import GraspJob
 from palpate.rig.reading import Reader, Reading
-from palpate.rig.recorded import GraspRecorder
 from palpate.twin.paced_array import PacedArray
 
 #: Timeout for a reading; the control loop itself reports a missing frame sooner.
@@ -30,26 +24,20 @@ class Grip:
 
     While `is_holding`, the control loop reads every frame in its own thread. On a fault it ends the
     grasp as described in `palpate.grasp.safety`.
+
+    `job`: the grasp. `reader`: makes readings of its frames, with the rig's `clock`.
+    `paced`: the job's array on a simulated rig, whose time runs at full speed until the object is
+    held, then in real time.
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        plan: Plan,
-        *,
-        reader: Reader,
-        recorder: AbstractContextManager[GraspRecorder | None],
+        self, job: GraspJob, *, reader: Reader, clock: Clock, paced: PacedArray | None
     ) -> None:
-        self._rig, self._plan, self._reader, self._recorder = rig, plan, reader, recorder
-        self._requests, self._ready = Requests(), threading.Event()
-        self._array: PacedArray | None = None
-        if rig.is_simulated:
-            # Simulated time runs at full speed until the object is held, then in real time.
-            self._array = PacedArray(rig.array, speed=math.inf)
-        self._result = GraspResult(outcome=Outcome.STOPPED)
+        self._job, self._reader, self._clock, self._paced = job, reader, clock, paced
         self._failure: BaseException | None = None
-        #: The recording's error, which `release` or `stop` raises once.
-        self._lost: RecordingLostError | None = None
+        #: Whether the recording's error was raised, which `release` and `stop` do once.
+        self._is_loss_told = False
+        self._is_real_time = False
         self._reading: Reading | None = None
         self._frame = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="palpate-grip", daemon=True)
@@ -62,7 +50,7 @@ class Grip:
         self._thread.start()
         try:
             # On some systems, a wait without a timeout blocks Ctrl-C.
-            while not self._ready.wait(0.1):
+            while not self._job.known.wait(0.1):
                 pass
         except KeyboardInterrupt:
             self.stop()
@@ -78,39 +66,39 @@ class Grip:
     @property
     def result(self) -> GraspResult:
         """The result so far; final once the object is no longer held."""
-        return self._result
+        return self._job.result
 
     @property
     def outcome(self) -> Outcome:
         """`held`, or the end of the attempt."""
-        return self._result.outcome
+        return self._job.result.outcome
 
     @property
     def size_mm(self) -> Measurement | None:
         """The object's extent along the closing axis before contact."""
-        return self._result.size_mm
+        return self._job.result.size_mm
 
     @property
     def stiffness_n_per_mm(self) -> Measurement | None:
         """The object's own secant stiffness, without the compliance of pads and fingers."""
-        return self._result.stiffness_n_per_mm
+        return self._job.result.stiffness_n_per_mm
 
     @property
     def firmness(self) -> Measurement | None:
         """Firmness index from 0 to 100, also available if the stiffness is only bounded."""
-        return self._result.firmness
+        return self._job.result.firmness
 
     @property
     def settled_percent(self) -> Measurement | None:
         """Mean relative change at the 20 s horizon."""
-        return self._result.settled_percent
+        return self._job.result.settled_percent
 
     @property
     def force_n(self) -> Measurement | None:
         """Present grip force; the settled force once the object is no longer held."""
         if self.is_holding and self._reading is not None:
             return self._reading.force_n
-        return self._result.force_n
+        return self._job.result.force_n
 
     def read(self) -> Reading:
         """Return the reading of the next frame from the control loop.
@@ -130,26 +118,15 @@ class Grip:
         After the end of the grasp, only return the result.
         Raises `RecordingLostError` once if the recording is not complete; `result` is.
         """
-        return self._end(self._requests.release)
+        return self._end(self._job.requests.release)
 
     def stop(self) -> GraspResult:
         """Stop at once: rigid fingers stay in place, soft fingers vent (`palpate.grasp.safety`)."""
-        return self._end(self._requests.stop)
+        return self._end(self._job.requests.stop)
 
     def to_dict(self) -> dict[str, object]:
         """Return the result in the JSON form of `palpate grasp`."""
-        from palpate.grasp.document import grasp_document
-
-        rig = self._rig
-        return grasp_document(
-            self._result,
-            target_force_n=self._plan.target_force_n,
-            damage_limit=None,
-            names={},
-            simulated=rig.is_simulated,
-            truth=None if rig.truth is None else dict(rig.truth()),
-            subject=rig.subject,
-        )
+        return self._job.document().to_dict()
 
     def __repr__(self) -> str:
         parts = [str(self.outcome)]
@@ -165,52 +142,31 @@ class Grip:
 
     def _end(self, request: threading.Event) -> GraspResult:
         request.set()
-        if self._array is not None:
-            self._array.speed = math.inf
-            self._array.skip_wait()
+        if self._paced is not None:
+            self._paced.speed = math.inf
+            self._paced.skip_wait()
         while self._thread.is_alive():
             self._thread.join(0.1)
         if self._failure is not None:
             raise self._failure
-        if self._lost is not None:
-            lost, self._lost = self._lost, None
-            raise lost
-        return self._result
+        if self._job.lost is not None and not self._is_loss_told:
+            self._is_loss_told = True
+            raise self._job.lost
+        return self._job.result
 
     def _run(self) -> None:
-        record: GraspRecorder | None = None
         try:
-            with self._recorder as record:
-                self._result = run_grasp(
-                    self._plan,
-                    array=self._rig.array if self._array is None else self._array,
-                    gripper=self._rig.gripper,
-                    clock=self._rig.clock,
-                    subscribers=[self._store_reading]
-                    if record is None
-                    else [record, self._store_reading],
-                    watchers=[self._update_hold],
-                    requests=self._requests,
-                )
-                if record is not None:
-                    record.end(self._result, self._requests)
-        except RecordingLostError as error:
-            if record is None:  # not created, so the gripper has not moved
-                self._failure = error
-            else:
-                self._lost = error
-                faults, text = self._result.faults, str(error)
-                if not any(text in fault for fault in faults):
-                    self._result = replace(self._result, faults=(*faults, text))
+            with self._job:
+                self._job.run(subscribers=[self._store_reading], watchers=[self._update_hold])
         except BaseException as error:
             self._failure = error
         finally:
-            self._ready.set()
+            self._job.known.set()
             with self._frame:
                 self._frame.notify_all()
 
     def _store_reading(self, observation: Observation) -> None:
-        reading = self._reader.read(observation.frame, now_s=self._rig.clock.now_s())
+        reading = self._reader.read(observation.frame, now_s=self._clock.now_s())
         with self._frame:
             self._reading = reading
             self._frame.notify_all()
@@ -218,12 +174,5 @@ class Grip:
     def _update_hold(self, grasp_state: GraspState) -> None:
         if grasp_state.estimate.rest_ohm is not None:
             self._reader.rest_ohm = grasp_state.estimate.rest_ohm
-        if grasp_state.phase is Phase.HOLD and not self._ready.is_set():
-            self._result = replace(
-                grasp_state.result,
-                outcome=Outcome.HELD,
-                peak_force_n=grasp_state.estimate.peak_force_n,
-            )
-            if self._array is not None:
-                self._array.speed = 1.0
-            self._ready.set()
+        if self._job.known.is_set() and self._paced is not None and not self._is_real_time:
+            self._paced.speed, self._is_real_time = 1.0, True

@@ -42,13 +42,10 @@ class GraspRecorder:
             self.failure = error
             raise
 
-    def end(self, result: GraspResult, requests: Requests | None = None) -> None:
-        """Write the time of the release or stop for a replay.
-
-        `requests`: user requests during the grasp; None if a release was not possible.
-        """
-        released = requests is not None and not requests.stop.is_set()
-        names = {Outcome.HELD: "release", Outcome.STOPPED: "release" if released else "stop"}
+    def end(self, result: GraspResult, requests: Requests) -> None:
+        """Write the time of the release or stop for a replay; `requests`: those to the grasp."""
+        stopped = "stop" if requests.stop.is_set() else "release"
+        names = {Outcome.HELD: "release", Outcome.STOPPED: stopped}
         name = names.get(result.outcome)
         at_s = [one.time_s for one in result.moments if one.name == result.outcome.value]
         # A grasp stopped before its first frame has no time.

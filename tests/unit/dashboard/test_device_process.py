@@ -48,6 +48,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.errors import DamageWarning, DeviceError
+from palpate.grasp.damage_limit import load_limit
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
 from palpate.rig.simulated import GuidedBench
@@ -162,9 +163,9 @@ def test_grasp_order_holds_until_release_and_records_every_frame(
 ) -> None:
     order, ended = held.order, held
     assert isinstance(ended.found, Grasped)
-    result = ended.found.result
+    result = ended.found.document.result
     assert (result.outcome, ended.trouble) == (Outcome.HELD, "")
-    assert ended.found.truth is not None
+    assert ended.found.document.truth is not None
     recorded = load_recording(order.recording)
     assert len(recorded.time_s) == result.frames
     assert np.all(np.diff(recorded.sequence) == 1)
@@ -178,14 +179,15 @@ def test_grasp_order_with_a_damage_file_limits_the_force_and_records_the_file(
     opened: Page, tmp_path: Path
 ) -> None:
     free = GraspOrder(target_force_n=8.0, recording=tmp_path / "free.mcap")
-    learned = write_damage_file(tmp_path).read_text()
-    order = replace(free, recording=tmp_path / "limited.mcap", damage=learned, kind="kiwi")
+    learned = write_damage_file(tmp_path)
+    limit = load_limit(learned, kind="kiwi")
+    order = replace(free, recording=tmp_path / "limited.mcap", limit=limit)
     free_n, limited_n = (
-        opened.held_and_released(one).found.result.peak_force_n for one in (free, order)
+        opened.held_and_released(one).found.document.result.peak_force_n for one in (free, order)
     )
     assert 0 < limited_n < 0.7 * free_n
     info = load_recording(order.recording).info
-    assert (info.damage, info.kind) == (order.damage, "kiwi")
+    assert (info.damage, info.kind) == (learned.read_text(), "kiwi")
     assert load_recording(free.recording).info.damage is None
 
 
@@ -202,7 +204,7 @@ def test_stop_during_a_grasp_halts_the_hand_in_its_position_and_is_confirmed_onc
     opened: Page, tmp_path: Path
 ) -> None:
     ended = opened.ended(stop_while_closing(opened, tmp_path / "stopped.mcap", number=41))
-    assert ended.found.result.outcome is Outcome.STOPPED
+    assert ended.found.document.result.outcome is Outcome.STOPPED
     assert ended.stopped_after_s <= 0.1
     opened.send(StopNow(42))
     opened.until_note(StopConfirmed(42))
@@ -225,7 +227,7 @@ def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pa
     opened.send(ReleaseNow())
     assert not opened.ended(OpenHand()).trouble
     (ended,) = [one for one in opened.notes if isinstance(one, OrderEnded) and one.order == order]
-    assert ended.found.result.outcome is Outcome.STOPPED
+    assert ended.found.document.result.outcome is Outcome.STOPPED
     # A release directly after the end of a grasp is executed too.
     opened.send(ReleaseNow())
     assert not opened.ended(OpenHand()).trouble
@@ -373,9 +375,9 @@ def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
     play = Play(file=held.order.recording, speed=FAST)
     opened.send(play)
     again = played_to(opened, lambda playing: playing.grasped is not None).grasped
-    assert again.result.outcome is Outcome.HELD
+    assert again.document.result.outcome is Outcome.HELD
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        assert getattr(again.result, name) == getattr(held.found.result, name)
+        assert getattr(again.document.result, name) == getattr(held.found.document.result, name)
     opened.send(Confirm())
     assert not opened.ended(play).trouble
     assert not any(isinstance(note, Trouble) for note in notes_since(opened, play))

@@ -15,6 +15,7 @@ from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, make_entry
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
 
@@ -131,11 +132,9 @@ def test_make_entry_contains_the_measurements_of_the_grasp() -> None:
     )
     force = Measurement(value=2.0, low=1.0, high=3.0, unit="n")
     entry = make_entry(
-        Grasped(result=result, recording=Path("folder/grasp-2.mcap")),
+        Grasped(document=GraspDocument(result=result), recording=Path("folder/grasp-2.mcap")),
         kind="good",
         item_id="A17",
-        target_force_n=None,
-        simulated=False,
         curve=[Point(0.0, -1.0, force), Point(5.0, -20.0, replace(force, value=4.0))],
     )
     assert (entry.recording, entry.outcome, entry.firmness) == (
@@ -158,10 +157,10 @@ def test_entry_and_counts_escape_entered_text(history: History) -> None:
 
 
 def test_damaged_object_is_shown_in_the_list_and_in_the_table(history: History) -> None:
-    grasped = Grasped(result=GraspResult(outcome=Outcome.HELD), truth={"damaged": True})
-    entry = make_entry(
-        grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=()
+    document = GraspDocument(
+        result=GraspResult(outcome=Outcome.HELD), is_simulated=True, truth={"damaged": True}
     )
+    entry = make_entry(Grasped(document=document), kind="bad", item_id="", curve=())
     assert "held: the object was damaged" in entry_html(entry)
     history.add(entry)
     assert rows_of(history)[0]["damaged"] == "True"

@@ -14,6 +14,7 @@ from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.panel_history import item_html, item_label
 from palpate.dashboard.panel_html import day_text
 from palpate.estimate.firmness import firmness_index
+from palpate.grasp.document import GraspDocument, ItemFacts
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.line.epcis import epcis_document
 from palpate.measurement import Measurement, Status
@@ -64,7 +65,10 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert not Path(where).exists(), "a query must not create a store"
     closing = {"contact_mm": WIDE}
     item_store.sort_grasp(
-        RESULT, item_id="berry-7", source=SOURCE, recording=recording, closing=closing
+        GraspDocument(result=RESULT, item_id="berry-7"),
+        source=SOURCE,
+        recording=recording,
+        closing=closing,
     )
     assert item_store.trouble == ""
     (page,) = item_store.pages(limit=50)
@@ -90,7 +94,8 @@ def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
-        item_store.sort_grasp(RESULT, item_id="<b>berry</b>", source=SOURCE, recording=recording)
+        document = GraspDocument(result=RESULT, item_id="<b>berry</b>")
+        item_store.sort_grasp(document, source=SOURCE, recording=recording)
     found = item_store.page("<b>berry</b>")
     page = item_html(found, figures=item_store.figures_html(found))
     assert 'aria-label="Firmness over time"' in page
@@ -109,7 +114,8 @@ def test_item_figures_omit_firmness_known_only_as_a_bound(recording: Path, tmp_p
     result = replace(RESULT, firmness=bound, settled_percent=settled)
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(2):
-        item_store.sort_grasp(result, item_id="berry-7", source=SOURCE, recording=recording)
+        document = GraspDocument(result=result, item_id="berry-7")
+        item_store.sort_grasp(document, source=SOURCE, recording=recording)
     figures = item_store.figures_html(item_store.page("berry-7"))
     assert 'aria-label="Settled change over time"' in figures
     assert "Firmness over time" not in figures
@@ -125,13 +131,13 @@ RULES = RuleBook(
 )
 
 
-def sized(size_mm: float, outcome: Outcome = Outcome.HELD) -> GraspResult:
+def sized(size_mm: float, outcome: Outcome = Outcome.HELD, *, item_id: str = "") -> GraspDocument:
     size = Measurement(value=size_mm, low=size_mm - 0.5, high=size_mm + 0.5, unit="mm")
-    return GraspResult(outcome=outcome, size_mm=size)
+    return GraspDocument(result=GraspResult(outcome=outcome, size_mm=size), item_id=item_id)
 
 
 @pytest.mark.parametrize(
-    ("result", "found"),
+    ("document", "found"),
     [
         (sized(40.0), ("small", 2)),
         (sized(60.0), ("by hand", None)),
@@ -139,14 +145,13 @@ def sized(size_mm: float, outcome: Outcome = Outcome.HELD) -> GraspResult:
     ],
 )
 def test_sort_grasp_of_an_unnamed_item_uses_this_grasp_only(
-    tmp_path: Path, result: GraspResult, found: tuple[str, int | None] | None
+    tmp_path: Path, document: GraspDocument, found: tuple[str, int | None] | None
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)
-    placement = item_store.sort_grasp(result, item_id="", source=SOURCE)
-    assert set(placement) == {"bin"}
-    given = placement["bin"]
-    assert (None if given is None else (given["name"], given["rule"])) == found
-    assert ItemStore(None).sort_grasp(result, item_id="", source=SOURCE) == {}
+    given = item_store.sort_grasp(document, source=SOURCE).bin
+    assert (None if given is None else (given.name, given.rule)) == found
+    unsorted = ItemStore(None).sort_grasp(document, source=SOURCE).to_dict()
+    assert unsorted == document.to_dict() | {"stored": False, "not_stored": "no item"}
 
 
 def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
@@ -159,11 +164,13 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
             given_at = datetime(2026, 5, 1, tzinfo=UTC)
             store.add_verdict(Verdict(item_id="A1", about=about, text=text, given_at=given_at))
     item_store = ItemStore(where, rules=RULES)
-    before = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE)
-    placement = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE, recording=recording)
-    assert placement == {**before, "stored": True}
-    assert placement["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
-    assert (placement["bin"]["name"], placement["bin"]["rule"]) == ("ripe", 1)
+    document = sized(60.0, item_id="A1")
+    before = item_store.sort_grasp(document, source=SOURCE)
+    placed = item_store.sort_grasp(document, source=SOURCE, recording=recording)
+    assert placed == replace(before, stored=True)
+    assert placed.item == ItemFacts(id="A1", kind="avocado", stage="ripe", bruised=True)
+    assert placed.bin is not None
+    assert (placed.bin.name, placed.bin.rule) == ("ripe", 1)
     page = item_store.page("A1")
     verdict = page.latest_verdict(About.BIN)
     assert (len(page.grasps), verdict.text) == (1, "ripe")
@@ -179,9 +186,9 @@ def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is not a database" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
-    placement = item_store.sort_grasp(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
-    assert (placement["bin"], placement["item"]["id"]) == (None, "A1")
-    assert str(broken) in placement["why"]
+    placed = item_store.sort_grasp(sized(40.0, item_id="A1"), source=SOURCE, recording=recording)
+    assert (placed.is_sorted, placed.bin, placed.item) == (True, None, ItemFacts(id="A1"))
+    assert str(broken) in placed.no_bin
     assert str(broken) in item_store.trouble
 
 

@@ -24,6 +24,7 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.page_document import document
 from palpate.dashboard.panel_sensor import findings_html
 from palpate.dashboard.session import Session
+from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
@@ -227,7 +228,7 @@ def test_document_link_is_stale_while_the_device_process_is_silent() -> None:
 FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
 HELD = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
 PASSED = "exceeded the damage limit"
-NO_BIN = {"bin": None, "why": "store items.sqlite: disk full"}
+NO_BIN = GraspDocument(result=HELD, is_sorted=True, no_bin="store items.sqlite: disk full")
 
 
 @pytest.mark.parametrize(
@@ -242,7 +243,7 @@ NO_BIN = {"bin": None, "why": "store items.sqlite: disk full"}
         ("bad", "", {"result": replace(HELD, outcome=Outcome.SLIPPED)}),
         ("warn", PASSED, {"damage_low_n": 1.5}),
         ("good", "", {"damage_low_n": 2.5}),
-        ("warn", "no bin: store items.sqlite: disk full", {"placement": NO_BIN}),
+        ("warn", "no bin: store items.sqlite: disk full", {"placed": NO_BIN}),
     ],
 )
 def test_headline_of_a_grasp_is_good_only_without_faults(
@@ -250,16 +251,20 @@ def test_headline_of_a_grasp_is_good_only_without_faults(
 ) -> None:
     devices, session.target_force_n = session.devices, given.get("target_n", 2.0)
     devices.activity = DeviceActivity.WATCHING
-    bounds = Bounds(damage_low_n=given.get("damage_low_n"))
-    live.set_progress(replace(HOLDING, answer=HELD, bounds=bounds))
-    devices.grasped = Grasped(result=given.get("result", HELD), truth=given.get("truth"))
-    devices.placement = given.get("placement", {})
+    live.set_progress(replace(HOLDING, answer=HELD))
+    document = GraspDocument(
+        result=given.get("result", HELD),
+        target_force_n=session.target_force_n,
+        damage_low_n=given.get("damage_low_n", math.inf),
+        truth=given.get("truth"),
+    )
+    devices.grasped, devices.placed = Grasped(document=document), given.get("placed")
     page = page_of(session)
     assert page["verdict"]["kind"] == kind
     assert why in (page["verdict"]["why"] or "")
     assert (PASSED in (page["verdict"]["why"] or "")) == (why == PASSED)
     aside = "Set this item aside: it has no bin"
-    assert (page["operator"]["next"] == aside) == (devices.placement == NO_BIN)
+    assert (page["operator"]["next"] == aside) == (devices.placed == NO_BIN)
 
 
 @pytest.mark.parametrize("is_begun", [True, False])
@@ -268,7 +273,8 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
 ) -> None:
     devices = session.devices
     devices.activity, devices.stopped_early = DeviceActivity.WATCHING, not is_begun
-    devices.grasped = Grasped(result=GraspResult(outcome=Outcome.STOPPED)) if is_begun else None
+    stopped = GraspDocument(result=GraspResult(outcome=Outcome.STOPPED))
+    devices.grasped = Grasped(document=stopped) if is_begun else None
     live.add_frames(replace(frames(1), reported=np.array([40.0])))
     closed = page_of(session)
     assert (closed["verdict"]["text"], closed["verdict"]["kind"]) == ("stopped on request", "bad")
@@ -311,7 +317,8 @@ def test_operator_view_shows_firmness_and_size_of_a_held_object_only(
     live.set_progress(replace(HOLDING, answer=replace(result, outcome=Outcome.STOPPED)))
     shown = [page_of(session)["verdict"]["measured"]]
     for outcome in (Outcome.HELD, Outcome.SLIPPED):
-        session.devices.grasped = Grasped(result=replace(result, outcome=outcome))
+        document = GraspDocument(result=replace(result, outcome=outcome))
+        session.devices.grasped = Grasped(document=document)
         shown.append(page_of(session)["verdict"]["measured"])
     assert shown == ["firmness 60 of 100, 59 mm"] * 2 + [""]
 
@@ -323,6 +330,6 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
     session.devices.activity = DeviceActivity.GRASPING
     why = "by hand (default): 1 grasp"
     for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
-        given = {"name": "by hand", "rule": None, "again": again, "why": why}
-        session.devices.placement = {"bin": given}
+        given = Bin(name="by hand", again=again, why=why)
+        session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)
         assert page_of(session)["operator"]["next"].startswith(step)

@@ -39,11 +39,12 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import GraspForm, Session
 from palpate.errors import InputError
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
-HELD = Grasped(result=GraspResult(outcome=Outcome.HELD))
+HELD = Grasped(document=GraspDocument(result=GraspResult(outcome=Outcome.HELD)))
 
 
 class Rehearsal:

@@ -86,7 +86,7 @@ def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
     [
         (["--step-mm", "2"], "--step-mm: valid only with --method paper"),
         (["--method", "paper", "--step-mm", "0"], "--step-mm must be above 0"),
-        (["--method", "paper", "--target-force-n", "3"], "combined with --target-force-n"),
+        (["--method", "paper", "--target-force-n", "3"], "neither a target force nor"),
     ],
 )
 def test_paper_setting_out_of_range_is_refused(

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Any
 
+from palpate.grasp.document import ItemFacts
 from palpate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Drive, Grasp, Item, Verdict
 from palpate.produce.store.database import Store
@@ -113,22 +114,22 @@ def read_item_histories(store: Store, items: Sequence[Item]) -> tuple[ItemHistor
 
 def item_facts(
     item_id: str, *, kind: str | None = None, verdicts: Sequence[Verdict] = ()
-) -> dict[str, object]:
+) -> ItemFacts:
     """Return an item with its latest verdicts, as `item` in the JSON of a grasp.
 
     `kind`: kind stated by a person.
 
     >>> item_facts("A17", kind="kiwi")
-    {'id': 'A17', 'kind': 'kiwi', 'stage': None, 'bruised': None}
+    ItemFacts(id='A17', kind='kiwi', stage=None, bruised=None)
     """
     last = {one.about: one.text for one in sorted(verdicts, key=lambda one: one.given_at)}
     bruise = last.get(About.BRUISE)
-    return {
-        "id": item_id,
-        "kind": kind or last.get(About.IDENTITY),
-        "stage": last.get(About.RIPENESS),
-        "bruised": None if bruise is None else bruise == "bruised",
-    }
+    return ItemFacts(
+        id=item_id,
+        kind=kind or last.get(About.IDENTITY),
+        stage=last.get(About.RIPENESS),
+        bruised=None if bruise is None else bruise == "bruised",
+    )
 
 
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
