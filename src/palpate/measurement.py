@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
+from palpate.arrays import FloatArray
+
 
 class Status(StrEnum):
     """Validity of an estimate.
@@ -79,6 +81,20 @@ def half_width_sds(level: float) -> float:
     1.6449
     """
     return float(ndtri(0.5 + level / 2))
+
+
+def find_spread(errors: FloatArray, *, level: float = 0.9) -> float:
+    """Return the standard deviation whose interval of a level contains that fraction of errors.
+
+    `errors`, shape (n,): at least one. The quantile is conservative for a small sample (rank
+    (n + 1) level), as in conformal prediction.
+
+    >>> round(find_spread(np.array([0.3, -1.6449, 0.1])), 3)
+    1.0
+    """
+    sizes = np.sort(np.abs(errors))
+    rank = min(math.ceil(level * (sizes.size + 1)), sizes.size)
+    return float(sizes[rank - 1]) / half_width_sds(level)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from palpate.arrays import FloatArray, replace_non_finite
 from palpate.estimate.force import ForceEstimate, require_pairs
-from palpate.measurement import half_width_sds
+from palpate.measurement import find_spread, half_width_sds
 
 #: Powers of the excess in the law of a pixel. With positive weights every mixture rises; the
 #: smallest power represents the threshold.
@@ -283,32 +283,24 @@ def _with_uncertainty(
 
     Faint and firm are distinguished by the estimated force, as in a grasp.
     """
-    tenth, firm = half_width_sds(0.9), estimated > _FIRM_N
-    log_error = np.abs(np.log(estimated[firm] / np.maximum(force[firm], 0.1)))
-    error_n = np.abs(estimated[~firm] - force[~firm])
+    firm = estimated > _FIRM_N
+    log_error = np.log(estimated[firm] / np.maximum(force[firm], 0.1))
+    error_n = estimated[~firm] - force[~firm]
     return replace(
         law,
-        residual_sd=min(max(_spread(log_error, tenth), 0.03), _MAX_LOG_SD),
-        floor_n=max(_spread(error_n, tenth), 0.02),
+        residual_sd=min(max(_spread(log_error), 0.03), _MAX_LOG_SD),
+        floor_n=max(_spread(error_n), 0.02),
     )
 
 
-def _spread(errors: FloatArray, tenth: float) -> float:
-    """Return the standard deviation of absolute errors, from their 90 % quantile.
+def _spread(errors: FloatArray) -> float:
+    """Return the standard deviation of errors, from their 90 % quantile.
 
     With few errors it is their RMS, because the quantile would be the largest error.
     """
     if errors.size < _MANY:
         return float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
-    return _quantile(errors, 0.9) / tenth
-
-
-def _quantile(errors: FloatArray, fraction: float) -> float:
-    """Return a conservative quantile of errors, for a small sample."""
-    if not errors.size:
-        return 0.0
-    rank = min(int(np.ceil(fraction * (errors.size + 1))), errors.size)
-    return float(np.sort(errors)[rank - 1])
+    return find_spread(errors)
 
 
 def _basis(excess: FloatArray, exponents: tuple[float, ...]) -> FloatArray:

@@ -26,8 +26,8 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_states import N_LAGS, N_PLAYS, States, compute_states
-from palpate.measurement import half_width_sds
+from palpate.estimate.sheet_states import N_LAGS, N_PLAYS, ONSET_EXCESS, States, compute_states
+from palpate.measurement import find_spread, half_width_sds
 
 #: Weights of the constant, the reading and its curve; and all weights but the gains of the pixels.
 _STATIC = 3
@@ -198,12 +198,11 @@ class SheetLaw:
             log_n, variance = (each[used] for each in other._predict(states, gain=None))
             value_n, true_n = np.exp(log_n), force_n[used]
             firm = value_n > _FIRM_N
-            log_errors.append(np.abs(np.log(true_n / value_n) / np.sqrt(variance))[firm])
-            errors_n.append(np.abs(true_n - value_n)[~firm])
-        quantile = half_width_sds(0.9)
+            log_errors.append((np.log(true_n / value_n) / np.sqrt(variance))[firm])
+            errors_n.append((true_n - value_n)[~firm])
         log_error, error_n = np.concatenate(log_errors), np.concatenate(errors_n)
-        misfit = _quantile(log_error) / quantile if log_error.size else 1.0
-        floor_n = _quantile(error_n) / quantile if error_n.size else 0.0
+        misfit = find_spread(log_error) if log_error.size else 1.0
+        floor_n = find_spread(error_n) if error_n.size else 0.0
         return replace(self, misfit=max(misfit, 1.0), floor_n=max(floor_n, self.floor_n))
 
     @property
@@ -297,7 +296,7 @@ def _build_prior(pixels: int) -> tuple[FloatArray, FloatArray]:
 
 def _select(states: States, force_n: FloatArray) -> NDArray[np.bool_]:
     """Return which readings have a force and a touch."""
-    touched = states.log_x.max(axis=1) > np.log(CONTACT_EXCESS + 0.02)
+    touched = states.log_x.max(axis=1) > np.log(CONTACT_EXCESS + ONSET_EXCESS)
     return np.asarray((force_n > _LEAST_N) & touched)
 
 
@@ -319,9 +318,3 @@ def _errors(weights: FloatArray, states: States, force_n: FloatArray) -> FloatAr
     used = _select(states, force_n)
     used = used & (force_n >= np.median(force_n[used]))
     return np.asarray(np.log(force_n[used]) - evaluate(weights, states)[0][used])
-
-
-def _quantile(errors: FloatArray) -> float:
-    """Return a conservative 90 % quantile, for a small sample."""
-    rank = min(int(np.ceil(0.9 * (errors.size + 1))), errors.size)
-    return float(np.sort(errors)[rank - 1])

@@ -30,7 +30,7 @@ _TAU_S = np.array(TIME_CONSTANTS_S)
 PLAY_WIDTHS = np.array([0.1, 0.4, 1.5])
 N_LAGS, N_PLAYS = _TAU_S.size, PLAY_WIDTHS.size
 #: Excess of the noise at rest, and of the beginning of a touch.
-_NOISE_EXCESS, _ONSET_EXCESS = 0.004, 0.02
+_NOISE_EXCESS, ONSET_EXCESS = 0.004, 0.02
 #: Excess below which ln force is steep in v.
 _STEEP_EXCESS = 0.3
 #: Touch of a pixel without any reading, so that the touches of an empty hand have a ratio.
@@ -109,7 +109,7 @@ def _read(excess: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, Float
     # Many pixels at rest would otherwise add up to a touch.
     x = np.maximum(np.expm1(v) - (_NOISE_EXCESS if v.size > 1 else 0.0), 0.0)
     log_x = np.log(x + CONTACT_EXCESS)
-    touch = _LEAST_TOUCH - np.expm1(-x / _ONSET_EXCESS)
+    touch = _LEAST_TOUCH - np.expm1(-x / ONSET_EXCESS)
     steepness = (1.0 + x) / (x + _STEEP_EXCESS)
     total = float(np.log(x.sum() + CONTACT_EXCESS))
     return log_x, touch / touch.max(), v, steepness, total

@@ -105,19 +105,21 @@ class Rig:
         """
         if self._grip is not None and self._grip.is_holding:
             return self._grip.read()
-        *earlier, newest = read_waiting(self.array, clock=self.clock, timeout_s=_FRAME_S)
+        # The first reader fits the force law, while which frames grow old.
         reader = self._get_reader()
+        *earlier, newest = read_waiting(self.array, clock=self.clock, timeout_s=_FRAME_S)
         reader.follow(earlier)
         return reader.read(newest, now_s=self.clock.now_s())
 
     def __iter__(self) -> Iterator[Reading]:
         """Yield every frame in order as a reading; see `read`."""
+        reader = self._get_reader()
         while True:
             if self._grip is not None and self._grip.is_holding:
                 yield self._grip.read()
             else:
                 frame = self.array.read(timeout_s=_FRAME_S)
-                yield self._get_reader().read(frame, now_s=self.clock.now_s())
+                yield reader.read(frame, now_s=self.clock.now_s())
 
     def grasp(
         self,
