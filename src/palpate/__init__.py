@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from palpate.recording import load_recording
     from palpate.rig import Rig, open_rig
     from palpate.rig.grip import Grip
+    from palpate.rig.guard import ForceGuard
     from palpate.rig.reading import Reading
     from palpate.scoring.table import ScoreTable, score
     from palpate.settling.baselines import Recorded
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Exponential",
+    "ForceGuard",
     "ForceLaw",
     "GraspResult",
     "Grip",
@@ -85,6 +87,7 @@ __all__ = [
 
 _MODULES = {
     "Exponential": "palpate.settling.exponential",
+    "ForceGuard": "palpate.rig.guard",
     "ForceLaw": "palpate.estimate.force_law",
     "GraspResult": "palpate.grasp.result",
     "Grip": "palpate.rig.grip",

@@ -22,7 +22,7 @@ from tests.desk.rigs import write_rig
 from tests.desk.world import LOG, Desk, Report
 
 #: The ways in which a guard reads (`user_guard`).
-GUARDS = ("frame", "second", "pause")
+GUARDS = ("frame", "second", "pause", "thread")
 _ROOT = Path(__file__).resolve().parents[2]
 _PALPATE = Path(sys.executable).with_name("palpate")
 #: No grasp takes longer; the product's own limit is shorter.

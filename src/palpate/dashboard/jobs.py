@@ -30,6 +30,7 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.requests import Requests
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
+from palpate.gripper.plain import NO_GRIPPER
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig import Rig
 from palpate.rig.job import GraspJob
@@ -49,7 +50,6 @@ from palpate.sensor.rest_calibration import compute_rest, format_now, replace_re
 from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
 
-NO_GRIPPER = "this rig has no gripper: add one to its file (`palpate init --gripper`)"
 #: Read timeout, and thus the maximum delay of a stop while the sensor is silent, seconds.
 _READ_TIMEOUT_S = 0.1
 #: Buffered frames older than this are discarded for at most the timeout, seconds. Frames that are

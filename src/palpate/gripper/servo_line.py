@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -84,6 +85,7 @@ class ServoLine:
         #: State bits of the servo's last reply; nonzero after a hardware error.
         self.alert_bits = 0
         self._id, self._layout = servo_id, packets
+        self._lock = threading.Lock()
         #: Whether replies to earlier requests can still arrive.
         self._has_late_replies, self._sync_sizes = False, cycle(_SYNC_SIZES)
         self._reply_ms, self._late_looks = 1e3 * reply_s, 0
@@ -161,7 +163,7 @@ class ServoLine:
     def write_without_reply(self, register: Register, value: int) -> None:
         """Write a register of a servo that does not answer, without waiting for a reply."""
         data = self._layout.encode_word(register.address) + register.encode(value)
-        with self._convert_port_errors():
+        with self._lock, self._convert_port_errors():
             self._send(self._layout.build_request(self._id, _WRITE, data))
 
     def reboot(self) -> None:
@@ -176,7 +178,14 @@ class ServoLine:
             self._port.closePort()
 
     def _exchange(self, instruction: int, data: bytes, *, answer_size: int) -> bytes:
-        """Send a request and return its answer; retry after line errors."""
+        """Send a request and return its answer; retry after line errors.
+
+        Threads take turns, so that a guard can stop the servo during a movement.
+        """
+        with self._lock:
+            return self._exchange_alone(instruction, data, answer_size=answer_size)
+
+    def _exchange_alone(self, instruction: int, data: bytes, *, answer_size: int) -> bytes:
         layout, is_silent, is_damaged = self._layout, True, False
         success = self._sdk.COMM_SUCCESS
         for _ in range(_TRIES):

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self, cast
 
-from palpate.clock import Clock
-from palpate.errors import InputError, PalpateError
+from palpate.clock import Clock, RealClock
+from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
+from palpate.gripper.plain import MovedByWidth, NoGripper, PlainGripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray, read_waiting
 from palpate.sensor.calibration import Calibration
@@ -95,19 +96,25 @@ class Rig:
         """Whether any part of the rig is simulated."""
         return self.origin != "hardware"
 
-    def read(self) -> Reading:
+    @property
+    def has_force(self) -> bool:
+        """Whether the calibration has a force law."""
+        return self._get_reader().has_force
+
+    def read(self, *, timeout_s: float = _FRAME_S) -> Reading:
         """Return the newest frame as a reading, without moving the gripper.
 
         After a pause the frames in between are skipped; `for reading in rig` yields every frame.
         Each frame is returned once: a call in quick succession waits for the next frame.
 
+        `timeout_s`: time limit for a frame.
         Raises `DeviceError` if no frame arrives, or the running grasp ends.
         """
         if self._grip is not None and self._grip.is_holding:
             return self._grip.read()
         # The first reader fits the force law, while which frames grow old.
         reader = self._get_reader()
-        *earlier, newest = read_waiting(self.array, clock=self.clock, timeout_s=_FRAME_S)
+        *earlier, newest = read_waiting(self.array, clock=self.clock, timeout_s=timeout_s)
         reader.follow(earlier)
         return reader.read(newest, now_s=self.clock.now_s())
 
@@ -245,8 +252,11 @@ def open_rig(
     object_name: str | None = None,
     seed: int = 0,
     rate_hz: float | None = None,
+    array: PressureArray | None = None,
+    gripper: Gripper | MovedByWidth | None = None,
+    calibration: Calibration | str | os.PathLike[str] | None = None,
 ) -> Rig:
-    """Open a rig.
+    """Open a rig by its name or file, or one made of Python objects.
 
     Parameters
     ----------
@@ -258,15 +268,29 @@ def open_rig(
         Seed of all random variation of a simulated rig.
     rate_hz : float, optional
         Frame rate of a built-in simulated rig; 250 by default, as with palpate's firmware.
+    array : PressureArray, optional
+        Your own sensor, with its `calibration`; `name` is then a label.
+    gripper : Gripper or MovedByWidth, optional
+        Your own gripper, for your own sensor or for a rig file: palpate's interface, or any object
+        with `width_mm`, `move(width_mm, speed_mm_s)` and `stop()`.
+    calibration : Calibration or path, optional
+        Calibration of `array`.
 
     Raises
     ------
     InputError
-        If the rig or the object is unknown, the rig file is invalid, or `rate_hz` is given for
-        another rig.
+        If the rig or the object is unknown, the rig file is invalid, `rate_hz` is given for
+        another rig, or your objects do not fit.
     DeviceError
         If the equipment or its simulator is not available.
     """
+    hand = None if gripper is None else _as_gripper(gripper)
+    if array is not None:
+        return _open_objects(name, array=array, gripper=hand, calibration=calibration)
+    if calibration is not None:
+        raise InputError("calibration=... belongs to array=...; a rig file names its own")
+    if hand is not None and not name.endswith(".toml"):
+        raise InputError(f"gripper=... needs a rig file or array=...; {name} has its own gripper")
     if name in BUILT_IN:
         from palpate.rig.simulated import open_simulated
 
@@ -279,11 +303,44 @@ def open_rig(
     if name.endswith(".toml"):
         from palpate.rig.file import open_file
 
-        return open_file(Path(name), object_name=object_name, seed=seed)
+        return open_file(Path(name), object_name=object_name, seed=seed, gripper=hand)
     for point in entry_points(group=ENTRY_POINTS):
         if point.name == name:
             rig: Rig = point.load()(object_name=object_name, seed=seed)
             return rig
     raise InputError(
         f"no rig {name!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
+    )
+
+
+def _as_gripper(hand: Gripper | MovedByWidth) -> Gripper:
+    """Return an object as a gripper; palpate's interface has `limits`."""
+    if hasattr(hand, "limits"):
+        return cast(Gripper, hand)
+    return PlainGripper(hand)
+
+
+def _open_objects(
+    name: str,
+    *,
+    array: PressureArray,
+    gripper: Gripper | None,
+    calibration: Calibration | str | os.PathLike[str] | None,
+) -> Rig:
+    """Return a rig of a user's objects."""
+    if calibration is None:
+        raise InputError("array=... needs calibration=FILE, from `palpate calibrate`")
+    made = calibration
+    if not isinstance(made, Calibration):
+        made = Calibration.load(Path(made))
+    if difference := made.layout.describe_difference(array.layout):
+        raise CalibrationError(
+            f"the calibration belongs to another sensor ({difference}); calibrate this array"
+        )
+    return Rig(
+        name="your objects" if name in BUILT_IN else name,
+        array=array,
+        gripper=NoGripper() if gripper is None else gripper,
+        clock=RealClock(),
+        calibration=made,
     )

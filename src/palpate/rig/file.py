@@ -17,17 +17,15 @@ from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hin
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, DeviceError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
+from palpate.gripper.plain import NoGripper, PlainGripper
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.frame_port import PortArray
 
-#: Required parts of a rig file, and their names in messages.
-_REQUIRED_PARTS = {
-    "array": "table [array]",
-    "gripper": "table [gripper]",
-    "calibration": '`calibration = "FILE"`',
-}
+#: Required parts of a rig file, and their names in messages; others are optional.
+_REQUIRED_PARTS = {"array": "table [array]", "calibration": '`calibration = "FILE"`'}
+_OPTIONAL_PARTS = ("gripper", "load_cells")
 _INIT_HINT = (
     "`palpate init FILE --gripper KIND` writes a complete file; --rig sim-rigid is simulated"
 )
@@ -55,15 +53,19 @@ class RigFile:
     path: Path
     #: Calibration file, which may not exist yet.
     calibration: Path
-    #: Tables of the array and the gripper, as in the file.
+    #: Tables of the array and the gripper, as in the file; None without a gripper.
     array: Any
     gripper: Any
     #: Scale of each load cell in use, cell 0 first; None without load cells.
     newtons_per_count: tuple[float, ...] | None
 
 
-def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
+def open_file(
+    path: Path, *, object_name: str | None, seed: int, gripper: Gripper | None = None
+) -> Rig:
     """Open the rig described by a file.
+
+    `gripper`: used instead of that of the file, which may have none.
 
     The file has one of two forms. With ``use = "sim-rigid"`` it names another rig; an optional
     ``calibration`` file replaces that rig's own. Otherwise the file has a ``calibration`` file and
@@ -78,6 +80,8 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     """
     stated = read_rig_table(path)
     if "use" in stated:
+        if gripper is not None:
+            raise InputError(f"rig file {path}: `use` has a gripper of its own; omit gripper=...")
         if not stated.keys() <= {"use", "calibration"}:
             raise InputError(
                 f"rig file {path}: only `calibration` is allowed together with `use`; remove the "
@@ -90,7 +94,12 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         return replace_calibration(rig, calibrated)
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
-    array, gripper = open_devices(rig_file)
+    if gripper is None and rig_file.gripper is None:
+        gripper = NoGripper()
+    if gripper is None:
+        array, gripper = open_devices(rig_file)
+    else:
+        array = open_device(path, "array", rig_file.array)
     try:
         check_layout(calibration, array, file=rig_file.calibration, rig_file=path)
     except CalibrationError:
@@ -163,16 +172,17 @@ def read_rig_file(path: Path) -> RigFile:
         if name not in stated:
             found = ", ".join(sorted(stated)) or "nothing"
             raise InputError(f"rig file {path}: no {what}; found {found}. {_INIT_HINT}")
-    if unknown := stated.keys() - _REQUIRED_PARTS.keys() - {"load_cells"}:
+    known = (*_REQUIRED_PARTS, *_OPTIONAL_PARTS)
+    if unknown := stated.keys() - set(known):
         raise InputError(
             f"rig file {path}: unknown key {', '.join(sorted(unknown))}; available: use, "
-            f"{', '.join(_REQUIRED_PARTS)}, load_cells"
+            f"{', '.join(known)}"
         )
     return RigFile(
         path=path,
         calibration=_calibration_path(path, stated),
         array=stated["array"],
-        gripper=stated["gripper"],
+        gripper=stated.get("gripper"),
         newtons_per_count=_parse_newtons_per_count(path, stated),
     )
 
@@ -316,6 +326,11 @@ def open_device(path: Path, part: str, table: Any, **shared: Any) -> Any:
     except (Exception, SystemExit) as error:
         why = f"{error}" if isinstance(error, TypeError | ValueError) else repr(error)
         raise InputError(f"rig file {path}: [{part}]: {_one_line(why)}") from error
+    if part == "gripper" and not hasattr(device, "limits"):
+        try:
+            return PlainGripper(device)
+        except InputError as error:
+            raise InputError(f"rig file {path}: [{part}] open = {where!r}: {error}") from error
     absent = [name for name in _DEVICE_NAMES[part] if not hasattr(device, name)]
     if absent:
         raise InputError(

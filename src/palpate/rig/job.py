@@ -22,6 +22,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
+from palpate.gripper.plain import NO_GRIPPER, NoGripper
 from palpate.rig import Rig
 from palpate.rig.recorded import GraspRecorder, record_grasp
 from palpate.sensor.array import PressureArray
@@ -68,7 +69,8 @@ class GraspJob:
     Raises
     ------
     InputError
-        If a force or the expected size is out of range or does not fit the method.
+        If a force or the expected size is out of range or does not fit the method, or the rig has
+        no gripper.
     CalibrationError
         If the calibration lacks data for this grasp.
 
@@ -102,6 +104,8 @@ class GraspJob:
             raise InputError(
                 "the paper's method has neither a target force nor an expected size; omit them"
             )
+        if isinstance(rig.gripper, NoGripper):
+            raise InputError(NO_GRIPPER)
         self._rig, self._limit, self._record = rig, limit, record
         self._array = rig.array if array is None else array
         plan = plan_grasp(

@@ -74,6 +74,11 @@ class Reader:
         with suppress(CalibrationError):
             self._force = force_now(calibration.force)
 
+    @property
+    def has_force(self) -> bool:
+        """Whether the calibration has a force law."""
+        return self._force is not None
+
     def follow(self, frames: Sequence[Frame]) -> None:
         """Update the force with earlier frames; in a long series some suffice."""
         if self._force is not None:

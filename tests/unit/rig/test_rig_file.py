@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from palpate.errors import CalibrationError, InputError, PalpateError
+from palpate.gripper.interface import GripperLimits
 from palpate.rig import open_rig
 from palpate.rig.file import open_device, read_rig_file, read_rig_table
 from palpate.sensor.calibration import Calibration
@@ -38,7 +39,7 @@ CELLS = "calibration = 'a.json'\n[array]\n[gripper]\n[load_cells]\nnewtons_per_c
     ("text", "message"),
     [
         ("use = ", "Invalid value"),
-        ("[array]\nopen = 'a:b'\n", "no table [gripper]; found array"),
+        ("[array]\nopen = 'a:b'\n", 'no `calibration = "FILE"`; found array'),
         ("[array]\n[gripper]\n", 'no `calibration = "FILE"`; found array, gripper'),
         ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "unknown key load_cell;"),
         ("use = 'sim-rigid'\nlevel = 'field'\n", "only `calibration` is allowed together"),
@@ -129,7 +130,9 @@ def bench(
         return SimpleNamespace(layout=layout, close=lambda: closed.append("array"))
 
     def open_hand(*, array: object, colour: str) -> SimpleNamespace:
-        return SimpleNamespace(array=array, colour=colour, close=lambda: closed.append("hand"))
+        limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+        close = lambda: closed.append("hand")  # noqa: E731
+        return SimpleNamespace(array=array, colour=colour, limits=limits, close=close)
 
     made = SimpleNamespace(array=open_array, hand=open_hand, calibration=calibration, closed=closed)
     monkeypatch.setitem(sys.modules, "my_bench", made)

@@ -1,0 +1,204 @@
+"""A guard that stops any gripper before the force passes a limit."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from types import TracebackType
+from typing import Protocol, Self
+
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.gripper.plain import NO_GRIPPER, NoGripper
+from palpate.measurement import Measurement
+from palpate.rig import Rig
+from palpate.rig.reading import Reading
+from palpate.twin.paced_array import PacedArray
+
+#: Age from which a reading does not show the present force, and time limit for a frame, seconds.
+#: A busy computer passes bytes of a serial port on up to this late.
+STALE_S = 0.3
+
+
+class Stoppable(Protocol):
+    """What the guard needs of a gripper."""
+
+    def stop(self) -> object:
+        """Stop in place."""
+        ...
+
+
+class ForceGuard:
+    """Stops a gripper once the force could exceed a limit, or the sensor fails.
+
+    A thread reads the sensor in a `with` block, and calls `stop()` of the gripper, once, when
+
+    - the upper limit of the force's interval exceeds `limit_n`, or is unknown (a saturated pixel);
+    - no pixel has a reading;
+    - no frame has arrived for `stale_s`, or the sensor is lost.
+
+    The sensor must not be read elsewhere meanwhile: `reading` is the newest one. The guard does not
+    prevent a later command; ask `is_tripped` before each. `stop()` is called from the guard's
+    thread.
+
+    Parameters
+    ----------
+    source : Rig
+        An open rig, which may have no gripper, with a force law in its calibration.
+    limit_n : float
+        Limit of the grip force, newtons.
+    gripper : object, optional
+        Any object with `stop()`; by default the rig's gripper.
+    stale_s : float
+        Time without a new frame that stops the gripper, seconds.
+
+    Attributes
+    ----------
+    reading : Reading or None
+        The newest reading; None before the first.
+    reason : str
+        Why the gripper was stopped, in one line; empty before.
+    tripped_s : float or None
+        Time of the stop on the rig's clock.
+
+    Raises
+    ------
+    InputError
+        If the limit or `stale_s` is not above 0, or there is no gripper or no force law.
+
+    Examples
+    --------
+    >>> from palpate.rig import open_rig
+    >>> with open_rig("sim-rigid", object_name="tomato", seed=4) as rig:
+    ...     with ForceGuard(rig, limit_n=3.0) as guard:
+    ...         known = guard.wait_for_reading()
+    >>> known.force_n.high < 3.0, guard.is_tripped
+    (True, False)
+    """
+
+    def __init__(
+        self,
+        source: Rig,
+        *,
+        limit_n: float,
+        gripper: Stoppable | None = None,
+        stale_s: float = STALE_S,
+    ) -> None:
+        for name, value in (("limit_n", limit_n), ("stale_s", stale_s)):
+            if not value > 0:
+                raise InputError(f"{name} {value:g}: must be above 0")
+        if gripper is None and isinstance(source.gripper, NoGripper):
+            raise InputError(NO_GRIPPER)
+        # A simulated sensor has a frame at any time, and the guard would read without end.
+        paced = PacedArray(source.array, speed=1.0) if source.is_simulated else source.array
+        self._rig = replace(source, array=paced)
+        self._limit_n, self._stale_s = limit_n, stale_s
+        self._gripper = source.gripper if gripper is None else gripper
+        if not self._rig.has_force:
+            raise InputError(
+                "the calibration has no force law, so there is no force to guard; run `palpate "
+                "calibrate force`"
+            )
+        self.reading: Reading | None = None
+        self.reason = ""
+        self.tripped_s: float | None = None
+        self._is_stopped, self._failure = True, ""
+        self._news, self._closing = threading.Condition(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="palpate-guard", daemon=True)
+
+    @property
+    def is_tripped(self) -> bool:
+        """Whether the gripper was stopped."""
+        return self.reason != ""
+
+    def __enter__(self) -> Self:
+        """Start to guard."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the guard.
+
+        Raises `DeviceError` if the gripper could not be stopped.
+        """
+        self._closing.set()
+        self._thread.join()
+        if error is None and not self._is_stopped:
+            raise DeviceError(f"{self.reason}, and the stop failed: {self._failure}")
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until the gripper was stopped; return whether it was within the time."""
+        with self._news:
+            return self._news.wait_for(lambda: self.is_tripped, timeout_s)
+
+    def wait_for_reading(self, timeout_s: float | None = None) -> Reading:
+        """Wait for the first reading and return the newest.
+
+        Raises `DeviceTimeoutError` if there is none in time.
+        """
+        with self._news:
+            self._news.wait_for(lambda: self.reading is not None or self.is_tripped, timeout_s)
+        if self.reading is None:
+            raise DeviceTimeoutError(self.reason or f"no frame in {timeout_s} s")
+        return self.reading
+
+    def rearm(self) -> None:
+        """Guard again after a stop, for example once the object is released."""
+        with self._news:
+            self.reason, self.tripped_s, self._is_stopped = "", None, True
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            try:
+                reading = self._rig.read(timeout_s=self._stale_s)
+                danger = self._find_danger(reading)
+            except DeviceError as error:
+                reading, danger = None, str(error)
+            except Exception as error:
+                # The thread ends, so nothing would guard.
+                self._trip(f"the guard failed: {error!r}")
+                raise
+            if danger and not self.is_tripped:
+                self._trip(danger)
+            if not self._is_stopped:
+                self._stop()
+            with self._news:
+                self.reading = reading or self.reading
+                self._news.notify_all()
+            if reading is None:
+                self._closing.wait(0.05)
+
+    def _find_danger(self, reading: Reading) -> str:
+        """Return why the gripper must stop; empty if it need not."""
+        if reading.age_s > self._stale_s:
+            return f"the newest frame is {reading.age_s:.2f} s old"
+        force = reading.force_n
+        assert isinstance(force, Measurement)
+        low, high = force.known_ends
+        if low is None and high is None:
+            return "no pixel has a reading; check the sensor's cable"
+        if high is None:
+            return f"a pixel is at its limit: at least {low:.2f} N, without an upper limit"
+        if high > self._limit_n:
+            return f"up to {high:.2f} N, above the limit of {self._limit_n:g} N"
+        return ""
+
+    def _trip(self, reason: str) -> None:
+        self._is_stopped = False
+        self._stop()
+        with self._news:
+            self.reason, self.tripped_s = reason, self._rig.clock.now_s()
+            self._news.notify_all()
+
+    def _stop(self) -> None:
+        """Stop the gripper; a failed stop is repeated at the next frame."""
+        try:
+            self._gripper.stop()
+        except Exception as error:
+            self._failure = str(error)
+        else:
+            self._is_stopped = True

@@ -1,0 +1,199 @@
+"""The force guard, and rigs made of Python objects."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from examples.own_gripper import MySensor, Plates, my_calibration
+
+import palpate
+from palpate.clock import ManualClock, RealClock
+from palpate.errors import CalibrationError, DeviceError
+from palpate.rig import Rig
+from palpate.sensor.calibration import ForcePairs
+
+TIMEOUT_S = 20.0
+
+
+class Rack:
+    """The plates as an object with `width_mm`, `move` and `stop`."""
+
+    lowest_mm, highest_mm, fastest_mm_s = 5.0, 74.0, 60.0
+
+    def __init__(self, plates: Plates) -> None:
+        self.plates, self.stops, self.is_deaf = plates, 0, False
+
+    @property
+    def width_mm(self) -> float:
+        return self.plates.width_mm
+
+    def move(self, width_mm: float, speed_mm_s: float) -> None:
+        self.plates.move(width_mm, rate=speed_mm_s)
+
+    def stop(self) -> None:
+        self.stops += 1
+        if self.is_deaf:
+            raise OSError("no answer")
+        self.plates.move(self.plates.width_mm, rate=1.0)
+
+
+class Sensor(MySensor):
+    """The toy sensor; it can be unplugged, or lose a pixel."""
+
+    is_unplugged = is_saturated = False
+
+    def read(self, *, timeout_s: float) -> Any:
+        frame = super().read(timeout_s=timeout_s)
+        if self.is_unplugged:
+            raise DeviceError("the sensor is gone; check its cable")
+        return replace(frame, counts=frame.counts * 0 + 1023) if self.is_saturated else frame
+
+
+@pytest.fixture
+def rack() -> Rack:
+    return Rack(Plates(RealClock(), size_mm=40.0, n_per_mm=2.0))
+
+
+@pytest.fixture
+def rig(rack: Rack) -> Iterator[Rig]:
+    sensor = Sensor(rack.plates, period_s=0.004)
+    with palpate.open_rig(array=sensor, gripper=rack, calibration=my_calibration()) as opened:
+        yield opened
+
+
+def close_on_the_spring(rack: Rack) -> None:
+    rack.plates.move(41.0, rate=1000.0)
+    time.sleep(0.1)
+    rack.move(30.0, 4.0)
+
+
+def test_guard_stops_a_plain_object_before_the_true_force_passes_the_limit(
+    rig: Rig, rack: Rack
+) -> None:
+    with palpate.ForceGuard(rig, limit_n=3.0) as guard:
+        assert not guard.is_tripped
+        close_on_the_spring(rack)
+        assert guard.wait(TIMEOUT_S)
+        assert "above the limit of 3 N" in guard.reason
+        assert 0.5 < rack.plates.force_n < 3.3
+        held = rack.plates.force_n
+        time.sleep(0.2)
+        assert rack.plates.force_n == held
+        # The hand can be opened, and is guarded again on request.
+        rack.move(74.0, 60.0)
+        time.sleep(0.7)
+        assert rack.plates.force_n == 0.0
+        guard.rearm()
+        assert not guard.wait(0.1)
+        close_on_the_spring(rack)
+        assert guard.wait(TIMEOUT_S)
+    assert rack.stops == 2
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [("is_unplugged", "check its cable"), ("is_saturated", "a pixel is at its limit")],
+)
+def test_guard_stops_the_gripper_when_the_sensor_fails(
+    rig: Rig, rack: Rack, fault: str, reason: str
+) -> None:
+    with palpate.ForceGuard(rig, limit_n=3.0) as guard:
+        guard.wait_for_reading(TIMEOUT_S)
+        rack.move(60.0, 4.0)
+        setattr(rig.array, fault, True)
+        assert guard.wait(TIMEOUT_S)
+        assert reason in guard.reason
+    assert 60.0 < rack.width_mm < 74.0
+
+
+def test_guard_of_a_gripper_that_does_not_stop_repeats_the_stop_and_raises(
+    rig: Rig, rack: Rack
+) -> None:
+    rack.is_deaf = True
+    guard = palpate.ForceGuard(rig, limit_n=3.0)
+    guard.__enter__()
+    close_on_the_spring(rack)
+    assert guard.wait(TIMEOUT_S)
+    time.sleep(0.1)
+    with pytest.raises(DeviceError, match=r"and the stop failed: .*no answer"):
+        guard.__exit__(None, None, None)
+    assert rack.stops > 3
+
+
+def test_guard_of_another_object_needs_no_gripper_in_the_rig(rack: Rack) -> None:
+    sensor = Sensor(rack.plates, period_s=0.004)
+    with palpate.open_rig(array=sensor, calibration=my_calibration()) as rig:
+        with pytest.raises(palpate.InputError, match="no gripper"):
+            palpate.ForceGuard(rig, limit_n=3.0)
+        with pytest.raises(palpate.InputError, match="no gripper"):
+            rig.grasp()
+        with palpate.ForceGuard(rig, limit_n=3.0, gripper=rack) as guard:
+            close_on_the_spring(rack)
+            assert guard.wait(TIMEOUT_S)
+    assert rack.plates.force_n < 3.3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"limit_n": 0.0}, "limit_n 0: must be above 0"),
+        ({"limit_n": 3.0, "stale_s": -1.0}, "stale_s"),
+    ],
+)
+def test_guard_refuses_numbers_out_of_range(
+    rig: Rig, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(palpate.InputError, match=message):
+        palpate.ForceGuard(rig, **options)
+
+
+def test_guard_without_a_force_law_is_refused(rack: Rack) -> None:
+    nothing = ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=())
+    without = replace(my_calibration(), force=nothing)
+    rig = palpate.open_rig(array=Sensor(rack.plates), gripper=rack, calibration=without)
+    with pytest.raises(palpate.InputError, match="palpate calibrate force"):
+        palpate.ForceGuard(rig, limit_n=3.0)
+
+
+def test_objects_grasp_like_a_rig_file() -> None:
+    clock = ManualClock()
+    rack = Rack(Plates(clock, size_mm=40.0, n_per_mm=2.0))
+    sensor = MySensor(rack.plates)
+    opened = palpate.open_rig(array=sensor, gripper=rack, calibration=my_calibration())
+    with replace(opened, clock=clock, gripper=with_clock(rack, clock)) as rig:
+        result = rig.grasp(target_force_n=4.0).release()
+    assert result.outcome == "held"
+    assert result.size_mm is not None
+    assert result.size_mm.low < 40.0 < result.size_mm.high
+
+
+def with_clock(rack: Rack, clock: ManualClock) -> Any:
+    from palpate.gripper.plain import PlainGripper
+
+    return PlainGripper(rack, clock=clock)
+
+
+def test_objects_that_do_not_fit_are_refused(rack: Rack, tmp_path: Path) -> None:
+    calibration = my_calibration()
+    sensor = MySensor(rack.plates)
+    with pytest.raises(palpate.InputError, match="needs calibration=FILE"):
+        palpate.open_rig(array=sensor, gripper=rack)
+    with pytest.raises(palpate.InputError, match="belongs to array"):
+        palpate.open_rig("sim-rigid", calibration=calibration)
+    with pytest.raises(palpate.InputError, match="has its own gripper"):
+        palpate.open_rig("sim-rigid", gripper=rack)
+    with pytest.raises(palpate.InputError, match="object has no width_mm"):
+        palpate.open_rig(array=sensor, gripper=object(), calibration=calibration)  # type: ignore[arg-type]
+    sensor.layout = replace(sensor.layout, rows=1, finger_of_row=(0,))
+    with pytest.raises(CalibrationError, match="another sensor"):
+        palpate.open_rig(array=sensor, gripper=rack, calibration=calibration)
+    calibration.save(tmp_path / "calibration.json")
+    file = tmp_path / "rig.toml"
+    file.write_text('use = "sim-rigid"\n')
+    with pytest.raises(palpate.InputError, match="omit gripper"):
+        palpate.open_rig(str(file), gripper=rack)
