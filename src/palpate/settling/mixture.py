@@ -8,13 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.settling.conditionals import (
-    DEVIATION_OF,
-    N_DEVIATIONS,
-    NOISE,
-    SCALE_DEGREES,
-    Conditionals,
-)
+from palpate.settling.conditionals import N_DEVIATIONS, SCALE_DEGREES, Conditionals
+from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES, NOISE
 
 #: Prior scale of the change of ln R from 0.3 to 20 s. Sheets and soft materials creep by a tenth to
 #: a half (median drops of five real materials: .08 to .4).
@@ -48,6 +43,12 @@ class Mixture:
     weight: FloatArray
     forecast: FloatArray
     deviation: FloatArray
+    #: Shape (n_components,). Whether the component's curve is a single exponential.
+    is_exponential: NDArray[np.bool_]
+
+    def exponential_probability(self) -> FloatArray:
+        """Return the posterior probability of a single exponential, shape (n_holds,)."""
+        return np.asarray(np.add.reduceat(self.weight * self.is_exponential, self.first))
 
 
 def compute_posterior(
@@ -60,27 +61,27 @@ def compute_posterior(
     `scaled`: as in `compute_conditionals`.
     """
     holds, m = differences.shape
-    whitened = (differences @ forms.whitening).reshape(holds, N_DEVIATIONS, m)
+    products = differences @ forms.projection
+    whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
     squares += noise[:, None] * (forms.noise_samples / NOISE**2)
     squares += scaled * SCALE_DEGREES * SCALE**2 + _TINY
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
-    along = differences @ forms.along
-    residual = squares @ forms.handicap
+    along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]
+    residual = (squares[:, :, None] * forms.handicap).reshape(holds, -1)
     residual -= np.square(along)
     smallest = np.maximum(residual.min(axis=1), 1e-12 * squares.min(axis=1))
-    limit = (smallest * MIN_WEIGHT ** (-2 / forms.degrees))[:, None]
-    [selected] = (residual <= limit).ravel().nonzero()
-    hold = selected // DEVIATION_OF.size
-    component = selected - hold * DEVIATION_OF.size
+    limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
+    hold, component = (residual <= limit[:, None]).nonzero()
     first = hold.searchsorted(np.arange(holds))
     smallest = smallest[hold]
-    unexplained = np.maximum(residual.take(selected), smallest)
-    weight = np.exp(-forms.degrees / 2 * np.log(unexplained / smallest))
+    unexplained = np.maximum(residual[hold, component], smallest)
+    weight = (smallest / unexplained) ** (forms.degrees / 2)
     weight /= np.add.reduceat(weight, first)[hold]
-    forecast = (differences @ forms.ahead).take(hold * N_DEVIATIONS + DEVIATION_OF[component])
-    forecast += forms.step[component] * along.take(selected)
+    deviation, curve = np.divmod(component, N_CURVES)
+    forecast = products[hold, deviation - N_DEVIATIONS]
+    forecast += forms.step[component] * along[hold, component]
     recent = forms.pace * differences[:, forms.pace_from][hold]
     model_variance = MODEL_ERROR**2 * (forecast**2 + recent**2)
     return Mixture(
@@ -89,6 +90,7 @@ def compute_posterior(
         weight=weight,
         forecast=forecast,
         deviation=np.sqrt(unexplained * forms.variance[component] + model_variance),
+        is_exponential=IS_EXPONENTIAL[curve],
     )
 
 
@@ -105,7 +107,7 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     >>> two = Mixture(
     ...     first=np.array([0]), hold=np.array([0, 0]),
     ...     weight=np.array([0.5, 0.5]), forecast=np.array([2.0, 4.0]),
-    ...     deviation=np.array([0.5, 0.5]),
+    ...     deviation=np.array([0.5, 0.5]), is_exponential=np.array([False, False]),
     ... )
     >>> compute_quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
     [[1.4], [3.0]]
