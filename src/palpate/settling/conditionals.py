@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,9 @@ from palpate.settling.baselines import log_law_weights
 from palpate.settling.shapes import LOOSE, N_CURVES, NOISE, WALK, curve_values
 from palpate.signal.transient import WAIT_S
 
-#: Degrees of freedom of the prior of the scale of ln R (see `mixture.SCALE`).
-SCALE_DEGREES = 4.0
+#: Prior scale of the change of ln R from 0.3 to 20 s, and its degrees of freedom. Sheets and soft
+#: materials creep by a tenth to a half (median drops of five real materials: .08 to .4).
+SCALE, SCALE_DEGREES = 0.18, 4.0
 #: Time offset in the logarithm of the walk, s: about the duration of the contact transient.
 WALK_FROM_S = 0.2
 #: Rates of the decays with free amplitudes, 1/s.
@@ -48,6 +50,9 @@ MAX_NOISE_SAMPLES = 12.0
 #: to the contact. The noise is then estimated from the second half only.
 CONTACT_SCATTER = 10.0
 
+#: See `weigh_noise`.
+NoiseWeights: TypeAlias = tuple[FloatArray, FloatArray]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditionals:
@@ -56,8 +61,12 @@ class Conditionals:
     #: Shape (m + 1,). First sample of each bin, and number of samples in it.
     starts: NDArray[np.intp]
     count: FloatArray
-    #: Number of independent noise samples, and degrees of freedom of the scale.
-    noise_samples: float
+    #: Weights for `estimate_noise_variance`.
+    noise_weights: NoiseWeights
+    #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
+    #: a sample, shape (n_deviations,); degrees of freedom of the scale.
+    prior_squares: float
+    noise_squares: FloatArray
     degrees: float
     #: Shape (m, n_deviations * m + n_components + n_deviations). Multiplies the differences; the
     #: columns whiten them for each deviation, project them on each whitened curve, and forecast the
@@ -125,7 +134,9 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     return Conditionals(
         starts=starts,
         count=count,
-        noise_samples=noise_samples,
+        noise_weights=weigh_noise(samples_s),
+        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + float(np.finfo(float).tiny),
+        noise_squares=noise_samples / NOISE**2,
         degrees=degrees,
         projection=np.concatenate(
             (
@@ -193,7 +204,25 @@ def log_bins(time_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArr
     return starts, count, np.exp(mean) - LINEAR_BELOW_S
 
 
-def estimate_noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArray:
+def weigh_noise(time_s: FloatArray) -> NoiseWeights:
+    """Return weights for `estimate_noise_variance`.
+
+    These are the weight of the earlier neighbour of each sample but the first and the last, and
+    the weights of the squares in two means: of all samples, and of the second half.
+    """
+    if time_s.size < 3:
+        return np.zeros(max(time_s.size - 2, 0)), np.zeros((max(time_s.size - 2, 0), 2))
+    earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
+    half = earlier.size // 2
+    averages = np.empty((earlier.size, 2))
+    averages[:, 0] = 1 / (2 - 2 * earlier * (1 - earlier))
+    averages[:, 1] = averages[:, 0] / (earlier.size - half)
+    averages[:half, 1] = 0.0
+    averages[:, 0] /= earlier.size
+    return earlier, averages
+
+
+def estimate_noise_variance(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     """Estimate the noise from the deviation of each sample from its neighbours' line.
 
     Returns the variance of one sample, shape (n_holds,); 0 for fewer than three samples.
@@ -201,18 +230,12 @@ def estimate_noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArra
     A straight line has no noise:
 
     >>> line = np.array([0.0, 0.1, 0.3, 0.4])
-    >>> estimate_noise_variance(line, 10 * line[None]).round(9)
+    >>> estimate_noise_variance(weigh_noise(line), 10 * line[None]).round(9)
     array([0.])
     """
-    if time_s.size < 3:
-        return np.zeros(len(values))
-    earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    square = values[:, 1:-1] - values[:, 2:] + earlier * (values[:, 2:] - values[:, :-2])
+    earlier, averages = weights
+    later = values[:, 2:]
+    square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
     square *= square
-    # Weights of the mean of all squares, and of those in the second half.
-    weights = np.empty((earlier.size, 2))
-    weights.T[:] = 1 / (2 - 2 * earlier * (1 - earlier))
-    half = earlier.size // 2
-    weights[:half, 1] = 0.0
-    variance, late = (square @ weights).T / np.array([[earlier.size], [earlier.size - half]])
+    variance, late = (square @ averages).T
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

@@ -8,12 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.settling.conditionals import N_DEVIATIONS, SCALE_DEGREES, Conditionals
-from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES, NOISE
+from palpate.settling.conditionals import N_DEVIATIONS, Conditionals
+from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 
-#: Prior scale of the change of ln R from 0.3 to 20 s. Sheets and soft materials creep by a tenth to
-#: a half (median drops of five real materials: .08 to .4).
-SCALE = 0.18
 #: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
 #: change at the recent rate per e-fold of time.
 MODEL_ERROR = 0.08
@@ -52,20 +49,18 @@ class Mixture:
 
 
 def compute_posterior(
-    forms: Conditionals, differences: FloatArray, *, noise: FloatArray, scaled: bool
+    forms: Conditionals, differences: FloatArray, *, noise: FloatArray
 ) -> Mixture:
     """Compute the posterior weights of the components for holds on one grid.
 
     `differences`, shape (n_holds, m): differences of the bins to the last bin.
     `noise`, shape (n_holds,): noise variance of one sample.
-    `scaled`: as in `compute_conditionals`.
     """
     holds, m = differences.shape
     products = differences @ forms.projection
     whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
-    squares += noise[:, None] * (forms.noise_samples / NOISE**2)
-    squares += scaled * SCALE_DEGREES * SCALE**2 + _TINY
+    squares += noise[:, None] * forms.noise_squares + forms.prior_squares
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
     along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]

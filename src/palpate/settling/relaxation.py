@@ -14,7 +14,11 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
 from palpate.measurement import Status
-from palpate.settling.conditionals import compute_conditionals, estimate_noise_variance
+from palpate.settling.conditionals import (
+    compute_conditionals,
+    estimate_noise_variance,
+    weigh_noise,
+)
 from palpate.settling.mixture import compute_posterior, compute_quantiles
 from palpate.settling.origin import Window, find_updates, find_windows
 from palpate.settling.result import SettledEstimate
@@ -56,6 +60,19 @@ _MIN_RATIO = 1e-12
 #: Smallest ratio to the last reading that the log law predicts, and smallest change.
 _MIN_LINE, _TINY = 1e-3, float(np.finfo(float).tiny)
 _SIGNS = np.array([[-1.0], [0.0], [1.0]])
+#: Statuses, and their indices.
+_STATUSES = np.array(
+    [
+        Status.OK,
+        Status.UNPROVEN,
+        Status.FELL_BACK,
+        Status.TOO_SHORT,
+        Status.MISFIT,
+        Status.NOT_SETTLING,
+    ],
+    dtype=object,
+)
+_OK, _UNPROVEN, _FELL_BACK, _TOO_SHORT, _MISFIT, _NOT_SETTLING = range(_STATUSES.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,33 +171,37 @@ def _forecast(
     """
     since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
     if since_s.size < 2:
-        return used[:, -1] + _SIGNS * span, _repeat_status(Status.TOO_SHORT, len(used))
+        return used[:, -1] + _SIGNS * span, _STATUSES[np.full(len(used), _TOO_SHORT)]
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
     binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
     differences = binned[:, :-1] - binned[:, -1:]
-    noise = estimate_noise_variance(since_s, used)
-    mixture = compute_posterior(forms, differences, noise=noise, scaled=positive)
+    noise = estimate_noise_variance(forms.noise_weights, used)
+    mixture = compute_posterior(forms, differences, noise=noise)
     change = compute_quantiles(mixture, quantile)
     largest_change = np.maximum(_MAX_CHANGE * span, _TINY)
     shrinking = largest_change / np.maximum(np.abs(change[1]), largest_change)
     change *= shrinking
-    status = _evaluate_status(window, binned[:, -1] + change, span=span, positive=positive)
-    is_ok = status == Status.OK
     recent = -forms.pace * differences[:, forms.pace_from]
     low_pace, high_pace = _PROVEN_PACE
-    is_unproven = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
-    status[is_ok & is_unproven] = Status.UNPROVEN
-    status[is_ok & (shrinking < 1)] = Status.FELL_BACK
+    # A later line takes precedence.
+    code = np.zeros(len(used), dtype=np.intp)
+    code[(change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0] = _UNPROVEN
+    code[shrinking < 1] = _FELL_BACK
+    code[_is_wide(binned[:, -1] + change, span=span, positive=positive)] = (
+        _MISFIT if since_s[-1] > _EARLY_S else _TOO_SHORT
+    )
+    if _is_short(window):
+        code[:] = _TOO_SHORT
     excursion = np.abs(binned - binned[:, :1])
     largest = excursion.max(axis=1)
     has_returned = largest - excursion[:, -1] > _MAX_RETURN * largest
-    status[has_returned | (span == 0)] = Status.NOT_SETTLING
+    code[has_returned | (span == 0)] = _NOT_SETTLING
+    is_ok = code == _OK
     # The line is straighter for readings than for their logarithms.
     line = (np.exp(used) if positive else used) @ forms.log_law
     if positive:
         line = np.log(np.maximum(line, _MIN_LINE))
     line = np.minimum(np.maximum(line - binned[:, -1], -largest_change), largest_change)
-    is_ok = status == Status.OK
     is_moved = ~is_ok
     if since_s[-1] > _EARLY_S:
         is_moved &= mixture.exponential_probability() < _DECISIVE
@@ -188,8 +209,8 @@ def _forecast(
     side, longer = np.abs(change - change[1]), np.abs(gap)
     side = np.where(is_ok, np.hypot(side, longer), side + longer) * (1 + beyond)
     if beyond:
-        status[is_ok] = Status.UNPROVEN
-    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
+        code[is_ok] = _UNPROVEN
+    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, _STATUSES[code]
 
 
 def _group_holds(
@@ -240,27 +261,21 @@ def _last_decimal(reading: float) -> float:
     return float(10.0 ** -len(decimals))
 
 
-def _repeat_status(status: Status, count: int) -> NDArray[np.object_]:
-    return np.array([status] * count, dtype=object)
+def _is_short(window: Window) -> bool:
+    duration_s = window.since_s[-1]
+    is_contact = window.first > window.origin and duration_s < _MIN_CONTACT_S
+    return bool(is_contact or duration_s < _MIN_DURATION_S or window.since_s.size < _MIN_SAMPLES)
 
 
-def _evaluate_status(
-    window: Window, ends: FloatArray, *, span: FloatArray, positive: bool
-) -> NDArray[np.object_]:
-    """Return the status of each hold, from the duration and the width of its interval."""
+def _is_wide(ends: FloatArray, *, span: FloatArray, positive: bool) -> NDArray[np.bool_]:
+    """Return whether the interval is wider than a fraction of the value.
+
+    For signed values it is compared with the observed change.
+    """
     low, value, high = ends
-    duration_s = float(window.since_s[-1])
-    if window.since_s.size < _MIN_SAMPLES or duration_s < _MIN_DURATION_S:
-        return _repeat_status(Status.TOO_SHORT, value.size)
-    if duration_s < _MIN_CONTACT_S and window.first > window.origin:
-        return _repeat_status(Status.TOO_SHORT, value.size)
-    # The limit is a fraction of the value, or for signed values the observed change.
-    half_width = (np.exp(high - value) - np.exp(low - value) if positive else high - low) / 2
-    status = _repeat_status(Status.OK, value.size)
-    status[half_width > (_MAX_HALF_WIDTH if positive else span)] = (
-        Status.MISFIT if duration_s > _EARLY_S else Status.TOO_SHORT
-    )
-    return status
+    if positive:
+        return np.asarray(np.exp(high - value) - np.exp(low - value) > 2 * _MAX_HALF_WIDTH)
+    return np.asarray(high - low > 2 * span)
 
 
 def _average_end(
@@ -270,5 +285,5 @@ def _average_end(
     stop = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = change[:, :stop][:, time_s[:stop] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else change[:, stop - 1 : stop]
-    variance = estimate_noise_variance(time_s, change)
+    variance = estimate_noise_variance(weigh_noise(time_s), change)
     return np.asarray(last.mean(axis=1) + ndtri(quantile)[:, None] * np.sqrt(variance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,8 +69,17 @@ class SettledEstimate:
         """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
-        names = ("value", "low", "high", "window_s", "status")
-        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+        low, high, window_s = (np.asarray(part) for part in (self.low, self.high, self.window_s))
+        return SettledEstimate(
+            value=self.value[index],
+            low=low[index],
+            high=high[index],
+            level=self.level,
+            horizon_s=self.horizon_s,
+            window_s=window_s[index],
+            method=self.method,
+            status=np.asarray(self.status)[index],
+        )
 
 
 def _plain(part: Any) -> Any:
