@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import log_law_weights
-from palpate.settling.shapes import LOOSE, N_CURVES, NOISE, WALK, curve_values
+from palpate.settling.shapes import LOOSE, NOISE, WALK, curve_values
 from palpate.signal.transient import WAIT_S
 
 #: Prior scale of the change of ln R from 0.3 to 20 s, and its degrees of freedom. Sheets and soft

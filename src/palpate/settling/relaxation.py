@@ -274,7 +274,9 @@ def _is_wide(ends: FloatArray, *, span: FloatArray, positive: bool) -> NDArray[n
     """
     low, value, high = ends
     if positive:
-        return np.asarray(np.exp(high - value) - np.exp(low - value) > 2 * _MAX_HALF_WIDTH)
+        # The bound is wide in any case, and the exponential of a larger side may overflow.
+        above = np.minimum(high - value, 1.0)
+        return np.asarray(np.exp(above) - np.exp(low - value) > 2 * _MAX_HALF_WIDTH)
     return np.asarray(high - low > 2 * span)
 
 
