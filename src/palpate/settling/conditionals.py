@@ -3,7 +3,7 @@
 A component is a curve and a deviation. Let d be the differences of the binned samples to the last
 bin, and s their unknown scale. Their covariance is s^2 (K + c c'), with K from the deviation and c
 from the curve. Each deviation is factorised once per grid, and each curve is a rank-one update
-(Sherman and Morrison), so that three factors serve 60 components. The forecast is linear in d. The
+(Sherman and Morrison), so that four factors serve 80 components. The forecast is linear in d. The
 evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) with an inverse gamma
 prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
@@ -36,7 +36,9 @@ _JITTER = 1e-9
 
 N_DEVIATIONS = NOISE.size
 #: Variances of the deviations, shape (n_deviations, 1, 1).
-_NOISE_VARIANCE, _WALK_VARIANCE = (np.square(sd)[:, None, None] for sd in (NOISE, WALK))
+_NOISE_VARIANCE, _WALK_VARIANCE, _LOOSE_VARIANCE = (
+    np.square(deviation)[:, None, None] for deviation in (NOISE, WALK, LOOSE)
+)
 _LOG_NOISE = np.log(NOISE)[:, None]
 
 #: Maximum number of bins; more bins do not improve the prediction.
@@ -164,11 +166,12 @@ def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArra
     walk = np.minimum(distance[:, None], distance)
     # The walk before the last bin and the walk after it are independent.
     walk[m, :m] = walk[:m, m] = 0.0
-    decays = LOOSE * np.exp(points_s[:, None] * _LOOSE_RATE)
+    decays = np.exp(points_s[:, None] * _LOOSE_RATE)
     decays = decays[:-1] - decays[-1]
     loose = decays @ decays.T
-    loose.flat[:: m + 2] += _JITTER
-    return np.asarray(_NOISE_VARIANCE * noise + _WALK_VARIANCE * walk + loose)
+    covariances = _NOISE_VARIANCE * noise + _WALK_VARIANCE * walk + _LOOSE_VARIANCE * loose
+    covariances.reshape(N_DEVIATIONS, -1)[:, :: m + 2] += _JITTER
+    return np.asarray(covariances)
 
 
 def _line_weights(samples_s: FloatArray, *, after_s: float) -> FloatArray:

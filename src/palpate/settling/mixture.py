@@ -13,7 +13,7 @@ from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 
 #: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
 #: change at the recent rate per e-fold of time.
-MODEL_ERROR = 0.08
+MODEL_ERROR = 0.12
 #: Components with less than this fraction of the largest weight are ignored.
 MIN_WEIGHT = 1e-3
 #: Points at which the distribution is evaluated, standard deviations from the mean.

@@ -42,7 +42,7 @@ _PROVEN_PACE = (0.6, 1.8)
 #: each side of the interval grows by the number of e-folds of time beyond it.
 _PROVEN_HORIZON_S = 20.0
 #: Share of the distance to the log law: for all statuses but `ok` the value moves by it, and each
-#: side of an interval grows by it. Chosen on six real materials: with one of them left out, the
+#: side of the interval grows by it. Chosen on six real materials: with one of them left out, the
 #: best of 0, 1/4, 1/2, 3/4 and 1 is 3/4 again, and 1/2 without meat.
 _LINE_SHARE = 0.75
 #: Posterior probability from which on the samples themselves prove a single exponential (odds of
@@ -178,8 +178,8 @@ def _forecast(
     noise = estimate_noise_variance(forms.noise_weights, used)
     mixture = compute_posterior(forms, differences, noise=noise)
     change = compute_quantiles(mixture, quantile)
-    largest_change = np.maximum(_MAX_CHANGE * span, _TINY)
-    shrinking = largest_change / np.maximum(np.abs(change[1]), largest_change)
+    largest_change = _MAX_CHANGE * span
+    shrinking = largest_change / np.maximum(np.maximum(np.abs(change[1]), largest_change), _TINY)
     change *= shrinking
     recent = -forms.pace * differences[:, forms.pace_from]
     low_pace, high_pace = _PROVEN_PACE
@@ -206,8 +206,8 @@ def _forecast(
     if since_s[-1] > _EARLY_S:
         is_moved &= mixture.exponential_probability() < _DECISIVE
     gap = _LINE_SHARE * (line - change[1])
-    side, longer = np.abs(change - change[1]), np.abs(gap)
-    side = np.where(is_ok, np.hypot(side, longer), side + longer) * (1 + beyond)
+    side = np.abs(change - change[1]) + ~is_ok * np.abs(gap)
+    side *= 1 + beyond
     if beyond:
         code[is_ok] = _UNPROVEN
     return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, _STATUSES[code]

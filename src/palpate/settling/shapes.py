@@ -17,7 +17,7 @@ from palpate.arrays import FloatArray
 
 #: Creep: the time offset, s, and the power of time. With a power of 0 it would be a logarithm.
 _CREEP_FROM_S = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
-_CREEP_POWER = 0.1
+_CREEP_POWER = 0.12
 #: Decays: time constant, s, and stretching exponent.
 _TAU_S, _STRETCHING = np.array(
     [
@@ -32,11 +32,11 @@ N_CURVES = _CREEP_FROM_S.size + _TAU_S.size
 IS_EXPONENTIAL: NDArray[np.bool_] = np.append(np.zeros(_CREEP_FROM_S.size), _STRETCHING) == 1
 
 #: Deviations of a hold from its curve, standard deviations in units of the scale, shape
-#: (n_deviations,): noise of one sample, and random walk per e-fold of time (waves and steps).
-NOISE = np.array([0.003, 0.012, 0.012])
-WALK = np.array([0.01, 0.02, 0.1])
-#: Amplitude of decays with any time constant (a different smooth shape), in all deviations.
-LOOSE = 0.03
+#: (n_deviations,): noise of one sample; random walk per e-fold of time (waves and steps); amplitude
+#: of decays with any time constant (a different smooth shape).
+NOISE = np.array([0.003, 0.003, 0.012, 0.012])
+WALK = np.array([0.01, 0.02, 0.02, 0.1])
+LOOSE = np.array([0.01, 0.08, 0.03, 0.03])
 
 
 def _falling_curves(time_s: FloatArray) -> FloatArray:
