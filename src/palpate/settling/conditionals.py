@@ -63,7 +63,7 @@ class Conditionals:
     #: Shape (m + 1,). First sample of each bin, and number of samples in it.
     starts: NDArray[np.intp]
     count: FloatArray
-    #: Weights for `estimate_noise_variance`.
+    #: Weights for `estimate_noise`.
     noise_weights: NoiseWeights
     #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
     #: a sample, shape (n_deviations,); degrees of freedom of the scale.
@@ -131,6 +131,8 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     root_handicap = np.sqrt(handicap)
     back = inverse[:, :m, :m].transpose(0, 2, 1)
     along = back @ (along * (root_handicap / root)[:, None])
+    by_bin = (part.transpose(1, 0, 2) for part in (back, along))
+    ahead = -spread * inverse[:, m, :m]
     pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
     pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
@@ -140,14 +142,7 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
         prior_squares=scaled * SCALE_DEGREES * SCALE**2 + float(np.finfo(float).tiny),
         noise_squares=noise_samples / NOISE**2,
         degrees=degrees,
-        projection=np.concatenate(
-            (
-                back.transpose(1, 0, 2).reshape(m, -1),
-                along.transpose(1, 0, 2).reshape(m, -1),
-                (-spread * inverse[:, m, :m]).T,
-            ),
-            axis=1,
-        ),
+        projection=np.concatenate([part.reshape(m, -1) for part in (*by_bin, ahead.T)], axis=1),
         handicap=handicap,
         step=(step / root_handicap).ravel(),
         variance=((spread**2 + step**2) / (handicap * max(degrees - 2, 1))).ravel(),
@@ -208,13 +203,11 @@ def log_bins(time_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArr
 
 
 def weigh_noise(time_s: FloatArray) -> NoiseWeights:
-    """Return weights for `estimate_noise_variance`.
+    """Return weights for `estimate_noise`.
 
     These are the weight of the earlier neighbour of each sample but the first and the last, and
     the weights of the squares in two means: of all samples, and of the second half.
     """
-    if time_s.size < 3:
-        return np.zeros(max(time_s.size - 2, 0)), np.zeros((max(time_s.size - 2, 0), 2))
     earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
     half = earlier.size // 2
     averages = np.empty((earlier.size, 2))
@@ -225,7 +218,7 @@ def weigh_noise(time_s: FloatArray) -> NoiseWeights:
     return earlier, averages
 
 
-def estimate_noise_variance(weights: NoiseWeights, values: FloatArray) -> FloatArray:
+def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     """Estimate the noise from the deviation of each sample from its neighbours' line.
 
     Returns the variance of one sample, shape (n_holds,); 0 for fewer than three samples.
@@ -233,7 +226,7 @@ def estimate_noise_variance(weights: NoiseWeights, values: FloatArray) -> FloatA
     A straight line has no noise:
 
     >>> line = np.array([0.0, 0.1, 0.3, 0.4])
-    >>> estimate_noise_variance(weigh_noise(line), 10 * line[None]).round(9)
+    >>> estimate_noise(weigh_noise(line), 10 * line[None]).round(9)
     array([0.])
     """
     earlier, averages = weights

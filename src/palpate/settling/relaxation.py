@@ -14,11 +14,7 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
 from palpate.measurement import Status
-from palpate.settling.conditionals import (
-    compute_conditionals,
-    estimate_noise_variance,
-    weigh_noise,
-)
+from palpate.settling.conditionals import compute_conditionals, estimate_noise, weigh_noise
 from palpate.settling.mixture import compute_posterior, compute_quantiles
 from palpate.settling.origin import Window, find_updates, find_windows
 from palpate.settling.result import SettledEstimate
@@ -60,19 +56,6 @@ _MIN_RATIO = 1e-12
 #: Smallest ratio to the last reading that the log law predicts, and smallest change.
 _MIN_LINE, _TINY = 1e-3, float(np.finfo(float).tiny)
 _SIGNS = np.array([[-1.0], [0.0], [1.0]])
-#: Statuses, and their indices.
-_STATUSES = np.array(
-    [
-        Status.OK,
-        Status.UNPROVEN,
-        Status.FELL_BACK,
-        Status.TOO_SHORT,
-        Status.MISFIT,
-        Status.NOT_SETTLING,
-    ],
-    dtype=object,
-)
-_OK, _UNPROVEN, _FELL_BACK, _TOO_SHORT, _MISFIT, _NOT_SETTLING = range(_STATUSES.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,8 +122,7 @@ class Relaxation:
                             beyond=max(0.0, math.log(horizon_s / _PROVEN_HORIZON_S)),
                         )
             if positive:
-                limited = np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG)
-                ends[:, rows] = last.T * np.exp(limited)
+                ends[:, rows] = last.T * np.exp(np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG))
             else:
                 ends[:, rows] = last.T + found
         low, value, high = _widen_to_resolution(ends, values)
@@ -171,11 +153,11 @@ def _forecast(
     """
     since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
     if since_s.size < 2:
-        return used[:, -1] + _SIGNS * span, _STATUSES[np.full(len(used), _TOO_SHORT)]
+        return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
     binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
     differences = binned[:, :-1] - binned[:, -1:]
-    noise = estimate_noise_variance(forms.noise_weights, used)
+    noise = estimate_noise(forms.noise_weights, used)
     mixture = compute_posterior(forms, differences, noise=noise)
     change = compute_quantiles(mixture, quantile)
     largest_change = _MAX_CHANGE * span
@@ -183,20 +165,22 @@ def _forecast(
     change *= shrinking
     recent = -forms.pace * differences[:, forms.pace_from]
     low_pace, high_pace = _PROVEN_PACE
-    # A later line takes precedence.
-    code = np.zeros(len(used), dtype=np.intp)
-    code[(change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0] = _UNPROVEN
-    code[shrinking < 1] = _FELL_BACK
-    code[_is_wide(binned[:, -1] + change, span=span, positive=positive)] = (
-        _MISFIT if since_s[-1] > _EARLY_S else _TOO_SHORT
-    )
-    if _is_short(window):
-        code[:] = _TOO_SHORT
+    is_unproven = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
+    is_limited = shrinking < 1
+    min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
+    is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
+    is_wide = _is_wide(binned[:, -1] + change, span=span, positive=positive) | is_short
     excursion = np.abs(binned - binned[:, :1])
     largest = excursion.max(axis=1)
-    has_returned = largest - excursion[:, -1] > _MAX_RETURN * largest
-    code[has_returned | (span == 0)] = _NOT_SETTLING
-    is_ok = code == _OK
+    has_returned = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
+    is_ok = ~(is_unproven | is_limited | is_wide | has_returned)
+    # A later line takes precedence.
+    status = np.array([Status.UNPROVEN if beyond else Status.OK] * len(used), dtype=object)
+    status[is_unproven] = Status.UNPROVEN
+    status[is_limited] = Status.FELL_BACK
+    is_early = is_short or since_s[-1] <= _EARLY_S
+    status[is_wide] = Status.TOO_SHORT if is_early else Status.MISFIT
+    status[has_returned] = Status.NOT_SETTLING
     # The line is straighter for readings than for their logarithms.
     line = (np.exp(used) if positive else used) @ forms.log_law
     if positive:
@@ -208,9 +192,7 @@ def _forecast(
     gap = _LINE_SHARE * (line - change[1])
     side = np.abs(change - change[1]) + ~is_ok * np.abs(gap)
     side *= 1 + beyond
-    if beyond:
-        code[is_ok] = _UNPROVEN
-    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, _STATUSES[code]
+    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
 
 
 def _group_holds(
@@ -261,12 +243,6 @@ def _last_decimal(reading: float) -> float:
     return float(10.0 ** -len(decimals))
 
 
-def _is_short(window: Window) -> bool:
-    duration_s = window.since_s[-1]
-    is_contact = window.first > window.origin and duration_s < _MIN_CONTACT_S
-    return bool(is_contact or duration_s < _MIN_DURATION_S or window.since_s.size < _MIN_SAMPLES)
-
-
 def _is_wide(ends: FloatArray, *, span: FloatArray, positive: bool) -> NDArray[np.bool_]:
     """Return whether the interval is wider than a fraction of the value.
 
@@ -287,5 +263,5 @@ def _average_end(
     stop = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = change[:, :stop][:, time_s[:stop] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else change[:, stop - 1 : stop]
-    variance = estimate_noise_variance(weigh_noise(time_s), change)
+    variance = estimate_noise(weigh_noise(time_s), change)
     return np.asarray(last.mean(axis=1) + ndtri(quantile)[:, None] * np.sqrt(variance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,17 +69,31 @@ class SettledEstimate:
         """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
-        low, high, window_s = (np.asarray(part) for part in (self.low, self.high, self.window_s))
-        return SettledEstimate(
-            value=self.value[index],
-            low=low[index],
-            high=high[index],
-            level=self.level,
-            horizon_s=self.horizon_s,
-            window_s=window_s[index],
-            method=self.method,
-            status=np.asarray(self.status)[index],
-        )
+        names = ("value", "low", "high", "window_s", "status")
+        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+
+
+def make_point_estimate(
+    value: FloatArray,
+    status: NDArray[np.object_],
+    window_s: FloatArray,
+    *,
+    horizon_s: float,
+    level: float,
+    name: str,
+) -> SettledEstimate:
+    """Return an estimate without an interval, with arrays of shape (n_holds,)."""
+    low, high = np.full((2, value.size), np.nan)
+    return SettledEstimate(
+        value=value,
+        low=low,
+        high=high,
+        level=level,
+        horizon_s=horizon_s,
+        window_s=window_s,
+        method=name,
+        status=status,
+    )
 
 
 def _plain(part: Any) -> Any:
