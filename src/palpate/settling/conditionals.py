@@ -209,12 +209,12 @@ def weigh_noise(time_s: FloatArray) -> NoiseWeights:
     the weights of the squares in two means: of all samples, and of the second half.
     """
     earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    half = earlier.size // 2
-    averages = np.empty((earlier.size, 2))
-    averages[:, 0] = 1 / (2 - 2 * earlier * (1 - earlier))
-    averages[:, 1] = averages[:, 0] / (earlier.size - half)
-    averages[:half, 1] = 0.0
-    averages[:, 0] /= earlier.size
+    count = earlier.size
+    is_late = np.arange(count) >= count // 2
+    averages = np.stack(
+        (np.full(count, 1 / max(count, 1)), is_late / max(is_late.sum(), 1)), axis=1
+    )
+    averages /= (2 - 2 * earlier * (1 - earlier))[:, None]
     return earlier, averages
 
 

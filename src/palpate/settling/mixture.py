@@ -66,25 +66,27 @@ def compute_posterior(
     along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]
     residual = (squares[:, :, None] * forms.handicap).reshape(holds, -1)
     residual -= np.square(along)
-    smallest = np.maximum(residual.min(axis=1), 1e-12 * squares.min(axis=1))
+    smallest = np.maximum(residual.min(axis=1), 1e-12 * squares[:, 0])
     limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
-    hold, component = (residual <= limit[:, None]).nonzero()
-    first = hold.searchsorted(np.arange(holds))
-    smallest = smallest[hold]
-    unexplained = np.maximum(residual[hold, component], smallest)
-    weight = (smallest / unexplained) ** (forms.degrees / 2)
-    weight /= np.add.reduceat(weight, first)[hold]
+    [selected] = (residual <= limit[:, None]).ravel().nonzero()
+    hold, component = np.divmod(selected, residual.shape[1])
     deviation, curve = np.divmod(component, N_CURVES)
-    forecast = products[hold, deviation - N_DEVIATIONS]
-    forecast += forms.step[component] * along[hold, component]
-    recent = forms.pace * differences[:, forms.pace_from][hold]
+    first = hold.searchsorted(np.arange(holds))
+    smallest = smallest.take(hold)
+    unexplained = np.maximum(residual.take(selected), smallest)
+    weight = (smallest / unexplained) ** (forms.degrees / 2)
+    weight /= np.add.reduceat(weight, first).take(hold)
+    end = (hold + 1) * products.shape[1] - N_DEVIATIONS
+    forecast = products.take(end + deviation)
+    forecast += forms.step.take(component) * products.take(end - residual.shape[1] + component)
+    recent = forms.pace * differences[:, forms.pace_from].take(hold)
     model_variance = MODEL_ERROR**2 * (forecast**2 + recent**2)
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(unexplained * forms.variance[component] + model_variance),
+        deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
         is_exponential=IS_EXPONENTIAL[curve],
     )
 

@@ -110,14 +110,13 @@ class Relaxation:
             else:
                 for window in find_windows(times, change, positive=positive):
                     window_s[rows[window.rows]] = window.since_s[-1] - window.since_s[0]
-                    origin_s = float(times[window.origin])
                     for start in range(0, window.rows.size, _BATCH_SIZE):
                         batch = window.rows[start : start + _BATCH_SIZE]
                         found[:, batch], status[rows[batch]] = _forecast(
                             window,
                             change[batch, window.first :],
                             positive=positive,
-                            after_s=after_s - origin_s,
+                            after_s=after_s - float(times[window.origin]),
                             quantile=quantile,
                             beyond=max(0.0, math.log(horizon_s / _PROVEN_HORIZON_S)),
                         )
@@ -178,8 +177,7 @@ def _forecast(
     status = np.array([Status.UNPROVEN if beyond else Status.OK] * len(used), dtype=object)
     status[is_unproven] = Status.UNPROVEN
     status[is_limited] = Status.FELL_BACK
-    is_early = is_short or since_s[-1] <= _EARLY_S
-    status[is_wide] = Status.TOO_SHORT if is_early else Status.MISFIT
+    status[is_wide] = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
     status[has_returned] = Status.NOT_SETTLING
     # The line is straighter for readings than for their logarithms.
     line = (np.exp(used) if positive else used) @ forms.log_law
@@ -190,8 +188,7 @@ def _forecast(
     if since_s[-1] > _EARLY_S:
         is_moved &= mixture.exponential_probability() < _DECISIVE
     gap = _LINE_SHARE * (line - change[1])
-    side = np.abs(change - change[1]) + ~is_ok * np.abs(gap)
-    side *= 1 + beyond
+    side = (np.abs(change - change[1]) + ~is_ok * np.abs(gap)) * (1 + beyond)
     return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
 
 
@@ -223,7 +220,7 @@ def _widen_to_resolution(ends: FloatArray, values: FloatArray) -> FloatArray:
     whose samples all differ have noise of more than a step.
     """
     repeats = (values[:, 1:] == values[:, :-1]).any(axis=1) | (values.shape[1] < 2)
-    for row in np.flatnonzero(repeats):
+    for row in repeats.nonzero()[0]:
         samples, (low, value, high) = values[row], ends[:, row]
         steps = np.abs(np.diff(samples))
         half = (float(steps[steps > 0].min()) if steps.any() else _last_decimal(samples[-1])) / 2
