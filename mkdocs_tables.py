@@ -165,7 +165,68 @@ def _code(text: str) -> str:
     return "`" + text.replace("|", "\\|") + "`" if text else ""
 
 
+#: Materials of the study `settled` -> names on the page.
+_MATERIALS = {
+    "cbsilicone": "silicone, resistance",
+    "force_relaxation": "silicone, force",
+    "velostat": "Velostat, resistance",
+    "food": "food, force",
+    "tape": "adhesive tape, force",
+    "meat": "meat, force",
+}
+_CUTOFFS_S = (1.0, 2.5, 5.0)
+
+
+def _settled() -> str:
+    """Return the results of the settled value by material, from the stored study."""
+    stored = Path(__file__).resolve().parent / "docs" / "kept" / "settled.json"
+    figures = json.loads(stored.read_text(encoding="utf-8"))["figures"]
+    rows = {
+        (row["material"], row["cutoff_s"], row["own_holds"]): row
+        for row in figures["rows"]
+        if row["method"] == "ours"
+    }
+    relative = {
+        (row["material"], row["cutoff_s"]): row["relative"]
+        for row in figures["relative"]
+        if row["own_holds"] == 0
+    }
+    own = {
+        material: max(count for name, _, count in rows if name == material and count <= 12)
+        for material in _MATERIALS
+    }
+
+    def join(values: Iterable[float]) -> str:
+        return " / ".join(f"{value:.2f}" for value in values)
+
+    return _table(
+        (
+            "material",
+            "holds",
+            "error / best simple rule",
+            "coverage (0.9)",
+            "error at 2.5 s, %",
+            "half-width, %",
+            "with own holds, %",
+        ),
+        (
+            (
+                name,
+                rows[material, 2.5, 0]["holds"],
+                join(relative[material, cutoff_s] for cutoff_s in _CUTOFFS_S),
+                join(rows[material, cutoff_s, 0]["coverage"] for cutoff_s in _CUTOFFS_S),
+                f"{rows[material, 2.5, 0]['median_abs_error_percent']:.2g}",
+                f"{rows[material, 2.5, 0]['half_width_percent']:.2g}",
+                f"{rows[material, 2.5, own[material]]['median_abs_error_percent']:.2g} "
+                f"({own[material]})",
+            )
+            for material, name in _MATERIALS.items()
+        ),
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "settled": _settled,
     "logger-forms": _logger_forms,
     "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,

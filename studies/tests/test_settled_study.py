@@ -32,7 +32,7 @@ def write_holds(folder: Path, name: str, count: int = 5) -> Path:
 def test_settled_study_scores_every_method_on_every_material(
     tmp_path: Path, document: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(settled, "SINGLE_HOLDS", 2)
+    monkeypatch.setattr(settled, "DRAWN_HOLDS", 2)
     a, b, c = (write_holds(tmp_path, name) for name in "abc")
     found = document("settled", "--holds", a, "--holds", b, "--held-out", c)
     rows = found["rows"]
@@ -42,7 +42,14 @@ def test_settled_study_scores_every_method_on_every_material(
         assert {row["method"] for row in without if row["material"] == material} == rules
         own = [row for row in rows if (row["material"], row["own_holds"]) == (material, 3)]
         assert {row["method"] for row in own} == {settled.PALPATE, "log_law"}
-    assert {row["material"] for row in without} == {*"abc", settled.SINGLE}
+    drawn = {row["material"] for row in without} - {*"abc"}
+    assert len(drawn) == 5
+    # All three materials follow a logarithm, and end before the far horizon.
+    assert {one["material"]: round(one["median"]) for one in found["pace"]} == dict.fromkeys(
+        "abc", 1
+    )
+    assert found["far"] == []
+    assert sum(one["predictions"] for one in found["statuses"]) == 45
     assert min(row["regret"] for row in found["regret"]) == pytest.approx(1.0, abs=0.5)
 
 

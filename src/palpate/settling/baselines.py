@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Status
-from palpate.settling.result import SettledEstimate
+from palpate.settling.result import SettledEstimate, make_point_estimate
 from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: Two samples for the line and one for its error.
@@ -37,16 +37,9 @@ class Recorded:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Return the last sample of each hold; see `SettlingMethod.predict`."""
-        unknown = np.full(len(values), np.nan)
-        return SettledEstimate(
-            value=values[:, -1].copy(),
-            low=unknown,
-            high=unknown,
-            horizon_s=horizon_s,
-            level=level,
-            method=self.name,
-            window_s=np.zeros(len(values)),
-            status=np.array([Status.OK] * len(values), dtype=object),
+        last, status = values[:, -1].copy(), np.array([Status.OK] * len(values), dtype=object)
+        return make_point_estimate(
+            last, status, np.zeros(last.size), horizon_s=horizon_s, level=level, name=self.name
         )
 
 
@@ -99,16 +92,8 @@ class LogLaw:
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]
             status[rows] = Status.OK
-        unknown = np.full(len(values), np.nan)
-        return SettledEstimate(
-            value=settled,
-            low=unknown,
-            high=unknown,
-            horizon_s=horizon_s,
-            level=level,
-            method=self.name,
-            window_s=window_s,
-            status=status,
+        return make_point_estimate(
+            settled, status, window_s, horizon_s=horizon_s, level=level, name=self.name
         )
 
 

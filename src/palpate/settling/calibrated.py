@@ -1,8 +1,8 @@
 """Calibration of a predictor with settled holds: a correction rule, and the interval width.
 
 With holds of the same sensor (`learn`), the correction is a weighted mean of experts. The experts
-are the method itself, a constant multiple of the last reading, and lines and multiples of one
-feature of a hold (the method's forecast, the log law, the rate in the last e-fold of time). Each
+are the method itself, and lines and multiples of one feature of a hold (the method's forecast, the
+log law, the rate in the last e-fold of time). Each
 expert is fitted to the past holds and weighted by its leave-one-out errors. Holds of other
 specimens set only the interval width. The half-width is a quantile of these errors (Lei et al.,
 "Distribution-Free Predictive Inference for Regression", JASA 113, 2018), shrunk towards the
@@ -217,21 +217,20 @@ def _learn_line(
 
 
 def _fit_experts(features: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return the experts as lines: method, constant, and a line and a multiple per feature.
+    """Return the experts as lines: the method, and a line and a multiple per feature.
 
-    The slope of a line is shrunk towards 0 by the weight of one hold (ridge). The multiple has the
-    least absolute error.
+    The slope of a line is shrunk towards 0 by the weight of one hold (ridge), so that with one hold
+    the line is a constant. The multiple has the least absolute error.
     """
     features = features[:, 1:]
     n_holds, n_features = features.shape
-    lines = np.zeros((2 + 2 * n_features, 1 + n_features))
+    lines = np.zeros((1 + 2 * n_features, 1 + n_features))
     lines[0, 1] = 1.0
-    sloped, multiples = lines[2 : 2 + n_features], lines[2 + n_features :]
+    sloped, multiples = lines[1 : 1 + n_features], lines[1 + n_features :]
     x, y = features - features.mean(axis=0), truth - truth.mean()
     slopes = x.T @ y / (np.square(x).sum(axis=0) * (1 + 1 / n_holds) + _TINY**2)
     sloped[:, 1:] = np.diag(slopes)
     sloped[:, 0] = truth.mean() - slopes * features.mean(axis=0)
-    lines[1, 0] = truth.mean()
     # The multiple with the least absolute error is the weighted median of the ratios.
     weight = np.abs(features) + _TINY
     ratio = truth[:, None] * np.sign(features) / weight

@@ -3,7 +3,7 @@
 A component is a curve and a deviation. Let d be the differences of the binned samples to the last
 bin, and s their unknown scale. Their covariance is s^2 (K + c c'), with K from the deviation and c
 from the curve. Each deviation is factorised once per grid, and each curve is a rank-one update
-(Sherman and Morrison), so that seven factors serve 189 components. The forecast is linear in d. The
+(Sherman and Morrison), so that four factors serve 80 components. The forecast is linear in d. The
 evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) with an inverse gamma
 prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
@@ -12,38 +12,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import log_law_weights
-from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
+from palpate.settling.shapes import LOOSE, NOISE, WALK, curve_values
 from palpate.signal.transient import WAIT_S
 
-#: Degrees of freedom of the prior of the scale of ln R (see `mixture.SCALE`).
-SCALE_DEGREES = 4.0
+#: Prior scale of the change of ln R from 0.3 to 20 s, and its degrees of freedom. Sheets and soft
+#: materials creep by a tenth to a half (median drops of five real materials: .08 to .4).
+SCALE, SCALE_DEGREES = 0.18, 4.0
 #: Time offset in the logarithm of the walk, s: about the duration of the contact transient.
 WALK_FROM_S = 0.2
-#: Time constants of the decays with free amplitudes, s.
-_LOOSE_S = np.geomspace(0.1, 100.0, 10)
-#: Fast decays after contact: time constant (s) and standard deviation in units of the scale.
-_FAST_S, _FAST_SD = np.array([(0.06, 3.0), (0.15, 2.0)]).T
+#: Rates of the decays with free amplitudes, 1/s.
+_LOOSE_RATE = -1 / np.geomspace(0.1, 100.0, 10)
 #: Fewest samples of the log law's line after the wait; with fewer it is drawn through all samples.
 _MIN_LINE_SAMPLES = 3
 #: Keeps covariances positive definite if bins are close together.
 _JITTER = 1e-9
 
-N_DEVIATIONS = len(DEVIATIONS)
-#: Deviation of each component; all curves of one deviation are adjacent.
-DEVIATION_OF = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
-_IS_OWN = np.arange(N_DEVIATIONS)[:, None] == DEVIATION_OF
-#: Noise of one sample in each deviation, in units of the scale.
-NOISE = np.array([d.noise for d in DEVIATIONS])
-#: Variance of each covariance term in each deviation, shape (n_deviations, n_terms).
-_VARIANCE = np.array(
-    [[d.noise**2, d.walk**2, d.loose**2, d.fast] for d in DEVIATIONS], dtype=np.float64
+N_DEVIATIONS = NOISE.size
+#: Variances of the deviations, shape (n_deviations, 1, 1).
+_NOISE_VARIANCE, _WALK_VARIANCE, _LOOSE_VARIANCE = (
+    np.square(deviation)[:, None, None] for deviation in (NOISE, WALK, LOOSE)
 )
+_LOG_NOISE = np.log(NOISE)[:, None]
 
 #: Maximum number of bins; more bins do not improve the prediction.
 MAX_BINS = 12
@@ -56,25 +52,31 @@ MAX_NOISE_SAMPLES = 12.0
 #: to the contact. The noise is then estimated from the second half only.
 CONTACT_SCATTER = 10.0
 
+#: See `weigh_noise`.
+NoiseWeights: TypeAlias = tuple[FloatArray, FloatArray]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditionals:
     """The components evaluated on one grid; m is the number of differences."""
 
-    #: Shape (n_bins, n_times). Each row averages the samples of one bin.
-    averaging: FloatArray
-    #: Number of independent noise samples, and degrees of freedom of the scale.
-    noise_samples: float
+    #: Shape (m + 1,). First sample of each bin, and number of samples in it.
+    starts: NDArray[np.intp]
+    count: FloatArray
+    #: Weights for `estimate_noise`.
+    noise_weights: NoiseWeights
+    #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
+    #: a sample, shape (n_deviations,); degrees of freedom of the scale.
+    prior_squares: float
+    noise_squares: FloatArray
     degrees: float
-    #: Shape (m, n_deviations * m). Whitens the differences for each deviation.
-    whitening: FloatArray
-    #: Shape (m, n_components). Projects the differences on each whitened curve, divided by
-    #: sqrt(1 + the curve's square) and multiplied by the square root of the handicap.
-    along: FloatArray
-    #: Shape (m, n_deviations). Forecast of each deviation.
-    ahead: FloatArray
-    #: Shape (n_deviations, n_components). Factor of the unexplained squares of a component, from
-    #: the noise and the determinants: at least 1; 0 for all other deviations.
+    #: Shape (m, n_deviations * m + n_components + n_deviations). Multiplies the differences; the
+    #: columns whiten them for each deviation, project them on each whitened curve, and forecast the
+    #: change for each deviation. A projection is divided by sqrt(1 + the curve's square) and
+    #: multiplied by the square root of the handicap.
+    projection: FloatArray
+    #: Shape (n_deviations, n_curves). Factor of the unexplained squares of a component, from the
+    #: noise and the determinants: at least 1.
     handicap: FloatArray
     #: Shape (n_components,). Forecast per unit along the curve, and its variance per unexplained
     #: square.
@@ -102,102 +104,121 @@ def compute_conditionals(time_s: FloatArray, *, after_s: float, scaled: bool) ->
 @lru_cache(maxsize=64)
 def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditionals:
     samples_s = np.frombuffer(time_bytes)
-    averaging, count, time_s = log_bins(samples_s)
-    last = time_s.size - 1
-    pace_from = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), last - 1)
-    log_time = np.log(np.array([time_s[pace_from], time_s[-1], after_s]) + WALK_FROM_S)
-    time_s = np.append(time_s, after_s)
-    others = np.array([*range(last), last + 1], dtype=np.intp)
-    curve = curve_values(time_s)
-    curve = curve[others] - curve[last]
+    starts, count, time_s = log_bins(samples_s)
+    m = starts.size - 1
+    # The horizon is between the other bins and the last bin, to which differences are taken.
+    points_s = np.concatenate((time_s[:-1], (after_s,), time_s[-1:]))
+    curves = curve_values(points_s)
+    curves = curves[:-1] - curves[-1]
+    log_time = np.log(points_s + WALK_FROM_S)
+    covariances = _covariances(count, points_s=points_s, log_time=log_time)
     # The factor includes the horizon: its last row is the horizon conditional on the samples.
-    factor = np.linalg.cholesky(_covariances(count, time_s=time_s, others=others))
-    whitening = np.asarray(np.linalg.inv(factor[:, :-1, :-1]), np.float64)
-    ahead = factor[:, -1, :-1]
-    whitened = whitening @ curve[:-1]
-    root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
-    step = ((curve[-1] - (ahead[:, None] @ whitened)[:, 0]) / root).ravel()
-    diagonal = np.diagonal(factor, axis1=1, axis2=2)
-    log_weight = (-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root)).ravel()
-    variance = np.repeat(diagonal[:, -1] ** 2, N_CURVES) + step**2
+    factor = np.linalg.cholesky(covariances)
+    inverse: FloatArray = np.linalg.inv(factor)
+    diagonal = factor.diagonal(axis1=1, axis2=2)
+    spread = diagonal[:, m:]
+    whitened = inverse @ curves
+    along = whitened[:, :m]
+    square = 1 + np.square(along).sum(axis=1)
+    root = np.sqrt(square)
+    step = spread * whitened[:, m] / root
     # Adjacent deviations share samples, so that about half of them are independent.
     noise_samples = min(max(samples_s.size - 2, 0) / 2, MAX_NOISE_SAMPLES)
-    degrees = last + noise_samples + scaled * SCALE_DEGREES
-    log_prior = log_weight - noise_samples * np.log(NOISE)[DEVIATION_OF]
-    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
-    is_line = samples_s >= WAIT_S - 1e-9
-    if is_line.sum() < _MIN_LINE_SAMPLES:
-        is_line[:] = True
-    log_law = np.zeros(samples_s.size)
-    log_law[is_line] = log_law_weights(samples_s[is_line], after_s=after_s, from_s=WALK_FROM_S)
-    back = whitening.transpose(0, 2, 1)
-    whitening_back, along, ahead_of = (
-        np.ascontiguousarray(part.transpose(1, 0, 2)).reshape(last, -1)
-        for part in (back, back @ (whitened / root[:, None]), back @ ahead[:, :, None])
-    )
+    degrees = m + noise_samples + scaled * SCALE_DEGREES
+    log_handicap = noise_samples * _LOG_NOISE + np.log(square) / 2
+    log_handicap += np.log(diagonal[:, :m]).sum(axis=1)[:, None]
+    handicap = np.exp((log_handicap - log_handicap.min()) * (2 / degrees))
+    root_handicap = np.sqrt(handicap)
+    back = inverse[:, :m, :m].transpose(0, 2, 1)
+    along = back @ (along * (root_handicap / root)[:, None])
+    by_bin = (part.transpose(1, 0, 2) for part in (back, along))
+    ahead = -spread * inverse[:, m, :m]
+    pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
+    pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
-        averaging=averaging,
-        noise_samples=noise_samples,
+        starts=starts,
+        count=count,
+        noise_weights=weigh_noise(samples_s),
+        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + float(np.finfo(float).tiny),
+        noise_squares=noise_samples / NOISE**2,
         degrees=degrees,
-        whitening=whitening_back,
-        along=along * np.sqrt(handicap),
-        ahead=ahead_of,
-        handicap=np.where(_IS_OWN, handicap, 0.0),
-        step=step / np.sqrt(handicap),
-        variance=variance / handicap / max(degrees - 2, 1),
+        projection=np.concatenate([part.reshape(m, -1) for part in (*by_bin, ahead.T)], axis=1),
+        handicap=handicap,
+        step=(step / root_handicap).ravel(),
+        variance=((spread**2 + step**2) / (handicap * max(degrees - 2, 1))).ravel(),
         pace_from=pace_from,
-        pace=float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0])),
-        log_law=log_law,
+        pace=float(pace),
+        log_law=_line_weights(samples_s, after_s=after_s),
     )
 
 
-def _covariances(
-    samples: FloatArray, *, time_s: FloatArray, others: NDArray[np.intp]
-) -> FloatArray:
+def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArray) -> FloatArray:
     """Return covariances of (other bins, value at horizon) minus the last bin, for scale 1."""
-    last, count = samples.size - 1, others.size
-
-    def outer(rows: FloatArray) -> FloatArray:
-        difference = rows[others] - rows[last]
-        return np.asarray(difference @ difference.T)
-
-    noise = np.append(1 / samples, 0.0)
-    log_time = np.log(time_s + WALK_FROM_S)
-    steps = log_time[others] - log_time[last]
-    terms = np.empty((_VARIANCE.shape[1], count, count))
-    terms[0] = noise[last] + np.diag(noise[others])
-    terms[1] = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
-    terms[2] = outer(np.exp(-time_s[:, None] / _LOOSE_S))
-    terms[3] = outer(_FAST_SD * np.exp(-time_s[:, None] / _FAST_S))
-    covariance = _VARIANCE @ terms.reshape(len(terms), -1)
-    return np.asarray(covariance.reshape(-1, count, count) + _JITTER * np.eye(count))
+    m = count.size - 1
+    noise = np.full((m + 1, m + 1), 1 / count[m])
+    noise.flat[: -1 : m + 2] += 1 / count[:m]
+    distance = np.abs(log_time[:-1] - log_time[-1])
+    walk = np.minimum(distance[:, None], distance)
+    # The walk before the last bin and the walk after it are independent.
+    walk[m, :m] = walk[:m, m] = 0.0
+    decays = np.exp(points_s[:, None] * _LOOSE_RATE)
+    decays = decays[:-1] - decays[-1]
+    loose = decays @ decays.T
+    covariances = _NOISE_VARIANCE * noise + _WALK_VARIANCE * walk + _LOOSE_VARIANCE * loose
+    covariances.reshape(N_DEVIATIONS, -1)[:, :: m + 2] += _JITTER
+    return np.asarray(covariances)
 
 
-def log_bins(time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _line_weights(samples_s: FloatArray, *, after_s: float) -> FloatArray:
+    """Return the weights of the samples in the log law's value at the horizon."""
+    first = int(samples_s.searchsorted(WAIT_S - 1e-9))
+    if samples_s.size - first < _MIN_LINE_SAMPLES:
+        first = 0
+    weights = np.zeros(samples_s.size)
+    weights[first:] = log_law_weights(samples_s[first:], after_s=after_s, from_s=WALK_FROM_S)
+    return weights
+
+
+def log_bins(time_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
     """Divide sampling times after the peak into at most `MAX_BINS` equal bins of log time.
 
     `time_s`, shape (n_times,): seconds after the peak, starting at 0, strictly increasing.
-    Returns a matrix that averages the samples of each bin, shape (n_bins, n_times), and the number
-    of samples and the time of each bin. Empty bins are omitted.
+    Returns the first sample, the number of samples and the time of each bin. Empty bins are
+    omitted.
 
     >>> _, count, _ = log_bins(np.arange(0.0, 3.0, 0.1))
     >>> count.astype(int).tolist()
     [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
     """
     log_time = np.log(time_s + LINEAR_BELOW_S)
-    if time_s.size <= MAX_BINS:
-        label = np.arange(time_s.size)
-    else:
-        fraction = (log_time - log_time[0]) / (log_time[-1] - log_time[0])
-        label = np.minimum((fraction * MAX_BINS).astype(np.intp), MAX_BINS - 1)
-        label = np.concatenate([[0], (label[1:] > label[:-1]).cumsum()])
-    count = np.bincount(label).astype(np.float64)
-    averaging = (label == np.arange(count.size)[:, None]) / count[:, None]
+    starts = np.arange(min(time_s.size, MAX_BINS))
+    if time_s.size > MAX_BINS:
+        width = (log_time[-1] - log_time[0]) / MAX_BINS
+        starts = log_time.searchsorted(log_time[0] + width * starts)
+        starts = starts[np.append(starts[1:] > starts[:-1], True)]
+    count = np.append(starts[1:], time_s.size) - starts.astype(np.float64)
     # The curves are nearly straight in log time, so that a bin's time is its mean log time.
-    return averaging, count, np.exp(averaging @ log_time) - LINEAR_BELOW_S
+    mean = np.add.reduceat(log_time, starts) / count
+    return starts, count, np.exp(mean) - LINEAR_BELOW_S
 
 
-def estimate_noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArray:
+def weigh_noise(time_s: FloatArray) -> NoiseWeights:
+    """Return weights for `estimate_noise`.
+
+    These are the weight of the earlier neighbour of each sample but the first and the last, and
+    the weights of the squares in two means: of all samples, and of the second half.
+    """
+    earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
+    count = earlier.size
+    is_late = np.arange(count) >= count // 2
+    averages = np.stack(
+        (np.full(count, 1 / max(count, 1)), is_late / max(is_late.sum(), 1)), axis=1
+    )
+    averages /= (2 - 2 * earlier * (1 - earlier))[:, None]
+    return earlier, averages
+
+
+def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     """Estimate the noise from the deviation of each sample from its neighbours' line.
 
     Returns the variance of one sample, shape (n_holds,); 0 for fewer than three samples.
@@ -205,16 +226,12 @@ def estimate_noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArra
     A straight line has no noise:
 
     >>> line = np.array([0.0, 0.1, 0.3, 0.4])
-    >>> estimate_noise_variance(line, 10 * line[None]).round(9)
+    >>> estimate_noise(weigh_noise(line), 10 * line[None]).round(9)
     array([0.])
     """
-    if time_s.size < 3:
-        return np.zeros(len(values))
-    earlier_weight = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    deviation = (
-        values[:, 1:-1] - earlier_weight * values[:, :-2] - (1 - earlier_weight) * values[:, 2:]
-    )
-    square = np.square(deviation, out=deviation)
-    square /= 1 + earlier_weight**2 + (1 - earlier_weight) ** 2
-    variance, late = square.mean(axis=1), square[:, earlier_weight.size // 2 :].mean(axis=1)
+    earlier, averages = weights
+    later = values[:, 2:]
+    square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
+    square *= square
+    variance, late = (square @ averages).T
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Status
-from palpate.settling.result import SettledEstimate
+from palpate.settling.result import SettledEstimate, make_point_estimate
 from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: One sample more than the number of parameters.
@@ -224,14 +224,6 @@ class Exponential:
     ) -> SettledEstimate:
         """Return C of each hold, or its recorded value; see `SettlingMethod.predict`."""
         fit = fit_exponential(time_s, values, wait_s=self.wait_s)
-        unknown = np.full(len(values), np.nan)
-        return SettledEstimate(
-            value=fit.settled,
-            low=unknown,
-            high=unknown,
-            horizon_s=horizon_s,
-            level=level,
-            method=self.name,
-            window_s=fit.window_s,
-            status=fit.status,
+        return make_point_estimate(
+            fit.settled, fit.status, fit.window_s, horizon_s=horizon_s, level=level, name=self.name
         )

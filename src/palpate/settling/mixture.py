@@ -8,20 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.settling.conditionals import (
-    DEVIATION_OF,
-    N_DEVIATIONS,
-    NOISE,
-    SCALE_DEGREES,
-    Conditionals,
-)
+from palpate.settling.conditionals import N_DEVIATIONS, Conditionals
+from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 
-#: Prior scale of the change of ln R from 0.3 to 20 s. Sheets and soft materials creep by a tenth to
-#: a half (median drops of five real materials: .08 to .4).
-SCALE = 0.18
 #: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
 #: change at the recent rate per e-fold of time.
-MODEL_ERROR = 0.08
+MODEL_ERROR = 0.12
 #: Components with less than this fraction of the largest weight are ignored.
 MIN_WEIGHT = 1e-3
 #: Points at which the distribution is evaluated, standard deviations from the mean.
@@ -48,47 +40,54 @@ class Mixture:
     weight: FloatArray
     forecast: FloatArray
     deviation: FloatArray
+    #: Shape (n_components,). Whether the component's curve is a single exponential.
+    is_exponential: NDArray[np.bool_]
+
+    def exponential_probability(self) -> FloatArray:
+        """Return the posterior probability of a single exponential, shape (n_holds,)."""
+        return np.asarray(np.add.reduceat(self.weight * self.is_exponential, self.first))
 
 
 def compute_posterior(
-    forms: Conditionals, differences: FloatArray, *, noise: FloatArray, scaled: bool
+    forms: Conditionals, differences: FloatArray, *, noise: FloatArray
 ) -> Mixture:
     """Compute the posterior weights of the components for holds on one grid.
 
     `differences`, shape (n_holds, m): differences of the bins to the last bin.
     `noise`, shape (n_holds,): noise variance of one sample.
-    `scaled`: as in `compute_conditionals`.
     """
     holds, m = differences.shape
-    whitened = (differences @ forms.whitening).reshape(holds, N_DEVIATIONS, m)
+    products = differences @ forms.projection
+    whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
-    squares += noise[:, None] * (forms.noise_samples / NOISE**2)
-    squares += scaled * SCALE_DEGREES * SCALE**2 + _TINY
+    squares += noise[:, None] * forms.noise_squares + forms.prior_squares
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
-    along = differences @ forms.along
-    residual = squares @ forms.handicap
+    along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]
+    residual = (squares[:, :, None] * forms.handicap).reshape(holds, -1)
     residual -= np.square(along)
-    smallest = np.maximum(residual.min(axis=1), 1e-12 * squares.min(axis=1))
-    limit = (smallest * MIN_WEIGHT ** (-2 / forms.degrees))[:, None]
-    [selected] = (residual <= limit).ravel().nonzero()
-    hold = selected // DEVIATION_OF.size
-    component = selected - hold * DEVIATION_OF.size
+    smallest = np.maximum(residual.min(axis=1), 1e-12 * squares[:, 0])
+    limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
+    [selected] = (residual <= limit[:, None]).ravel().nonzero()
+    hold, component = np.divmod(selected, residual.shape[1])
+    deviation, curve = np.divmod(component, N_CURVES)
     first = hold.searchsorted(np.arange(holds))
-    smallest = smallest[hold]
+    smallest = smallest.take(hold)
     unexplained = np.maximum(residual.take(selected), smallest)
-    weight = np.exp(-forms.degrees / 2 * np.log(unexplained / smallest))
-    weight /= np.add.reduceat(weight, first)[hold]
-    forecast = (differences @ forms.ahead).take(hold * N_DEVIATIONS + DEVIATION_OF[component])
-    forecast += forms.step[component] * along.take(selected)
-    recent = forms.pace * differences[:, forms.pace_from][hold]
+    weight = (smallest / unexplained) ** (forms.degrees / 2)
+    weight /= np.add.reduceat(weight, first).take(hold)
+    end = (hold + 1) * products.shape[1] - N_DEVIATIONS
+    forecast = products.take(end + deviation)
+    forecast += forms.step.take(component) * products.take(end - residual.shape[1] + component)
+    recent = forms.pace * differences[:, forms.pace_from].take(hold)
     model_variance = MODEL_ERROR**2 * (forecast**2 + recent**2)
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(unexplained * forms.variance[component] + model_variance),
+        deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
+        is_exponential=IS_EXPONENTIAL[curve],
     )
 
 
@@ -105,7 +104,7 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     >>> two = Mixture(
     ...     first=np.array([0]), hold=np.array([0, 0]),
     ...     weight=np.array([0.5, 0.5]), forecast=np.array([2.0, 4.0]),
-    ...     deviation=np.array([0.5, 0.5]),
+    ...     deviation=np.array([0.5, 0.5]), is_exponential=np.array([False, False]),
     ... )
     >>> compute_quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
     [[1.4], [3.0]]

@@ -63,12 +63,14 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
     if not positive:
         min_jump = _CONTACT_FRACTION * np.abs(values - start[:, None]).max(axis=1)
     has_contact = (jump > min_jump) | (baseline_end > 0)
-    later = time_s.searchsorted(origin_s + _RINGING_S - 1e-9)
-    # The ringing is only skipped if there are enough samples after it.
-    has_enough = (later + _MIN_SAMPLES <= time_s.size) & (
-        time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _MIN_DURATION_S
-    )
-    keys = origin * time_s.size + np.where(has_contact & has_enough, later, origin)
+    begin = origin
+    if has_contact.any():
+        later = time_s.searchsorted(origin_s + _RINGING_S - 1e-9)
+        # The ringing is only skipped if there are enough samples after it.
+        rest_s = time_s[-1] - time_s[np.minimum(later, time_s.size - 1)]
+        has_enough = (later + _MIN_SAMPLES <= time_s.size) & (rest_s >= _MIN_DURATION_S)
+        begin = np.where(has_contact & has_enough, later, origin)
+    keys = origin * time_s.size + begin
     for key in dict.fromkeys(keys.tolist()):
         key_origin, first = divmod(key, time_s.size)
         yield Window(

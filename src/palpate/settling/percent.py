@@ -27,7 +27,7 @@ class InPercent:
     >>> ratio = 0.04 + 0.02 * np.exp(-time_s)
     >>> method = InPercent(method=Relaxation())
     >>> found = method.predict(time_s, 100 * (ratio - 1)[None], horizon_s=20.0, level=0.9)
-    >>> bool(-100 < found.low[0] < found.value[0] < found.high[0] < -95)
+    >>> bool(-100 < found.low[0] < found.value[0] < found.high[0] < -90)
     True
     """
 

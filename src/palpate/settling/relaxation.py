@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,7 +14,7 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
 from palpate.measurement import Status
-from palpate.settling.conditionals import compute_conditionals, estimate_noise_variance
+from palpate.settling.conditionals import compute_conditionals, estimate_noise, weigh_noise
 from palpate.settling.mixture import compute_posterior, compute_quantiles
 from palpate.settling.origin import Window, find_updates, find_windows
 from palpate.settling.result import SettledEstimate
@@ -33,21 +34,28 @@ _MAX_HALF_WIDTH = 0.2
 #: Ratio of the settling rate per e-fold of time to the rate in the last e-fold. For 97 % of 217
 #: holds of five real materials it is in this range from 2.5 s on (study `settled`).
 _PROVEN_PACE = (0.6, 1.8)
-#: Latest horizon at which the shapes were compared with real materials, seconds.
+#: Latest horizon at which the shapes were compared with real materials, seconds. For a later one
+#: each side of the interval grows by the number of e-folds of time beyond it.
 _PROVEN_HORIZON_S = 20.0
-#: Share a of the distance to the log law, and widening b by that distance, for all statuses but
-#: `ok`. Chosen on six real materials: with one of them left out, the best of 0, 1/4, 1/2, 3/4 and 1
-#: is 3/4 again, and 1/2 without meat. A wider b changes no coverage by more than .01.
-_LINE_SHARE, _LINE_WIDENING = 0.75, 0.7
+#: Share of the distance to the log law: for all statuses but `ok` the value moves by it, and each
+#: side of the interval grows by it. Chosen on six real materials: with one of them left out, the
+#: best of 0, 1/4, 1/2, 3/4 and 1 is 3/4 again, and 1/2 without meat.
+_LINE_SHARE = 0.75
+#: Posterior probability from which on the samples themselves prove a single exponential (odds of
+#: 100, "decisive" in Jeffreys, Theory of Probability, appendix B). The value then stays.
+_DECISIVE = 0.99
 #: A hold that returns by more than this fraction of its change is not settling.
 _MAX_RETURN = 0.3
 #: Largest predicted change, as a multiple of the observed change.
 _MAX_CHANGE = 10.0
+#: Largest change of a logarithm, which keeps readings finite and positive.
+_MAX_LOG = 600.0
 
 #: Positive values with a smaller ratio of minimum to maximum than this are treated as signed.
 _MIN_RATIO = 1e-12
-#: Smallest ratio to the last reading that the log law predicts.
-_TINY = 1e-3
+#: Smallest ratio to the last reading that the log law predicts, and smallest change.
+_MIN_LINE, _TINY = 1e-3, float(np.finfo(float).tiny)
+_SIGNS = np.array([[-1.0], [0.0], [1.0]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,29 +101,29 @@ class Relaxation:
             last = samples[:, -1:]
             # Changes are relative to the last sample, which keeps a constant hold exact.
             change = np.log(samples / last) if positive else samples - last
+            found = np.empty((3, rows.size))
             if times[-1] >= after_s:
-                found = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
+                found[:] = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
                 status[rows] = Status.OK
                 status[rows[np.ptp(change, axis=1) == 0]] = Status.NOT_SETTLING
                 window_s[rows] = times[-1] - times[0]
-                ends[:, rows] = last.T * np.exp(found) if positive else last.T + found
-                continue
-            for window in find_windows(times, change, positive=positive):
-                for start in range(0, window.rows.size, _BATCH_SIZE):
-                    batch = window.rows[start : start + _BATCH_SIZE]
-                    hold = rows[batch]
-                    found, status[hold] = self._forecast(
-                        window,
-                        change[batch, window.first :],
-                        positive=positive,
-                        after_s=after_s - float(times[window.origin]),
-                        quantile=quantile,
-                    )
-                    if horizon_s > _PROVEN_HORIZON_S:
-                        status[hold[status[hold] == Status.OK]] = Status.UNPROVEN
-                    base = last[batch, 0]
-                    ends[:, hold] = base * np.exp(found) if positive else base + found
-                    window_s[hold] = window.since_s[-1] - window.since_s[0]
+            else:
+                for window in find_windows(times, change, positive=positive):
+                    window_s[rows[window.rows]] = window.since_s[-1] - window.since_s[0]
+                    for start in range(0, window.rows.size, _BATCH_SIZE):
+                        batch = window.rows[start : start + _BATCH_SIZE]
+                        found[:, batch], status[rows[batch]] = _forecast(
+                            window,
+                            change[batch, window.first :],
+                            positive=positive,
+                            after_s=after_s - float(times[window.origin]),
+                            quantile=quantile,
+                            beyond=max(0.0, math.log(horizon_s / _PROVEN_HORIZON_S)),
+                        )
+            if positive:
+                ends[:, rows] = last.T * np.exp(np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG))
+            else:
+                ends[:, rows] = last.T + found
         low, value, high = _widen_to_resolution(ends, values)
         return SettledEstimate(
             value=value,
@@ -128,44 +136,60 @@ class Relaxation:
             status=status,
         )
 
-    def _forecast(
-        self,
-        window: Window,
-        used: FloatArray,
-        *,
-        positive: bool,
-        after_s: float,
-        quantile: FloatArray,
-    ) -> tuple[FloatArray, NDArray[np.object_]]:
-        """Return lower limit, value and upper limit of a window's holds, and their statuses."""
-        since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
-        if since_s.size < 2:
-            sides = np.array([-1.0, 0.0, 1.0])[:, None]
-            return used[:, -1] + sides * span, _repeat_status(Status.TOO_SHORT, len(used))
-        forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
-        binned = used @ forms.averaging.T
-        differences = binned[:, :-1] - binned[:, -1:]
-        noise = estimate_noise_variance(since_s, used)
-        mixture = compute_posterior(forms, differences, noise=noise, scaled=positive)
-        change = compute_quantiles(mixture, quantile)
-        excursion = np.abs(binned - binned[:, :1])
-        largest = excursion.max(axis=1)
-        has_returned = largest - excursion[:, -1] > _MAX_RETURN * largest
-        limited = np.minimum(np.maximum(change, -_MAX_CHANGE * span), _MAX_CHANGE * span)
-        # The line is straighter for readings than for their logarithms.
-        line = (np.exp(used) if positive else used) @ forms.log_law
-        if positive:
-            line = np.log(np.maximum(line, _TINY))
-        line = np.clip(line - binned[:, -1], -_MAX_CHANGE * span, _MAX_CHANGE * span)
-        status = _evaluate_status(window, binned[:, -1] + limited, span=span, positive=positive)
-        status[(limited[1] != change[1]) & (status == Status.OK)] = Status.FELL_BACK
-        recent = -forms.pace * differences[:, forms.pace_from]
-        low_pace, high_pace = _PROVEN_PACE
-        is_unproven = (limited[1] - low_pace * recent) * (limited[1] - high_pace * recent) > 0
-        status[is_unproven & (status == Status.OK)] = Status.UNPROVEN
-        status[has_returned | (span == 0)] = Status.NOT_SETTLING
-        joined = np.where(status == Status.OK, limited, _approach_log_law(limited, line))
-        return binned[:, -1] + joined, status
+
+def _forecast(
+    window: Window,
+    used: FloatArray,
+    *,
+    positive: bool,
+    after_s: float,
+    quantile: FloatArray,
+    beyond: float,
+) -> tuple[FloatArray, NDArray[np.object_]]:
+    """Return lower limit, value and upper limit of a window's holds, and their statuses.
+
+    `beyond`: number of e-folds of time from the latest proven horizon to the horizon.
+    """
+    since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
+    if since_s.size < 2:
+        return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
+    forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
+    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
+    differences = binned[:, :-1] - binned[:, -1:]
+    noise = estimate_noise(forms.noise_weights, used)
+    mixture = compute_posterior(forms, differences, noise=noise)
+    change = compute_quantiles(mixture, quantile)
+    largest_change = _MAX_CHANGE * span
+    shrinking = largest_change / np.maximum(np.maximum(np.abs(change[1]), largest_change), _TINY)
+    change *= shrinking
+    recent = -forms.pace * differences[:, forms.pace_from]
+    low_pace, high_pace = _PROVEN_PACE
+    is_unproven = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
+    is_limited = shrinking < 1
+    min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
+    is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
+    is_wide = _is_wide(binned[:, -1] + change, span=span, positive=positive) | is_short
+    excursion = np.abs(binned - binned[:, :1])
+    largest = excursion.max(axis=1)
+    has_returned = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
+    is_ok = ~(is_unproven | is_limited | is_wide | has_returned)
+    # A later line takes precedence.
+    status = np.array([Status.UNPROVEN if beyond else Status.OK] * len(used), dtype=object)
+    status[is_unproven] = Status.UNPROVEN
+    status[is_limited] = Status.FELL_BACK
+    status[is_wide] = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
+    status[has_returned] = Status.NOT_SETTLING
+    # The line is straighter for readings than for their logarithms.
+    line = (np.exp(used) if positive else used) @ forms.log_law
+    if positive:
+        line = np.log(np.maximum(line, _MIN_LINE))
+    line = np.minimum(np.maximum(line - binned[:, -1], -largest_change), largest_change)
+    is_moved = ~is_ok
+    if since_s[-1] > _EARLY_S:
+        is_moved &= mixture.exponential_probability() < _DECISIVE
+    gap = _LINE_SHARE * (line - change[1])
+    side = (np.abs(change - change[1]) + ~is_ok * np.abs(gap)) * (1 + beyond)
+    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
 
 
 def _group_holds(
@@ -196,7 +220,7 @@ def _widen_to_resolution(ends: FloatArray, values: FloatArray) -> FloatArray:
     whose samples all differ have noise of more than a step.
     """
     repeats = (values[:, 1:] == values[:, :-1]).any(axis=1) | (values.shape[1] < 2)
-    for row in np.flatnonzero(repeats):
+    for row in repeats.nonzero()[0]:
         samples, (low, value, high) = values[row], ends[:, row]
         steps = np.abs(np.diff(samples))
         half = (float(steps[steps > 0].min()) if steps.any() else _last_decimal(samples[-1])) / 2
@@ -216,38 +240,17 @@ def _last_decimal(reading: float) -> float:
     return float(10.0 ** -len(decimals))
 
 
-def _approach_log_law(change: FloatArray, line: FloatArray) -> FloatArray:
-    """Return lower limit, value and upper limit, moved towards the log law's value and widened.
+def _is_wide(ends: FloatArray, *, span: FloatArray, positive: bool) -> NDArray[np.bool_]:
+    """Return whether the interval is wider than a fraction of the value.
 
-    With d the distance from the mixture's value v to the log law's: v + a d, with each side of the
-    interval longer by b |d|. Where two rules differ, the truth lies between.
+    For signed values it is compared with the observed change.
     """
-    distance = line - change[1]
-    longer = np.array([[-1.0], [0.0], [1.0]]) * _LINE_WIDENING * np.abs(distance)
-    return np.asarray(change + _LINE_SHARE * distance + longer)
-
-
-def _repeat_status(status: Status, count: int) -> NDArray[np.object_]:
-    return np.array([status] * count, dtype=object)
-
-
-def _evaluate_status(
-    window: Window, ends: FloatArray, *, span: FloatArray, positive: bool
-) -> NDArray[np.object_]:
-    """Return the status of each hold, from the duration and the width of its interval."""
     low, value, high = ends
-    duration_s = float(window.since_s[-1])
-    if window.since_s.size < _MIN_SAMPLES or duration_s < _MIN_DURATION_S:
-        return _repeat_status(Status.TOO_SHORT, value.size)
-    if duration_s < _MIN_CONTACT_S and window.first > window.origin:
-        return _repeat_status(Status.TOO_SHORT, value.size)
-    # The limit is a fraction of the value, or for signed values the observed change.
-    half_width = (np.exp(high - value) - np.exp(low - value) if positive else high - low) / 2
-    status = _repeat_status(Status.OK, value.size)
-    status[half_width > (_MAX_HALF_WIDTH if positive else span)] = (
-        Status.MISFIT if duration_s > _EARLY_S else Status.TOO_SHORT
-    )
-    return status
+    if positive:
+        # The bound is wide in any case, and the exponential of a larger side may overflow.
+        above = np.minimum(high - value, 1.0)
+        return np.asarray(np.exp(above) - np.exp(low - value) > 2 * _MAX_HALF_WIDTH)
+    return np.asarray(high - low > 2 * span)
 
 
 def _average_end(
@@ -257,5 +260,5 @@ def _average_end(
     stop = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = change[:, :stop][:, time_s[:stop] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else change[:, stop - 1 : stop]
-    variance = estimate_noise_variance(time_s, change)
+    variance = estimate_noise(weigh_noise(time_s), change)
     return np.asarray(last.mean(axis=1) + ndtri(quantile)[:, None] * np.sqrt(variance))

@@ -73,6 +73,29 @@ class SettledEstimate:
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
 
 
+def make_point_estimate(
+    value: FloatArray,
+    status: NDArray[np.object_],
+    window_s: FloatArray,
+    *,
+    horizon_s: float,
+    level: float,
+    name: str,
+) -> SettledEstimate:
+    """Return an estimate without an interval, with arrays of shape (n_holds,)."""
+    low, high = np.full((2, value.size), np.nan)
+    return SettledEstimate(
+        value=value,
+        low=low,
+        high=high,
+        level=level,
+        horizon_s=horizon_s,
+        window_s=window_s,
+        method=name,
+        status=status,
+    )
+
+
 def _plain(part: Any) -> Any:
     if isinstance(part, np.ndarray):
         return [_plain(element) for element in part]

@@ -1,67 +1,55 @@
 """Shapes of a hold: typical curves, and possible deviations from them.
 
-There are two families of curves. Creep in log time and its tilted forms describe viscoelastic
-solids and carbon-black composites. Decays are exponential (the paper's equation 2) or
-stretched. All components have the same prior odds, because odds learned on four of five kinds of
+There are two families of curves. Creep is a small power of time, nearly a logarithm, as in
+viscoelastic solids and carbon-black composites. Decays are exponential (the paper's equation 2) or
+stretched. All components have the same prior odds: sets and odds chosen on four of five kinds of
 material were worse on the fifth kind than equal odds (`docs/prediction.md`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+
+#: Creep: the time offset, s, and the power of time. With a power of 0 it would be a logarithm.
+_CREEP_FROM_S = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
+_CREEP_POWER = 0.12
+#: Decays: time constant, s, and stretching exponent.
+_TAU_S, _STRETCHING = np.array(
+    [
+        *((float(tau_s), 1.0) for tau_s in np.geomspace(0.5, 6.0, 7)),
+        *product((3.2, 12.8), (0.4, 0.55, 0.75)),
+    ]
+).T
+#: Typical amplitude of a decay relative to the settled value, which affects its shape in ln R.
+_DECAY_FRACTION = 0.25
+N_CURVES = _CREEP_FROM_S.size + _TAU_S.size
+#: Which curves are single exponentials, shape (n_curves,).
+IS_EXPONENTIAL: NDArray[np.bool_] = np.append(np.zeros(_CREEP_FROM_S.size), _STRETCHING) == 1
+
+#: Deviations of a hold from its curve, standard deviations in units of the scale, shape
+#: (n_deviations,): noise of one sample; random walk per e-fold of time (waves and steps); amplitude
+#: of decays with any time constant (a different smooth shape).
+NOISE = np.array([0.003, 0.003, 0.012, 0.012])
+WALK = np.array([0.01, 0.02, 0.02, 0.1])
+LOOSE = np.array([0.01, 0.08, 0.03, 0.03])
+
+
+def _falling_curves(time_s: FloatArray) -> FloatArray:
+    time = time_s[:, None]
+    creep = -((time + _CREEP_FROM_S) ** _CREEP_POWER)
+    decay = np.log1p(_DECAY_FRACTION * np.exp(-((time / _TAU_S) ** _STRETCHING)))
+    return np.concatenate((creep, decay), axis=1)
+
 
 #: Curves are normalised to their change between these times: after contact, and at the paper's
 #: horizon, s.
 UNIT_S = (0.3, 20.0)
-#: Creep: the time offset in the logarithm, s, and the tilt. The rate per e-fold of time grows with
-#: time to the power of the tilt.
-_CREEP_FROM_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-_TILTS = (1e-6, 0.15)
-#: Decays: time constant, s, and stretching exponent.
-_DECAYS = [
-    *((float(tau_s), 1.0) for tau_s in np.geomspace(0.5, 6.0, 7)),
-    *product((3.2, 12.8), (0.4, 0.55, 0.75)),
-]
-#: Typical amplitude of a decay relative to the settled value, which affects its shape in ln R.
-_DECAY_FRACTION = 0.25
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Deviation:
-    """Deviation of a hold from its curve: standard deviations in units of the scale."""
-
-    #: Noise of one sample.
-    noise: float
-    #: Random walk per e-fold of time: waves and steps.
-    walk: float
-    #: Amplitude of decays with any time constant: a different smooth shape.
-    loose: float
-    #: Whether contact adds a decay of less than 0.3 s.
-    fast: bool = False
-
-
-#: Levels of noise, and pairs of random walk and shape deviation (walk, loose).
-_CLEAN, _USUAL, _POOR = 0.003, 0.012, 0.05
-_STIFF, _SUPPLE, _FREE, _WAVY = (0.003, 0.003), (0.02, 0.03), (0.03, 0.1), (0.1, 0.03)
-
-DEVIATIONS: tuple[Deviation, ...] = tuple(
-    Deviation(noise=noise, walk=walk, loose=loose, fast=fast)
-    for noise, (walk, loose), fast in (
-        (_CLEAN, _STIFF, False),
-        (_CLEAN, _SUPPLE, False),
-        (_CLEAN, _FREE, False),
-        (_USUAL, _SUPPLE, False),
-        (_USUAL, _WAVY, False),
-        (_POOR, _WAVY, False),
-        (_USUAL, _WAVY, True),
-    )
-)
-N_CURVES = len(_TILTS) * len(_CREEP_FROM_S) + len(_DECAYS)
+_CHANGE = -np.diff(_falling_curves(np.array(UNIT_S)), axis=0)[0]
 
 
 def curve_values(time_s: FloatArray) -> FloatArray:
@@ -73,12 +61,5 @@ def curve_values(time_s: FloatArray) -> FloatArray:
     >>> bool(np.allclose(start - end, 1.0))
     True
     """
-    tilt, from_s = np.array(list(product(_TILTS, _CREEP_FROM_S))).T
-    tau_s, power = np.array(_DECAYS).T
-    times = np.concatenate([np.asarray(UNIT_S), time_s])[:, None]
-    # (t^tilt - 1) / tilt, which is a logarithm for tilt 0.
-    creep = -np.expm1(tilt * np.log(times + from_s)) / tilt
-    decay = np.log1p(_DECAY_FRACTION * np.exp(-((times / tau_s) ** power)))
-    curves = np.concatenate([creep, decay], axis=1)
-    scaled: FloatArray = curves[2:] / (curves[0] - curves[1])
+    scaled: FloatArray = _falling_curves(time_s) / _CHANGE
     return scaled

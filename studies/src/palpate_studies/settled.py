@@ -24,8 +24,10 @@ from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod
 from palpate_studies.baselines.full_input_learners import fit_weighted_ridge
+from palpate_studies.drawn_holds import draw_holds
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import find_weighted_quantile, mean, median
+from palpate_studies.settling_pace import describe_pace, measure_pace
 
 #: The paper's horizon, and that of a material whose holds are shorter.
 HORIZONS_S = (20.0, 10.0)
@@ -40,9 +42,10 @@ PLAIN = ("recorded", "exponential", "log_law", "log_law_early")
 OWN_HOLDS = (3, 6, 12, 24)
 #: Largest number of holds of a material in the test with own holds, evenly over the file.
 MOST_TESTED = 60
-#: Drawn single exponentials, the paper's equation 2: time constants (s), amplitudes, noise, rate.
-SINGLE, SINGLE_HOLDS, SINGLE_SEED = "single exponential, drawn", 200, 7
-_TAU_S, _AMPLITUDE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
+#: Drawn holds of each simple shape, and their seed.
+DRAWN_HOLDS, DRAWN_SEED = 150, 7
+#: A horizon beyond that of the paper, which the longest holds of five materials reach, s.
+FAR_HORIZON_S, FAR_CUTOFFS_S = 49.0, (2.5, 10.0, 30.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,7 +180,7 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
             raise InputError(f"{file}: there are two files of material {name}; rename one")
         found[name] = [
             hold
-            for hold in read_holds(file, until_s=HORIZONS_S[0])
+            for hold in read_holds(file, until_s=FAR_HORIZON_S)
             if np.isfinite(_measure_settled(hold))
         ]
         if not found[name]:
@@ -228,12 +231,21 @@ def judge(
             count = min(wanted, len(holds) - 1)
             if count >= 0.9 * wanted:
                 rows += _rows_with_own_holds(name, holds, count=count)
-    drawn = draw_single_exponentials()
     rows += [
-        _row(SINGLE, cutoff_s, method, one)
+        _row(f"{shape}, drawn", cutoff_s, method, one)
+        for shape, drawn in draw_holds(DRAWN_HOLDS, seed=DRAWN_SEED).items()
         for cutoff_s in CUTOFFS_S
         for method, one in _score_without_holds(drawn, cutoff_s).items()
     ]
+    payload: dict[str, Any] = {
+        "relative": compute_relative(rows),
+        "statuses": score_statuses({**materials, **held_out}),
+        "far": score_far_horizons({**materials, **held_out}),
+        "pace": [
+            {"material": name, **describe_pace(np.array([_measure_pace(hold) for hold in holds]))}
+            for name, holds in {**materials, **held_out}.items()
+        ],
+    }
     regrets = compute_regret([row for row in rows if row["material"] in materials])
     return StudyReport(
         name="settled",
@@ -249,11 +261,26 @@ def judge(
             "on the developers' silicone, Velostat, food, tape, force and meat; held-out files "
             "test this choice. The horizon is 20 s, or 10 s where the holds are shorter (meat).",
             "Own holds are the preceding holds of the file; the first holds use the last ones.",
-            f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
+            f"Drawn: {DRAWN_HOLDS} holds of each shape.",
+            "Pace: the rate per e-fold of time from 2.5 s to the horizon, relative to that before; "
+            "0 is rest, and 1 the log law.",
         ],
-        tables=_tables(rows, regrets),
-        payload={"rows": rows, "regret": regrets},
+        tables=[
+            *_tables(rows, regrets),
+            Table.of("Coverage by status, all materials and cut-offs", payload["statuses"]),
+            *(
+                [Table.of(f"Value at {FAR_HORIZON_S:g} s", payload["far"])]
+                if payload["far"]
+                else []
+            ),
+            Table.of("Pace, 10, 50 and 90 % quantiles", payload["pace"]),
+        ],
+        payload={"rows": rows, "regret": regrets, **payload},
     )
+
+
+def _measure_pace(hold: Hold) -> float:
+    return measure_pace(hold.time_s, hold.values, horizon_s=find_horizon(hold))
 
 
 def _share_holds(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
@@ -267,13 +294,18 @@ def _score_without_holds(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Sc
     return found | {name: _scores(holds, cutoff_s, method=name) for name in PLAIN}
 
 
-def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMethod) -> Scores:
+def _scores(
+    holds: Sequence[Hold],
+    cutoff_s: float,
+    *,
+    method: str | SettlingMethod,
+    horizon_s: float | None = None,
+) -> Scores:
     rows = []
     for hold in holds:
-        settled, found = (
-            _measure_settled(hold),
-            predict_settled(hold, cutoff_s=cutoff_s, horizon_s=find_horizon(hold), method=method),
-        )
+        end_s = horizon_s or find_horizon(hold)
+        settled = _measure_value_at(hold, end_s)
+        found = predict_settled(hold, cutoff_s=cutoff_s, horizon_s=end_s, method=method)
         rows.append(
             (
                 100 * (found.value / settled - 1),
@@ -372,22 +404,50 @@ def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def draw_single_exponentials() -> list[Hold]:
-    """Draw holds of the paper's equation 2, as resistances with noise."""
-    rng = np.random.default_rng(SINGLE_SEED)
+def compute_relative(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return palpate's error relative to the best simple rule, by material and cut-off.
 
-    def between(ends: tuple[float, float]) -> float:
-        return float(np.exp(rng.uniform(*np.log(ends))))
-
-    time_s = np.arange(0.0, HORIZONS_S[0] + 0.5, 1 / _RATE_HZ)
-    shapes = [
-        (1 + between(_AMPLITUDE) * np.exp(-time_s / between(_TAU_S)))
-        * (1 + between(_NOISE) * rng.normal(size=time_s.size))
-        for _ in range(SINGLE_HOLDS)
-    ]
+    With own holds, the simple rule is the scaled log law with the same holds.
+    """
+    found: dict[tuple[str, float, int], dict[str, float]] = {}
+    for row in rows:
+        key = row["material"], row["cutoff_s"], row["own_holds"]
+        found.setdefault(key, {})[row["method"]] = row["median_abs_error_percent"]
     return [
-        Hold(hold_id=str(number), channel=None, time_s=time_s, values=1000.0 * shape)
-        for number, shape in enumerate(shapes)
+        {
+            "material": material,
+            "cutoff_s": cutoff_s,
+            "own_holds": own_holds,
+            "relative": errors[PALPATE] / min(errors[rule] for rule in PLAIN if rule in errors),
+        }
+        for (material, cutoff_s, own_holds), errors in found.items()
+    ]
+
+
+def score_statuses(materials: Mapping[str, Sequence[Hold]]) -> list[dict[str, Any]]:
+    """Return the coverage of the intervals of each status, over all materials and cut-offs."""
+    covered: dict[Status, list[bool]] = {}
+    for holds in materials.values():
+        for hold in holds:
+            settled, horizon_s = _measure_settled(hold), find_horizon(hold)
+            for cutoff_s in CUTOFFS_S:
+                found = predict_settled(hold, cutoff_s=cutoff_s, horizon_s=horizon_s)
+                status = Status(str(found.status))
+                covered.setdefault(status, []).append(bool(found.low <= settled <= found.high))
+    return [
+        {"status": str(status), "predictions": len(each), "coverage": mean(each)}
+        for status, each in sorted(covered.items())
+    ]
+
+
+def score_far_horizons(materials: Mapping[str, Sequence[Hold]]) -> list[dict[str, Any]]:
+    """Return scores of palpate and the log law for a horizon beyond the paper's."""
+    return [
+        _row(name, cutoff_s, rule, _scores(far, cutoff_s, method=method, horizon_s=FAR_HORIZON_S))
+        for name, holds in materials.items()
+        if (far := [hold for hold in holds if _measure_value_at(hold, FAR_HORIZON_S) > 0])
+        for cutoff_s in FAR_CUTOFFS_S
+        for rule, method in ((PALPATE, "relaxation"), ("log_law", "log_law"))
     ]
 
 

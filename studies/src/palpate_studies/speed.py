@@ -10,12 +10,13 @@ from palpate.arrays import FloatArray
 from palpate.measurement import Status
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.percent import adapt_method
+from palpate.settling.percent import adapt_method, percent_to_ratio
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
+from palpate_studies.settling_pace import describe_pace, measure_pace
 from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, draw_named, stack_holds
 
 SPEEDS_MM_PER_S = (3.0, 6.0, 12.0, 25.0, 60.0)
@@ -34,7 +35,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
 
     Example: palpate study speed --out reports
     """
-    rows = list[dict[str, Any]]()
+    rows, paces = list[dict[str, Any]](), list[dict[str, Any]]()
     for level in LEVELS:
         for speed in SPEEDS_MM_PER_S:
             values = np.concatenate(
@@ -44,6 +45,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 ]
             )
             offsets_s = 0.0, _closing_time_s(speed)
+            paces.append({"level": level, "speed_mm_per_s": speed, **_pace(values, offsets_s[1])})
             for clock, offset_s in zip(CLOCKS, offsets_s, strict=True):
                 for name, method in METHODS.items():
                     hold_method = adapt_method(method, unit="percent")
@@ -76,9 +78,10 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 {"mm/s": "{speed_mm_per_s:g}", "2.5 s from": "{clock}"},
                 over="of",
                 form="{median_abs_error_percent:.1f} ({ok:.2f})",
-            )
+            ),
+            Table.of("Pace of settling after the movement, 10, 50 and 90 % quantiles", paces),
         ],
-        payload={"origin": "twin", "rows": rows},
+        payload={"origin": "twin", "rows": rows, "pace": paces},
     )
 
 
@@ -102,6 +105,15 @@ def measure_holds(sensor: int, *, level: str, speed: float, repeats: int) -> Flo
 
 def _closing_time_s(speed: float) -> float:
     return (GAP_MM + CLOSURE_MM) / speed
+
+
+def _pace(values: FloatArray, offset_s: float) -> dict[str, Any]:
+    """Return quantiles of the pace of the ratio to rest, counted from the end of the movement."""
+    after_s = np.arange(1, values.shape[1] + 1) / 15.0 - offset_s
+    seen = after_s > 0
+    ratios = percent_to_ratio(values[:, seen])
+    paces = [measure_pace(after_s[seen], ratio, horizon_s=HOLD_S) for ratio in ratios]
+    return describe_pace(np.array(paces))
 
 
 def _score(method: SettlingMethod, values: FloatArray, offset_s: float) -> dict[str, Any]:
