@@ -11,6 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -59,6 +60,7 @@ def collect_samples(holds: list[Hold]) -> dict:
     return read
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     file=FILES,

@@ -156,6 +156,7 @@ MOVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOVES)
 @given(now=CHANGES, before=CHANGES)
 def test_bruise_contrast_is_invariant_to_swapped_or_turned_pixels(

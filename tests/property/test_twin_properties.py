@@ -48,6 +48,7 @@ def test_twin_any_commands_yield_physical_values(
     assert -100.0 < truth.settled_percent < 100.0
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(moves=MOVES, seed=st.integers(0, 1000), interval_s=st.floats(0.003, 0.2))
 def test_twin_readings_do_not_change_the_world(

@@ -59,6 +59,7 @@ def card(width: int, monkeypatch: pytest.MonkeyPatch) -> str:
     return file.getvalue()
 
 
+@pytest.mark.slow
 def test_grasp_card_has_every_number_at_each_width(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = numbers(card(200, monkeypatch))
     assert len(whole) > 20

@@ -33,6 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> None:
     found = Calibration.load(made)
     assert found.origin == "simulated"
@@ -45,6 +46,7 @@ def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> No
     assert made.with_name("pad.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
     before = Calibration.load(made)
     document = palpate("calibrate", "compliance", "--seed", "3", "--out", made, "--json").document

@@ -66,6 +66,7 @@ def test_ripeness_of_one_item_is_explained_plotted_and_stored(
     assert verdicts[-1].text in output
 
 
+@pytest.mark.slow
 def test_ripeness_of_item_without_kind_uses_its_first_day_and_stores_no_assumption(
     made: Path, palpate: Command
 ) -> None:

@@ -198,6 +198,7 @@ def stop_while_closing(page: Page, file: Path, *, number: int = 0) -> GraspOrder
     return order
 
 
+@pytest.mark.slow
 def test_stop_during_a_grasp_halts_the_hand_in_its_position_and_is_confirmed_once(
     opened: Page, tmp_path: Path
 ) -> None:
@@ -219,6 +220,7 @@ def confirmations(page: Page) -> list[int]:
     return [note.number for note in page.notes if isinstance(note, StopConfirmed)]
 
 
+@pytest.mark.slow
 def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
     """The release arrives while the recording of the stopped grasp is still being written."""
     order = stop_while_closing(opened, tmp_path / "stopped.mcap")
@@ -231,6 +233,7 @@ def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pa
     assert not opened.ended(OpenHand()).trouble
 
 
+@pytest.mark.slow
 def test_stop_cancels_the_running_and_all_queued_orders(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = replace(first, recording=tmp_path / "second.mcap")
@@ -292,6 +295,7 @@ def test_stop_of_an_unreachable_hand_is_not_confirmed(
     opened.until_note(StopConfirmed(91))
 
 
+@pytest.mark.slow
 def test_calibrate_rest_saves_the_file_and_sends_the_new_source(
     opened: Page, tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def test_power_law_fit_is_robust_to_outlier() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.5, 0.9])
 def test_power_intervals_cover_new_readings_at_their_level(level: float) -> None:
     inside = []

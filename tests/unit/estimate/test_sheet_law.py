@@ -87,6 +87,7 @@ def test_creeping_reading_of_a_constant_force_is_constant() -> None:
     assert later == pytest.approx(np.full(later.size, 6.0), rel=0.12)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 50),

@@ -147,6 +147,7 @@ def test_settle_prints_column_names_with_brackets(desk: Desk) -> None:
     assert "r:S1 [kOhm]:1" in desk.palpate("settle", path).out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["xlsx", "parquet"])
 def test_settle_reads_pandas_files_with_time_index(ending: str, desk: Desk) -> None:
     index = pd.to_datetime(TIME_S, unit="s", origin="2024-01-01")
@@ -316,6 +317,7 @@ def test_table_with_id_column_is_split_by_recording_or_hold(desk: Desk) -> None:
     assert found.names == ["holds:value:1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", ["A1", "A1:XFD1048576"])
 def test_workbook_with_wrong_stated_size_is_read_completely(tmp_path: Path, stated: str) -> None:
     """Programs that add rows leave the size of an earlier save in place."""

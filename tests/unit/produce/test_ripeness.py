@@ -122,6 +122,7 @@ def test_rule_learn_recovers_the_course_and_the_boundaries(rule: RipenessRule) -
     assert boundaries == pytest.approx(BOUNDS, rel=0.12)
 
 
+@pytest.mark.slow
 def test_judge_new_items_has_correct_stages_and_coverage(rule: RipenessRule) -> None:
     halfway, items = simulate_items(25, seed=2)
     ripe = math.log(BOUNDS[1])
@@ -138,6 +139,7 @@ def test_judge_new_items_has_correct_stages_and_coverage(rule: RipenessRule) -> 
     assert np.mean(covered) > 0.8
 
 
+@pytest.mark.slow
 def test_judge_more_days_narrow_the_interval_and_an_outlier_does_not_change_the_stage(
     rule: RipenessRule,
 ) -> None:
@@ -148,6 +150,7 @@ def test_judge_more_days_narrow_the_interval_and_an_outlier_does_not_change_the_
     assert rule.judge([*usual[:2], outlier, *usual[3:]]).stage == rule.judge(usual).stage
 
 
+@pytest.mark.slow
 def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
     value = math.log(BOUNDS[1]) + 0.12
@@ -158,6 +161,7 @@ def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> 
     assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
 
 
+@pytest.mark.slow
 def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
     stages = ("green", "turning", "ready")
