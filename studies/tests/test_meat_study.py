@@ -85,15 +85,3 @@ def test_meat_equal_cuts_are_not_told(tmp_path: Path, document: Callable[..., An
     for row in rows:
         low, high = row["discriminant_interval"]
         assert low < 0.5 < high
-
-
-def test_meat_unusable_holds_are_refused(tmp_path: Path, refusal: Callable[..., str]) -> None:
-    holds, tests = write_holds(tmp_path, difference=0.0)
-    text = holds.read_text()
-    holds.write_text(text.replace("230101-FF2B", "sirloin"))
-    assert "hold 'sirloin'" in refusal("meat", "--holds", holds)
-    holds.write_text(text.replace("230101-FF2B", "230101-FF2X"))
-    assert "no recording 230101-FF2X" in refusal("meat", "--holds", holds, "--tests", tests)
-    holds.write_text(text.replace("-RDG2", "-RDG1_"))
-    assert "two pieces" in refusal("meat", "--holds", holds)
-    assert "--holds" in refusal("meat")

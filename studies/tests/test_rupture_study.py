@@ -12,9 +12,7 @@ import pytest
 
 from palpate.estimate.damage_learning import FruitClosing, read_closings, split_folds
 from palpate.grasp.plan import Plan
-from palpate_studies import rupture
 from palpate_studies.rupture import CAP, apply_policy, apply_shipped_limit, tradeoff
-from palpate_studies.second.closings import other_closings
 
 
 @pytest.fixture(scope="module")
@@ -62,20 +60,6 @@ def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, P
     files[0].write_text("\n".join(curves) + "\n")
     files[1].write_text("\n".join(index) + "\n")
     return files
-
-
-@pytest.mark.slow
-def test_rupture_study_second_generator_needs_no_files(
-    monkeypatch: pytest.MonkeyPatch, document: Callable[..., Any]
-) -> None:
-    few = other_closings(seed=3)[:45]
-    for kind in ("layered", "foam", "dough"):
-        borne_mm = [np.ptp(c.samples[:, 0]) for c in few if c.fruit == kind]
-        assert np.ptp(borne_mm) > 1.0
-    monkeypatch.setattr(rupture, "other_closings", lambda: few)
-    result = document("rupture", "--second")
-    assert result["second_generator"] is True
-    assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
 
 
 @pytest.mark.slow

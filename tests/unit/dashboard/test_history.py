@@ -5,18 +5,15 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from tests.full_disk import file_size_limit
 
 from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, make_entry
-from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.measurement import Measurement
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -121,33 +118,6 @@ def test_history_rename_on_a_full_disk_preserves_every_grasp(
     assert history.recent_grasps == [ENTRY]
 
 
-def test_make_entry_contains_the_measurements_of_the_grasp() -> None:
-    wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
-    result = GraspResult(
-        outcome=Outcome.HELD,
-        force_n=Measurement(value=2.5, low=2.0, high=3.0, unit="n"),
-        stiffness_n_per_mm=wide.or_bound("it gave way too little", least=0.02, most=500.0),
-        decision_time_s=1.5,
-    )
-    force = Measurement(value=2.0, low=1.0, high=3.0, unit="n")
-    entry = make_entry(
-        Grasped(result=result, recording=Path("folder/grasp-2.mcap")),
-        kind="good",
-        item_id="A17",
-        target_force_n=None,
-        simulated=False,
-        curve=[Point(0.0, -1.0, force), Point(5.0, -20.0, replace(force, value=4.0))],
-    )
-    assert (entry.recording, entry.outcome, entry.firmness) == (
-        "grasp-2.mcap",
-        "held",
-        "at least medium",
-    )
-    assert entry.measured["stiffness_n_per_mm"] is None, "a bound is not a value"
-    assert entry.measured["stiffness_n_per_mm_low"] == 4.0
-    assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
-
-
 def test_entry_and_counts_escape_entered_text(history: History) -> None:
     nasty = "<script>'\"&"
     shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
@@ -165,17 +135,3 @@ def test_damaged_object_is_shown_in_the_list_and_in_the_table(history: History) 
     assert "held: the object was damaged" in entry_html(entry)
     history.add(entry)
     assert rows_of(history)[0]["damaged"] == "True"
-
-
-def test_history_idle_texts_show_the_last_grasp_and_todays_counts(
-    history: History, tmp_path: Path
-) -> None:
-    assert history.idle_texts() == []
-    history.add(ENTRY)
-    (last,) = history.idle_texts()
-    assert last.startswith("last grasp ")
-    assert last.endswith(": A17 held, soft")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    for outcome in ("held", "slipped", "held"):
-        history.add(replace(ENTRY, outcome=outcome, ended_at=now))
-    assert History(tmp_path).idle_texts()[1] == "today 2 held, 1 slipped"

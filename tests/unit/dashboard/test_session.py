@@ -13,8 +13,6 @@ from tests.unit.dashboard.test_live import SOURCE, frames
 
 from palpate.dashboard.messages import (
     Action,
-    CalibrateForce,
-    CalibrationRenewed,
     Confirm,
     DeviceActivity,
     DevicesLost,
@@ -37,7 +35,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
-from palpate.dashboard.session import GraspForm, Session
+from palpate.dashboard.session import Session
 from palpate.errors import InputError
 from palpate.grasp.result import GraspResult, Outcome
 
@@ -97,15 +95,6 @@ def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehe
     rehearsal.session.order("a", GRASP)
     assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
     assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
-
-
-def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> None:
-    session = rehearsal.session
-    session.join("before", tab="1")
-    session.join("after", tab="1")
-    assert session.viewers & {"before", "after"} == {"after"}
-    session.leave("before")
-    assert "after" in session.viewers
 
 
 RIG, PLAY = OpenRig(name="sim-rigid"), Play(file=Path("old.mcap"))
@@ -267,55 +256,3 @@ def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
     rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
     page = rehearsal.page()
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
-
-
-def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
-    rehearsal: Rehearsal,
-) -> None:
-    order, devices = CalibrateForce(file=Path("pad.json")), rehearsal.session.devices
-    renewed = CalibrationRenewed(
-        file=order.file, rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
-    )
-    step = "Place 2 N on the pad"
-    for guides, ended, failure in (
-        ((Guide(text=step),), {"trouble": "stopped on request", "stopped": True}, (True, step)),
-        ((), {"trouble": "no frame in 2 s"}, (False, "")),
-        ((), {"found": renewed}, None),
-    ):
-        rehearsal.receive(OrderStarted(order=order), *guides)
-        assert devices.calibration_failure is None
-        rehearsal.receive(OrderEnded(order=order, **ended))
-        found = devices.calibration_failure
-        assert (found and (found.stopped, found.step)) == failure
-        assert devices.trouble == ("no frame in 2 s" if found and not found.stopped else "")
-        assert found is None or found.reason == ended["trouble"]
-
-
-def make_order(item_id: str = "W1") -> GraspOrder:
-    return replace(GRASP, item_id=item_id)
-
-
-@pytest.mark.parametrize(
-    ("ordered", "scanned", "steps"),
-    [
-        # The name returns until the bin is final.
-        ("W1", "", ((True, "W1"), (True, "W1"), (False, ""))),
-        # A name scanned since the grasp is retained.
-        ("W1", "W2", ((True, "W2"),)),
-        ("W1", "W2", ((False, "W2"),)),
-        # Nothing returns from the grasp of another client.
-        ("X9", "", ((True, ""),)),
-    ],
-)
-def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
-    ordered: str, scanned: str, steps: tuple[tuple[bool, str], ...]
-) -> None:
-    form = GraspForm(item_id="W1")
-    form.take_item(make_order())
-    assert form.item_id == ""
-    if scanned:
-        form.return_item(make_order(), again=True)
-        form.set_item(scanned)
-    for again, name in steps:
-        form.return_item(make_order(ordered), again=again)
-        assert form.item_id == name

@@ -55,24 +55,6 @@ def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     assert math.exp(a[-1].log_stiffness) == pytest.approx(2.0, rel=1e-3)
 
 
-def test_flattening_curve_lowers_predicted_rupture_force(model: DamageModel) -> None:
-    curve = ClosingCurve()
-    states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
-    limits_n = [model.strengths[""].median_n(state) for state in states]
-    assert limits_n[-1] < 0.5 * max(limits_n)
-
-
-def test_fit_with_closings_without_states_ignores_them() -> None:
-    paths, limits_n, kinds = orchard(60, seed=7)
-    brittle = fit_damage_model(
-        [*paths, *([[]] * 6)], rupture_force_n=[*limits_n, *([0.4] * 6)], kinds=[*kinds, *"xxxxxx"]
-    )
-    assert (
-        brittle.strengths[""]
-        == fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds).strengths[""]
-    )
-
-
 def test_prediction_is_near_the_rupture_force_and_at_least_the_force_withstood(
     model: DamageModel,
 ) -> None:
@@ -116,14 +98,6 @@ def test_damage_bound_of_unseen_fruit_limits_damage_to_the_rate() -> None:
             damaged += [model.bound_n(stiffness) > limit_n for model in learned]
             count += 1
     assert np.all(damaged <= rates * count + 2.5 * np.sqrt(rates * count))
-
-
-def test_damage_bound_falls_with_rate_and_uncertainty(model: DamageModel) -> None:
-    sharp, vague = felt(2.4, 2.5, 2.6), felt(1.2, 2.5, 20.0)
-    strict = replace(model, rate=1e-3)
-    assert strict.bound_n(sharp) < model.bound_n(sharp)
-    assert strict.bound_n(vague) < strict.bound_n(sharp)
-    assert strict.bound_n(sharp, kind="plum") > 0
 
 
 @pytest.mark.slow

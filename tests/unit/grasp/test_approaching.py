@@ -60,24 +60,6 @@ def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: An
 
 
 @pytest.mark.slow
-def test_sweep_slowing_before_expected_size_detects_no_contact() -> None:
-    """Resistances rise with finger speed, and fall on deceleration or by noise."""
-    calibration = calibrate_once(seed=5, level="field", apart_from="strawberry")
-    # So light that a finger which pushes it to the middle feels nothing.
-    berry = replace(draw("strawberry", 11), mass_g=0.1)
-    felt_s = list[float]()
-    for expected in (False, True):
-        world = World(berry, seed=11, sheet_seed=5, level="field")
-        size_mm = berry.size_mm + 3.0 if expected else None
-        seen = list[tuple[Activity | Phase, float]]()
-        views = {"watchers": [lambda state, to=seen: note_activity(state, to)]}
-        grasp_on_twin(world, calibration, views=views, expect_size_mm=size_mm)
-        [felt] = [time_s for activity, time_s in seen if activity is Activity.EVALUATE]
-        felt_s.append(felt)
-    assert felt_s[1] <= felt_s[0]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [15.0, 250.0])
 def test_sweep_checks_for_contact_again_before_expected_size(rate_hz: float) -> None:
     calibration = calibrate_once(seed=5, level="lab", apart_from="strawberry")
@@ -130,22 +112,3 @@ def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: An
     phases = entered(plan, bench)
     felt = phases.index(Activity.EVALUATE)
     assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]
-
-
-def test_contact_of_nearly_equal_fingers_is_not_a_push(plan: Plan, bench: Any) -> None:
-    """On a nearly insensitive sheet, one finger barely detects 1 N, the other not."""
-    rest, size_mm = list[np.ndarray](), bench.size_mm
-
-    def faint(frame: Frame) -> Frame:
-        counts = np.array(frame.counts)
-        rest.append(counts)
-        if bench.width_mm < size_mm and bench.force_n < 1.0:
-            # Of a resistance of 9 kohm over 4.7, by 1.5 and 0.9 percent.
-            counts = np.rint(rest[0] * np.repeat([1.010, 1.006], 4).reshape(4, 2))
-        return replace(frame, counts=counts)
-
-    bench.change_frames(faint)
-    bench.n_per_mm = 0.4
-    phases = entered(plan, bench)
-    felt = [n for n, phase in enumerate(phases) if phase is Activity.EVALUATE]
-    assert phases[felt[0] + 1] == Activity.TOUCH

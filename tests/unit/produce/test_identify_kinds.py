@@ -7,8 +7,7 @@ import pytest
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, combine, grasp_features
+from palpate.produce.identify.identifier import Identifier
 from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
@@ -68,18 +67,6 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
         Identifier([])
 
 
-def test_grasp_features_requires_every_feature() -> None:
-    size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
-    nothing = Measurement(value=0.0, low=0.0, high=1.0, unit="n_per_mm")
-    assert grasp_features({"size_mm": size}) is None
-    assert grasp_features({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
-
-
-def test_combine_many_grasps_retains_the_common_error() -> None:
-    one = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
-    assert combine([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, method: str) -> None:
     rows, labels, items = table(rng, "small", "hard")
@@ -99,15 +86,6 @@ def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) 
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
-
-
-def test_learner_score_on_random_labels_is_near_chance(rng: np.random.Generator) -> None:
-    rows, labels = rng.standard_normal((80, 3)), 40 * ["a", "b"]
-    score = LabelLearner(allow_unknown=False).fit(rows, labels).score()
-    assert score.right == pytest.approx(0.5, abs=0.15)
-    assert score.log_loss < 0.8
-    assert score.overconfidence < 0.2
-    assert sum(sum(row.values()) for row in score.confusion.values()) == score.items == 80
 
 
 def test_learner_single_label_without_unknown_raises(rng: np.random.Generator) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -90,16 +89,6 @@ def test_firmness_of_round_body_is_independent_of_force() -> None:
     assert firmness_of(soft) == pytest.approx(firmness_of(pressed))
 
 
-def test_firmness_of_soft_fingers_falls_with_shared_pixels() -> None:
-    assert firmness_of(soft_grasp(-40, -40, -30, -30)) < firmness_of(soft_grasp(-60, -60, -1, -1))
-    uniform = soft_grasp(-50, -50, -50, -50)
-    assert firmness_of(uniform) == pytest.approx(-math.log(4))
-    # A pixel count corrected for size and force replaces the raw count.
-    corrected = Measurement(value=3.2, low=3.0, high=4.0, unit="pixels")
-    with_count = replace(uniform, measurements={"shared_pixels": corrected})
-    assert firmness_of(with_count) == pytest.approx(-math.log(3.2))
-
-
 def test_firmness_of_unloaded_or_slipped_grasp_is_none() -> None:
     assert firmness_of(soft_grasp(0.0, 1.0, -0.5, 0.0)) is None
     assert firmness_of(make_grasp(outcome=Outcome.SLIPPED)) is None
@@ -148,28 +137,6 @@ def test_judge_more_days_narrow_the_interval_and_an_outlier_does_not_change_the_
     usual = softening_days(2.0, range(5))
     outlier = morning(2.0, HARD + 1.0, grasps=1, spread=math.nan)
     assert rule.judge([*usual[:2], outlier, *usual[3:]]).stage == rule.judge(usual).stage
-
-
-@pytest.mark.slow
-def test_judge_more_grasps_per_day_raise_the_probability(rule: RipenessRule) -> None:
-    scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
-    value = math.log(BOUNDS[1]) + 0.12
-    few, many = (
-        scattered.judge([morning(3.0, value, grasps=grasps, spread=0.25)]) for grasps in (2, 30)
-    )
-    assert (few.stage, many.stage, few.is_uncertain) == ("conditioned", "conditioned", True)
-    assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
-
-
-@pytest.mark.slow
-def test_learn_stages_accepts_custom_stage_names(rule: RipenessRule) -> None:
-    labels = ["green", "green", "turning", "turning", "ready", "ready"]
-    stages = ("green", "turning", "ready")
-    learner = learn_stages([2.0, 1.9, 1.0, 0.9, 0.1, 0.0], labels, items="abcdef", stages=stages)
-    found = replace(rule, stages=stages, learner=learner)
-    assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
-    with pytest.raises(InputError, match="'green' is not reached by softening"):
-        found.find_boundary("green")
 
 
 def test_judge_by_first_day_uses_softening_since_then() -> None:

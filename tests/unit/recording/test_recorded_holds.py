@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.recording.conftest import write_recording
+from tests.recordings import write_recording
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState

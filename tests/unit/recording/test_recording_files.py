@@ -18,7 +18,7 @@ from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from tests.full_disk import file_size_limit
-from tests.unit.recording.conftest import INFO, MESSAGES, write_recording
+from tests.recordings import INFO, MESSAGES, write_recording
 
 from palpate.errors import DamageWarning, RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.factories import make_sheet_law
+from tests.factories import WEIGHTS, make_sheet_law
 from tests.unit.dashboard.test_live import SOURCE
 from tests.unit.dashboard.test_live import frames as page_frames
 
@@ -25,7 +25,7 @@ from palpate.foxglove.channels import encode_force
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+from palpate.sensor.calibration import BlockPairs, Calibration, RestValues
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
 from palpate.terminal_table import make_console
 from palpate.twin.devices import TwinArray
@@ -36,13 +36,6 @@ PRESSED, REST = np.full((4, 2), 600), np.full((4, 2), 300)
 SATURATED, OPEN = PRESSED.copy(), PRESSED.copy()
 SATURATED[1, 0], OPEN[1, 0] = 1023, 0
 REST_OHM = pixel_resistance_ohm(REST, layout=RIGID_LAYOUT)
-WEIGHTS = ForcePairs(
-    run=(0, 0, 0),
-    since_move_s=(20.0,) * 3,
-    excess=(13.0, 42.0, 112.0),
-    relative_percent=(-60.0, -80.0, -90.0),
-    force_n=(1.5, 4.0, 9.0),
-)
 
 
 def weights_law() -> ForceLaw:
