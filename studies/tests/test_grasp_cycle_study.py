@@ -10,7 +10,6 @@ import pytest
 from palpate_studies.grasp_cycle import (
     Cycle,
     Sample,
-    cycles,
     judge,
     scores,
 )
@@ -70,14 +69,3 @@ def test_judge_compares_damage_on_same_objects() -> None:
     assert judge(alone).tables[-1].rows[0][4:] == ["-", "-"]
     # A baseline that did not grasp all objects is not compared.
     assert judge(found[:-1]).payload["compared"] == []
-
-
-@pytest.mark.slow
-def test_cycles_grasps_one_object_with_every_method() -> None:
-    ours, paper, both, current = cycles(SAMPLE)
-    assert [one.outcome for one in (ours, paper, both, current)] == ["held"] * 4
-    assert ours.touch_s < paper.touch_s
-    assert ours.touch_s < ours.answer_s
-    assert ours.touch_peak_n <= ours.peak_n
-    assert abs(ours.size_error_mm) < 1.0
-    assert current.peak_n > 1.0

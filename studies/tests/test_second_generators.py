@@ -14,22 +14,8 @@ from palpate.arrays import FloatArray
 from palpate.holds import read_holds
 from palpate.twin.crate import CRATE_SIDE_LOG_SD, TRAINED_KINDS, draw_crate
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
-from palpate_studies.second.fruit import COURSES, other_avocado
 from palpate_studies.twin_apple import Faces, draw_apple
 from palpate_studies.twin_avocado import draw_avocado
-
-
-@pytest.mark.parametrize("course", COURSES)
-def test_other_avocado_softens_between_same_limits(course: str) -> None:
-    fruit = draw_avocado(np.random.default_rng(4))
-    other = other_avocado(fruit, course=course)
-    forces_n = [other.force_at_1mm_n(day) for day in np.arange(-12.0, 25.0, 0.1)]
-    assert forces_n[0] == pytest.approx(fruit.hard_n)
-    assert forces_n[-1] == pytest.approx(fruit.softest_n, rel=0.01)
-    assert np.all(np.diff(forces_n) <= 1e-12)
-    at = np.arange(-2.0, 6.0)
-    first = np.log([fruit.force_at_1mm_n(day) for day in at])
-    assert np.max(np.abs(first - np.log([other.force_at_1mm_n(day) for day in at]))) > 0.2
 
 
 def side_log_sd(first: FloatArray, second: FloatArray) -> float:

@@ -61,7 +61,7 @@ def collect_samples(holds: list[Hold]) -> dict:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     file=FILES,
     ending=st.sampled_from([".csv", ".csv.gz", ".parquet"]),

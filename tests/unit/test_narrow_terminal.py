@@ -24,7 +24,7 @@ def numbers(text: str) -> Counter[str]:
     return Counter(NUMBER.findall(text.replace("│", " ")))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     width=st.integers(12, 120),
     rows=st.lists(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from tests.factories import draw
 
 from palpate.calibrate.guided import Bench, measure_force, measure_rest
-from palpate.calibrate.servo_current import measure_current, measure_gear_friction
+from palpate.calibrate.servo_current import measure_gear_friction
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrate_twin
@@ -146,22 +145,3 @@ def test_measure_gear_friction_covers_travel_and_refuses_object() -> None:
     with pytest.raises(CalibrationError, match="close empty"):
         measure_gear_friction(open_bench(world), sweeps=1)
     assert measure_gear_friction(open_bench(World(None, seed=6, gripper="soft")), sweeps=1) is None
-
-
-@pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_measure_current_opens_gripper_and_returns_none_without_current(kind: Any) -> None:
-    bench = open_bench(World(draw("rigid-block", 1), seed=6, gripper=kind))
-    found = measure_current(bench, up_to_n=4.0, repeats=1)
-    assert (found is None) == (kind == "soft")
-    assert is_open(bench)
-
-
-def test_calibration_file_stores_current_and_older_files_open_without(rigid: Calibration) -> None:
-    text = rigid.as_text()
-    assert Calibration.from_text(text).current == rigid.current
-    older = json.loads(text)
-    del older["current"]
-    assert Calibration.from_text(json.dumps(older)).current is None
-    older["current"] = {"force_n": [1.0], "current_a": [0.05]}
-    with pytest.raises(CalibrationError, match=r"lacks current_ma .* unknown keys: current_a"):
-        Calibration.from_text(json.dumps(older))

@@ -58,16 +58,6 @@ class Screen:
         return file.getvalue()
 
 
-def test_live_view_without_calibration_measures_rest_first() -> None:
-    screen = Screen(calibrated=False, simulated=True)
-    screen.feed(REST_COUNTS, frames=10)
-    assert "SIMULATED" in screen.text()
-    assert "do not touch the sensor" in screen.text()
-    screen.feed(REST_COUNTS, frames=60)
-    assert "rest from the first second" in screen.text()
-    assert screen.text().count("no contact") == 2
-
-
 def test_live_view_shows_contact_and_pixels() -> None:
     screen = Screen()
     counts = REST_COUNTS.copy()

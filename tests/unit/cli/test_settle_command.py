@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -130,20 +128,6 @@ def test_settle_out_does_not_overwrite_its_input(
     assert other.read_bytes() == before
 
 
-def test_settle_pipe_is_read_once_and_refused_if_reread(
-    holds_csv: Path, tmp_path: Path, palpate: Command
-) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    error = palpate("settle", pipe, "--plot", tmp_path / "plot.png", status=2).err
-    assert "a pipe can be read only once" in error
-    writer = threading.Thread(target=lambda: pipe.write_bytes(holds_csv.read_bytes()))
-    writer.start()
-    found = document(palpate, pipe)
-    writer.join()
-    assert len(found["rows"]) == 8
-
-
 def write_press(path: Path, header: str, *, row: str) -> Path:
     """Write a sensor at rest for 3 s, then pressed for 24 s; `row` formats its time and ohms."""
     time_s = np.arange(0, 27, 0.1)
@@ -190,12 +174,6 @@ def test_settle_names_the_sheet_and_reads_another(tmp_path: Path, palpate: Comma
 def write_holds(path: Path, rows: list[str]) -> Path:
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
     return path
-
-
-def test_settle_warns_once_of_times_in_milliseconds(tmp_path: Path, palpate: Command) -> None:
-    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
-    path = write_holds(tmp_path / "holds.csv", rows)
-    assert palpate("settle", path).err.count("convert milliseconds") == 1
 
 
 def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Command) -> None:

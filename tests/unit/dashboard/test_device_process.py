@@ -336,21 +336,6 @@ def test_record_between_grasps_has_no_gap(opened: Page, tmp_path: Path) -> None:
     assert np.all(np.diff(recorded.sequence) == 1)
 
 
-@pytest.mark.slow
-def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
-    opened: Page, held: OrderEnded
-) -> None:
-    play = Play(file=held.order.recording, speed=FAST)
-    opened.send(play)
-    again = played_to(opened, lambda playing: playing.grasped is not None).grasped
-    assert again.result.outcome is Outcome.HELD
-    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        assert getattr(again.result, name) == getattr(held.found.result, name)
-    opened.send(Confirm())
-    assert not opened.ended(play).trouble
-    assert not any(isinstance(note, Trouble) for note in notes_since(opened, play))
-
-
 def notes_since(page: Page, order: Order) -> list[Note]:
     """Return the notes since the start of an order."""
     return page.notes[page.notes.index(OrderStarted(order=order)) :]

@@ -50,15 +50,6 @@ def test_live_curve_has_a_force_at_every_point_until_the_hand_is_open(live: Live
     assert [point.force is None for point in live.curve] == [False] * 40 + [True] * 40
 
 
-def test_live_force_is_none_while_opening_and_returns_after_a_halt(live: Live) -> None:
-    live.add_frames(pressed(1))
-    live.set_progress(replace(progress(0.1, 5.0), phase="release"))
-    live.add_frames(replace(pressed(1, from_s=0.1), moving=np.array([True])))
-    assert live.force is None
-    live.add_frames(pressed(1, from_s=0.2))
-    assert live.force is not None
-
-
 def test_live_finger_forces_average_to_the_grip_force(live: Live) -> None:
     held = pressed(5)
     # A pixel with excess x has x + 0.096 N; a divider has counts / (1024 - counts).

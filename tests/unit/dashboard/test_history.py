@@ -10,10 +10,8 @@ from pathlib import Path
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, make_entry
-from palpate.dashboard.messages import Grasped
+from palpate.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate.dashboard.panel_history import counts_html, entry_html
-from palpate.grasp.result import GraspResult, Outcome
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -90,22 +88,6 @@ def test_history_finds_a_grasp_by_the_new_name_of_its_recording(
         assert rows_of(one)[0]["recording"] == "ripe.mcap"
 
 
-def test_history_rename_preserves_lines_of_another_program(
-    history: History, tmp_path: Path
-) -> None:
-    file = tmp_path / "grasps.jsonl"
-    for number in range(3):
-        history.add(replace(ENTRY, recording=f"{number}.mcap"))
-    before = file.read_bytes()
-    # Another program writes a grasp to the same file.
-    History(tmp_path).add(replace(ENTRY, recording="other.mcap"))
-    history.rename("1.mcap", "a.mcap")
-    history.rename("a.mcap", "b.mcap")
-    assert file.read_bytes().startswith(before)
-    names = [entry.recording for entry in History(tmp_path).recent_grasps]
-    assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]
-
-
 def test_history_rename_on_a_full_disk_preserves_every_grasp(
     history: History, tmp_path: Path
 ) -> None:
@@ -125,13 +107,3 @@ def test_entry_and_counts_escape_entered_text(history: History) -> None:
     assert "SIMULATED" in shown
     history.add(replace(ENTRY, bin=nasty))
     assert "<script>" not in counts_html(history, rules=True)
-
-
-def test_damaged_object_is_shown_in_the_list_and_in_the_table(history: History) -> None:
-    grasped = Grasped(result=GraspResult(outcome=Outcome.HELD), truth={"damaged": True})
-    entry = make_entry(
-        grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=()
-    )
-    assert "held: the object was damaged" in entry_html(entry)
-    history.add(entry)
-    assert rows_of(history)[0]["damaged"] == "True"

@@ -217,26 +217,6 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
-def test_operator_view_shows_the_target_of_the_running_or_next_grasp_or_of_the_replay(
-    session: Session, live: Live
-) -> None:
-    devices, session.target_force_n = session.devices, 3.0
-    for activity, target in (
-        (DeviceActivity.GRASPING, "3 N"),
-        (DeviceActivity.WATCHING, "gentle squeeze"),
-    ):
-        devices.activity = activity
-        assert page_of(session)["operator"]["target"] == target
-    # A replay ignores the targets of the last order and of the form.
-    session.target_force_n = session.form.target_force_n = 2.0
-    devices.activity = DeviceActivity.REPLAYING
-    reached = replace(HELD, force_n=replace(FORCE, value=3.0, low=2.8, high=3.2))
-    live.set_progress(replace(HOLDING, answer=reached, bounds=Bounds(target_n=3.0)))
-    page = page_of(session)
-    assert (page["verdict"]["on_target"], page["verdict"]["target_force_n"]) == (True, 3.0)
-    assert (page["verdict"]["kind"], page["operator"]["target"]) == ("good", "3 N")
-
-
 def test_operator_view_shows_firmness_and_size_of_a_held_object_only(
     session: Session, live: Live
 ) -> None:
@@ -252,15 +232,3 @@ def test_operator_view_shows_firmness_and_size_of_a_held_object_only(
         session.devices.grasped = Grasped(result=replace(result, outcome=outcome))
         shown.append(page_of(session)["verdict"]["measured"])
     assert shown == ["firmness 60 of 100, 59 mm"] * 2 + [""]
-
-
-def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_held(
-    session: Session, live: Live
-) -> None:
-    live.set_progress(HOLDING)
-    session.devices.activity = DeviceActivity.GRASPING
-    why = "by hand (default): 1 grasp"
-    for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
-        given = {"name": "by hand", "rule": None, "again": again, "why": why}
-        session.devices.placement = {"bin": given}
-        assert page_of(session)["operator"]["next"].startswith(step)

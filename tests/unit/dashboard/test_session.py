@@ -29,7 +29,6 @@ from palpate.dashboard.messages import (
     Play,
     ReleaseNow,
     ReplayPosition,
-    Seek,
     SetSpeed,
     StopNow,
     Update,
@@ -129,17 +128,6 @@ def test_session_refuses_a_speed_or_seed_out_of_range(
     assert session.rig == RIG
 
 
-@pytest.mark.parametrize("time_s", [math.nan, math.inf, "late"])
-def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_s: Any) -> None:
-    rehearsal.session.order("a", PLAY)
-    with pytest.raises(InputError, match="this time is not"):
-        rehearsal.session.request("a", Seek(time_s))
-    with pytest.raises(InputError, match="take over first"):
-        rehearsal.session.request("b", Seek(1.0))
-    rehearsal.session.request("a", Seek(1e9))
-    assert rehearsal.sent == [PLAY, Seek(1e9)]
-
-
 @pytest.mark.parametrize(
     ("received", "order", "why"),
     [
@@ -186,24 +174,6 @@ def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
     rehearsal.session.order("a", GRASP)
     rehearsal.session.release("a")
     assert rehearsal.sent[-1] == ReleaseNow()
-
-
-def test_session_after_a_failed_order_shows_the_reason_and_allows_the_next(
-    rehearsal: Rehearsal,
-) -> None:
-    session, lost = rehearsal.session, OpenRig(name="lost.toml")
-    session.order("a", GRASP)
-    with pytest.raises(InputError, match="grasping: wait, or press stop"):
-        session.order("a", GRASP)
-    assert rehearsal.sent == [GRASP]
-    rehearsal.receive(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
-    assert session.devices.activity is DeviceActivity.WATCHING
-    assert rehearsal.page()["trouble"] == "no pairs read 0.42 s after a movement"
-    session.order("a", lost)
-    rehearsal.receive(OrderStarted(order=lost), OrderEnded(order=lost, trouble="no such port"))
-    assert session.devices.activity is DeviceActivity.IDLE
-    assert "no rig is open" in session.refusal(Action.GRASP, viewer="a")
-    assert not session.refusal(Action.OPEN, viewer="a")
 
 
 def test_session_reports_finished_grasps_with_their_item_but_no_replays(

@@ -22,7 +22,6 @@ HARD = Compliance(
 HAND = replace(HARD, slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), residual_mm=0.02)
 SOFT = replace(HARD, slope_mm_per_n=3.5, residual_mm=0.1)
 FORCE_N = np.array([0.0, 0.6, 1.2, 2.0, 3.0, 4.5, 6.0])
-STEPS_N = np.array([0.5, 1.0, 1.6, 2.4, 3.4, 4.4, 5.4, 6.4, 7.3, 8.0])
 
 
 def close(
@@ -72,19 +71,6 @@ def test_stiffness_interval_with_gain_uncertainty_covers_gain_error() -> None:
     assert stiffness_of(2.0, gain=1.3).low > 2.0
     uncertain = stiffness_of(2.0, gain=1.3, gain_sd=0.3, half=0.4)
     assert uncertain.low < 2.0 < uncertain.high
-
-
-def test_stiffness_is_corrected_for_sheet_lag() -> None:
-    opening = 40.0 - STEPS_N / 4.0 - HAND.deflection_mm(STEPS_N)
-    curve = ClosingSteps(width_mm=opening, force_n=STEPS_N, gain_sd=0.03, law_sd=0.05, floor_n=0.1)
-    lagging = np.zeros_like(STEPS_N)
-    lagging[curve.is_certain] = 0.25 * (curve.rising - curve.rising[-1])
-    straight, behind = (
-        close(opening, read_n, half=0.05).stiffness
-        for read_n in (STEPS_N, STEPS_N * np.exp(-lagging))
-    )
-    assert behind.low < 4.0 < behind.high
-    assert behind.value == pytest.approx(straight.value, rel=0.15)
 
 
 @pytest.mark.parametrize("measure", [measure_closing, measure_soft_stiffness])

@@ -66,12 +66,6 @@ def test_prediction_is_near_the_rupture_force_and_at_least_the_force_withstood(
         assert model.strengths[""].predict_n(state) >= state.force_n
 
 
-def test_unknown_kind_uses_model_of_all_kinds(model: DamageModel) -> None:
-    state = close_on(3.0, until_n=4.0)[-1]
-    assert model.predict(state, kind="durian") == model.predict(state)
-    assert model.bound_n(felt(2.9, 3.0, 3.1), kind="durian") == model.bound_n(felt(2.9, 3.0, 3.1))
-
-
 def test_fit_damage_model_too_few_closings_are_refused() -> None:
     paths, limits_n, kinds = orchard(3, seed=5)
     with pytest.raises(ValueError, match="are needed"):

@@ -41,18 +41,6 @@ def test_force_law_without_contact_returns_zero() -> None:
         assert answer.value == answer.low == 0.0 < answer.high < 1.0
 
 
-@pytest.mark.parametrize("known", [0, 1, 3])
-def test_force_law_upper_limit_rises_steadily_from_the_threshold(known: int) -> None:
-    law = law_of(known=known)
-    at_rest = law.force(0.0).high
-    assert at_rest < 0.7
-    excess = np.geomspace(0.01, 0.5, 60)
-    high = np.array([law.force(float(one)).high for one in excess])
-    assert np.all(high >= at_rest - 1e-9)
-    # A reading 5 % larger is never a force much larger.
-    assert np.all(high[1:] / high[:-1] < 1.2)
-
-
 def test_force_law_upper_limit_at_rest_ignores_history() -> None:
     """A sheet at rest after a release is not a force of many newtons."""
     states = ForceStates()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.sensor.calibration import CurrentPairs
 
@@ -73,20 +72,3 @@ def test_current_law_stated_uncertainty_matches_errors(movement_ma: float) -> No
     forces = np.array([one.force_n for one in found])
     assert forces.mean() == pytest.approx(3.0, abs=0.05)
     assert forces.std() == pytest.approx(found[0].sd_n, rel=0.1)
-
-
-def updated(*, law_sd: float, force_n: float, sd_n: float) -> Gain:
-    """Return the gain after a force was measured where the sheet reads 2 N."""
-    measured = MeasuredForce(force_n=force_n, sd_n=sd_n, log_sd=0.0)
-    return Gain.from_calibration(law_sd=law_sd).update(measured, sheet_n=2.0)
-
-
-def test_gain_update_weights_by_uncertainty() -> None:
-    vague, sure = (
-        updated(law_sd=0.5, force_n=4.0, sd_n=0.05),
-        updated(law_sd=0.02, force_n=4.0, sd_n=3.0),
-    )
-    assert np.exp(vague.log_mean) == pytest.approx(2.0, rel=0.03)
-    assert vague.log_sd < 0.05
-    assert abs(sure.log_mean) < 0.01
-    assert sure.log_sd == pytest.approx(0.02, rel=0.05)

@@ -88,7 +88,7 @@ def test_creeping_reading_of_a_constant_force_is_constant() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 50),
     exponent=st.floats(0.6, 1.6),

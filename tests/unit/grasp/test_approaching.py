@@ -10,7 +10,6 @@ import pytest
 from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
 
-from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import Outcome
@@ -19,19 +18,6 @@ from palpate.grasp.sweep import blind_time_s
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
-
-
-def note_activity(grasp_state: GraspState, seen: list[tuple[Activity | Phase, float]]) -> None:
-    """Add an activity that has begun, and its time."""
-    if not seen or grasp_state.activity != seen[-1][0]:
-        seen.append((grasp_state.activity, grasp_state.estimate.now_s))
-
-
-def entered(plan: Plan, bench: Any) -> list[Activity | Phase]:
-    """Grasp; return the activities and phases in order."""
-    seen = list[tuple[Activity | Phase, float]]()
-    bench.grasp_until(Outcome.HELD, plan, watchers=[lambda state: note_activity(state, seen)])
-    return [activity for activity, _ in seen]
 
 
 def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: Any) -> None:
@@ -95,20 +81,3 @@ def test_sheet_with_unchanged_reading_after_retraction_ends_grasp(plan: Plan, be
         Outcome.SENSOR_LOST, plan, words="most of the contact force after the fingers retracted"
     )
     assert bench.force_n == 0.0
-
-
-def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: Any) -> None:
-    """The first finger touches two millimetres early and pushes the object to the middle."""
-    size_mm = bench.size_mm
-
-    def pushing(frame: Frame) -> Frame:
-        if bench.width_mm < size_mm + 2.0 and bench.force_n < 0.5:
-            counts = np.array(frame.counts)
-            counts[:2] = np.rint(1.05 * counts[:2])
-            return replace(frame, counts=counts)
-        return frame
-
-    bench.change_frames(pushing)
-    phases = entered(plan, bench)
-    felt = phases.index(Activity.EVALUATE)
-    assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]

@@ -57,16 +57,6 @@ def test_gentle_squeeze_ends_by_deformation_or_firm_force_with_its_reason(
         assert result.stiffness_n_per_mm is not None
 
 
-def test_squeeze_to_target_records_no_reason(plan: Plan, bench: Any) -> None:
-    result, _, _ = grasped(replace(plan, target_force_n=3.0), bench, 2.0)
-    assert "firm_enough" not in {moment.name for moment in result.moments}
-
-
-def test_gentle_squeeze_with_lift_reaches_lift_force(plan: Plan, bench: Any) -> None:
-    _, _, most_n = grasped(replace(plan, lift_force_n=0.5), bench, 0.4)
-    assert most_n >= plan.gentle_force_n
-
-
 def test_gentle_squeeze_of_stiff_object_continues_until_stiffness_known(
     plan: Plan, bench: Any
 ) -> None:

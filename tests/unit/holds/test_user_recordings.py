@@ -113,13 +113,6 @@ def test_settle_every_text_format_has_same_holds(name: str, desk: Desk) -> None:
     assert [hold.rsplit(":", 1)[1] for hold in found.names] == ["1", "2", "3"]
 
 
-def test_settle_unit_option_disables_prefix_conversion(desk: Desk) -> None:
-    path = desk.write(table(TIME_S, OHM, header="time_s,R_kOhm"))
-    found = desk.settle(path, "--unit", "ohm")
-    assert found.settled == SETTLED
-    assert "converted" not in found.message
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["xlsx", "parquet"])
 def test_settle_reads_pandas_files_with_time_index(ending: str, desk: Desk) -> None:
@@ -222,15 +215,6 @@ def test_settle_unusable_table_prints_one_line_error(
     content: str, message: str, desk: Desk
 ) -> None:
     assert message in desk.refused(desk.write(content))
-
-
-def test_settle_missing_column_error_lists_available_columns(desk: Desk) -> None:
-    path = desk.write(table(TIME_S, OHM, header="when,what"))
-    when = ("--time-column", "when")
-    assert "available: when, what" in desk.refused(path, "--time-column", "x")
-    assert "available: what" in desk.refused(path, *when, "--value-column", "y")
-    options = (*when, "--time-unit", "s", "--value-column", "what")
-    assert desk.settle(path, *options).settled == SETTLED
 
 
 def test_settle_folder_reads_all_recordings(desk: Desk) -> None:

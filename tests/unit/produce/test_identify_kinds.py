@@ -8,7 +8,7 @@ import pytest
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.identify.identifier import Identifier
-from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
+from palpate.produce.learning import UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
 KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}
@@ -27,15 +27,6 @@ def grasps(rng: np.random.Generator, kind: str) -> list[FloatArray]:
 
 def labelled(rng: np.random.Generator, *, items: int = 20) -> list[tuple[str, list[FloatArray]]]:
     return [(kind, grasps(rng, kind)) for kind in KINDS for _ in range(items)]
-
-
-def table(rng: np.random.Generator, *kinds: str) -> tuple[list[FloatArray], list[str], list[str]]:
-    """Return rows, labels and item names, with two rows for each of 20 items."""
-    found = [
-        (row, kind, f"{kind}{k}") for kind in kinds for k in range(20) for row in grasps(rng, kind)
-    ]
-    rows, labels, items = map(list, zip(*found, strict=True))
-    return rows, labels, items
 
 
 @pytest.mark.slow
@@ -67,16 +58,6 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
         Identifier([])
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, method: str) -> None:
-    rows, labels, items = table(rng, "small", "hard")
-    known = LabelLearner(allow_unknown=False, methods=(method,)).fit(rows, labels, items=items)
-    assert (known.method, known.labels) == (method, ("hard", "small"))
-    unseen, truth, _ = table(rng, "small", "hard")
-    assert known.predict(unseen) == truth
-    assert known.probabilities(unseen).sum(axis=1) == pytest.approx(np.ones(len(unseen)))
-
-
 @pytest.mark.slow
 def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) -> None:
     # Items are random points, and rows of an item are nearly equal: only a split within an item
@@ -86,12 +67,3 @@ def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) 
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
-
-
-def test_learner_single_label_without_unknown_raises(rng: np.random.Generator) -> None:
-    rows, labels, items = table(rng, "small")
-    with pytest.raises(InputError, match=r"two labels.*; found small 20"):
-        LabelLearner(allow_unknown=False).fit(rows, labels, items=items)
-    with pytest.raises(InputError, match="found a 1, b 1"):
-        LabelLearner(allow_unknown=False).fit(rows[:2], ["a", "b"])
-    assert LabelLearner().fit(rows, labels, items=items).predict([rows[0]]) == ["small"]

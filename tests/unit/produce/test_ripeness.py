@@ -15,14 +15,13 @@ from palpate.errors import InputError
 from palpate.estimate.firmness import firmness_index
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.records import Grasp
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFirmness, firmness_of, group_by_day
 from palpate.produce.ripeness.history import (
     firmness_history,
     judge_ripeness,
     learn_rule,
-    make_ripeness_verdict,
 )
 from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import STAGES
@@ -144,36 +143,6 @@ def test_judge_by_first_day_uses_softening_since_then() -> None:
     assert judge_by_first_day(days).stage == "hard"
     judged = judge_by_first_day([*days, morning(3.0, 2.0 + math.log(0.25))])
     assert (judged.stage, judged.days_to_ripe, judged.basis) == ("ripe", None, "first day")
-
-
-@pytest.mark.slow
-def test_ripeness_verdict_from_learned_rule_is_stored_once() -> None:
-    store = Store.open("sqlite://")
-    halfway, items = simulate_items(6, seed=4)
-    for number, (half, days) in enumerate(zip(halfway, items, strict=True)):
-        item_id = f"labelled-{number}"
-        store.add_item(Item(item_id=item_id, kind="avocado"))
-        for day in days:
-            store.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
-            label = Verdict(
-                item_id=item_id,
-                about=About.RIPENESS,
-                text=stage(firmness(half, day.day)),
-                given_at=FIRST + timedelta(days=day.day, hours=3),
-                source=Source.PERSON,
-            )
-            store.add_verdict(label)
-    store.add_grasps([grasp("A17", math.exp(firmness(1.0, day)), day=day) for day in range(3)])
-    learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
-    history = firmness_history(store.grasps_of("A17"), item_id="A17", drive="width")
-    judged = judge_ripeness(history, rule=learned, ripe="ripe")
-    assert judged.stage == stage(firmness(1.0, 2.0))
-    assert store.add_verdict(make_ripeness_verdict(judged, history))
-    assert not store.add_verdict(make_ripeness_verdict(judged, history))
-    (stored,) = store.verdicts_of("A17", about=About.RIPENESS)
-    assert (stored.text, stored.source) == (judged.stage, Source.PALPATE)
-    assert stored.explanation.startswith("grasped 3 times on 3 days")
-    assert stored.details["basis"] == "labels"
 
 
 def learn(labels: Sequence[str], values: Sequence[float] = (2.0, 1.0, 0.5)) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
@@ -97,7 +97,6 @@ def test_relaxing_force_under_constant_load_creeps(at_s: float) -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(
     fraction=st.floats(0.0, 0.5),
     closure=st.floats(0.1, 4.0),
