@@ -35,6 +35,7 @@ def test_recording_info_has_seed_or_unix_time(rig: Rig) -> None:
     assert abs(now_ns - time.time_ns()) < 60e9
 
 
+@pytest.mark.slow
 def test_record_grasp_stores_limits_and_target_for_replay(rig: Rig, tmp_path: Path) -> None:
     file = tmp_path / "grasp.mcap"
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=4.0)
