@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -172,3 +173,20 @@ def test_measure_loads_unequal_readings_of_one_weight_are_reported() -> None:
 def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
     with pytest.raises(CalibrationError, match=r"not 1 \(4 N\)"):
         Sheet().measure(4.0, 4.0, 4.0)
+
+
+class NoisySheet(Sheet):
+    """A sheet with noise of 4 % on which a light weight has no effect."""
+
+    def read(self, *, timeout_s: float) -> Frame:
+        frame = super().read(timeout_s=timeout_s)
+        noise = 1.0 + 0.04 * np.random.default_rng(self.sent).standard_normal(frame.counts.shape)
+        # A part of the noise is slow: the level drifts while the weight is placed.
+        level = 1.0 + 0.04 * (self.placed > 0)
+        return replace(frame, counts=np.rint(frame.counts * noise * level).astype(int))
+
+
+def test_measure_loads_reading_within_the_noise_at_rest_is_left_out() -> None:
+    array = NoisySheet({0: 0.0})
+    assert array.measure(0.2, 2.0, 4.0, 9.0).refused_n == (0.2,)
+    assert "reading at rest" in array.told[0]

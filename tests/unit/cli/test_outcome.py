@@ -104,3 +104,11 @@ def test_missing_package_names_what_to_install(
     monkeypatch.setattr(lazy_group, "entry_points", lambda *, group: ())
     error = palpate.refused(*command.split())
     assert error.endswith(f"in a copy of the source: pip install ./{folder}\n")
+
+
+def test_run_closed_output_pipe_exits_with_0() -> None:
+    with subprocess.Popen(
+        [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""

@@ -107,3 +107,19 @@ def test_entry_and_counts_escape_entered_text(history: History) -> None:
     assert "SIMULATED" in shown
     history.add(replace(ENTRY, bin=nasty))
     assert "<script>" not in counts_html(history, rules=True)
+
+
+def test_history_rename_preserves_lines_of_another_program(
+    history: History, tmp_path: Path
+) -> None:
+    file = tmp_path / "grasps.jsonl"
+    for number in range(3):
+        history.add(replace(ENTRY, recording=f"{number}.mcap"))
+    before = file.read_bytes()
+    # Another program writes a grasp to the same file.
+    History(tmp_path).add(replace(ENTRY, recording="other.mcap"))
+    history.rename("1.mcap", "a.mcap")
+    history.rename("a.mcap", "b.mcap")
+    assert file.read_bytes().startswith(before)
+    names = [entry.recording for entry in History(tmp_path).recent_grasps]
+    assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]

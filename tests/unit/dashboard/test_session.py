@@ -34,7 +34,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
-from palpate.dashboard.session import Session
+from palpate.dashboard.session import GraspForm, Session
 from palpate.errors import InputError
 from palpate.grasp.result import GraspResult, Outcome
 
@@ -226,3 +226,33 @@ def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
     rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
     page = rehearsal.page()
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
+
+
+def make_order(item_id: str = "W1") -> GraspOrder:
+    return replace(GRASP, item_id=item_id)
+
+
+@pytest.mark.parametrize(
+    ("ordered", "scanned", "steps"),
+    [
+        # The name returns until the bin is final.
+        ("W1", "", ((True, "W1"), (True, "W1"), (False, ""))),
+        # A name scanned since the grasp is retained.
+        ("W1", "W2", ((True, "W2"),)),
+        ("W1", "W2", ((False, "W2"),)),
+        # Nothing returns from the grasp of another client.
+        ("X9", "", ((True, ""),)),
+    ],
+)
+def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
+    ordered: str, scanned: str, steps: tuple[tuple[bool, str], ...]
+) -> None:
+    form = GraspForm(item_id="W1")
+    form.take_item(make_order())
+    assert form.item_id == ""
+    if scanned:
+        form.return_item(make_order(), again=True)
+        form.set_item(scanned)
+    for again, name in steps:
+        form.return_item(make_order(ordered), again=again)
+        assert form.item_id == name

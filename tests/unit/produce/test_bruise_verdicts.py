@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.errors import InputError
+from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
     learn_bruise_model,
+    usable_grasps,
 )
 from palpate.produce.bruise.model import BRUISED, SOUND, BruiseModel, default_model
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -134,3 +137,10 @@ def test_examine_item_without_pixels_or_reference_raises_with_remedy(
         judge(store, model, "A20")
     with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
         learn_bruise_model(store, kind="pear")
+
+
+def test_slips_and_grasps_without_pixels_are_not_used() -> None:
+    complete = grasp("A17", pixels())
+    slipped = replace(complete, outcome=Outcome.SLIPPED)
+    without_pixels = replace(complete, pixel_settled_percent=None)
+    assert usable_grasps([slipped, complete, without_pixels]) == (complete,)

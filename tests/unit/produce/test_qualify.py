@@ -14,6 +14,7 @@ from palpate.produce.qualify import agreement
 from palpate.produce.qualify.agreement import (
     Demand,
     calculate_agreement,
+    count_grades,
     estimate_effort,
     measure_agreement,
 )
@@ -133,3 +134,16 @@ def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None
     # The reference alone is still described.
     assert found.figures["r_squared_ceiling"].value > 0.5
     assert effort.reference_readings is not None
+
+
+def test_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
+    readings = make_readings(200, seed=4)
+    demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
+    found = calculate_agreement(readings, demand)
+    table = count_grades(found, demand.limits)
+    assert (table.shape, table.sum()) == ((3, 3), 400)
+    assert np.trace(table) / 400 == pytest.approx(found.figures["same_grade"].value)
+    priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
+    cost = found.figures["cost"].value
+    assert cost == pytest.approx((table * priced).sum() / table.sum())
+    assert cost < found.figures["cost_reference"].value

@@ -283,3 +283,13 @@ def test_finished_recording_is_synced_and_has_checksums(
     assert len(chunks) > 1
     assert all(chunk.uncompressed_crc for chunk in chunks)
     assert end.data_section_crc
+
+
+def test_recording_of_hardware_has_unix_log_times(tmp_path: Path) -> None:
+    path = tmp_path / "bench.mcap"
+    zero_ns = 1_790_000_000_123_456_789
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
+    write_recording(path, MESSAGES[3:4], info)
+    with path.open("rb") as stream:
+        (_, channel, message) = next(iter(make_reader(stream).iter_messages()))
+    assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)

@@ -324,3 +324,10 @@ def test_unpack_identity_roundtrips_and_refuses_truncated_or_other_than_ascii(
 def test_encode_command_with_a_value_out_of_range_raises(command: Command, tag: int) -> None:
     with pytest.raises(ValueError, match="can't be sent"):
         encode_command(command, tag=tag)
+
+
+@pytest.mark.parametrize("length", [0, 1, 253, 254, 255, 508, 509])
+@pytest.mark.parametrize("after", [b"", b"\0", b"\0\x02", b"\0\0"])
+def test_cobs_roundtrips_a_long_run_without_zero(length: int, after: bytes) -> None:
+    data = b"\x01" * length + after
+    assert decode_cobs(encode_cobs(data)) == data

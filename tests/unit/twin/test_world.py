@@ -89,3 +89,12 @@ def test_world_squeezed_berry_is_damaged() -> None:
     assert not gentle.truth().damaged
     assert rough.truth().damaged
     assert rough.truth().peak_force_n >= berry.yield_n
+
+
+def test_world_servo_locks_at_force_limit() -> None:
+    block = make_object("rigid-block")
+    world = World(block, seed=1)
+    world.drive(5.0, rate=20.0)
+    assert world.force_n(10.0) < 65.0
+    assert not world.is_moving(10.0)
+    assert world.drive_value(10.0) > 15.0
