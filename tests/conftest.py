@@ -10,12 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import HealthCheck, settings
 from tests.commands import Command
 from tests.postgresql import PostgresqlProcess, programs
 
 if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
     from palpate.twin.world import GripperKind
+
+# A busy machine is slow; no property depends on its speed.
+settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
 #: Fixtures that start a program of a system's package: a browser, a compiler for boards, a broker,
@@ -27,10 +32,12 @@ _SYSTEM_FIXTURES = {
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that need a program of a system's package."""
+    """Mark the tests that need a program of a system's package; a plain `pytest` omits them."""
     for item in items:
         if _SYSTEM_FIXTURES.intersection(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.system)
+        if item.get_closest_marker("system"):
+            item.add_marker(pytest.mark.slow)
 
 
 def skip(reason: str) -> None:

@@ -14,12 +14,20 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.produce.records import Grasp
-from palpate.sensor.calibration import Calibration
+from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+#: Settled readings of three weights.
+WEIGHTS = ForcePairs(
+    run=(0, 0, 0),
+    since_move_s=(20.0,) * 3,
+    excess=(13.0, 42.0, 112.0),
+    relative_percent=(-60.0, -80.0, -90.0),
+    force_n=(1.5, 4.0, 9.0),
+)
 
 
 def make_grasp(item_id: str = "A17", **known: Any) -> Grasp:

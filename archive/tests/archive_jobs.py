@@ -12,7 +12,6 @@ from typing import Any
 import numpy.linalg  # noqa: F401 - loads the threaded library
 import pyarrow as pa
 import pyarrow.parquet
-from threadpoolctl import threadpool_info
 
 from palpate_archive.evaluating import Job
 
@@ -23,17 +22,8 @@ def killing_job(folder: Path) -> Job:
     return Job(name="killing", reads="holds", settings="", tables=tables)
 
 
-def threads_job() -> Job:
-    """Return a job that writes the number of threads of linear algebra."""
-    return Job(name="threads", reads="holds", settings="", tables=_count_threads)
-
-
 def _copy_or_die(path: Path, *, killed: Path) -> Iterator[Any]:
     if not killed.exists():
         killed.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     yield pa.parquet.read_table(path, columns=["time_s"], partitioning=None)
-
-
-def _count_threads(path: Path) -> Iterator[Any]:
-    yield pa.table({"threads": [pool["num_threads"] for pool in threadpool_info()]})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -12,13 +11,12 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
-from archive.tests.archive_jobs import killing_job, threads_job
+from archive.tests.archive_jobs import killing_job
 from tests.pages import test_commands_of_page_run
-from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
 from palpate.cli import run as run_command
-from palpate.errors import InputError, PalpateError
+from palpate.errors import PalpateError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store
 from palpate.recording import load_recording
@@ -179,13 +177,6 @@ def test_settle_job_results_are_reproducible_and_cached(archive: Archive, tmp_pa
     assert not any(task.is_done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
 
 
-def test_perform_uses_one_thread(archive: Archive, tmp_path: Path) -> None:
-    [task, _] = plan_tasks(threads_job(), archive, to=tmp_path / "out")
-    with threadpool_limits(limits=2):
-        task.perform()
-    assert set(pq.read_table(task.target, partitioning=None)["threads"].to_pylist()) == {1}
-
-
 def test_perform_with_killed_process_raises_and_second_run_completes(
     archive: Archive, tmp_path: Path
 ) -> None:
@@ -259,9 +250,3 @@ def test_archive_command_invalid_arguments_print_one_line(
     [line] = capsys.readouterr().err.strip().splitlines()
     assert message in line
     assert not (tmp_path / "new").exists()
-
-
-def test_archive_of_newer_schema_raises(archive: Archive) -> None:
-    (archive.root / "palpate-archive.json").write_text(json.dumps({"schema": 99}))
-    with pytest.raises(InputError, match="has schema 99, this version reads 1; update palpate"):
-        Archive(archive.root)

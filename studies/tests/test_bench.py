@@ -50,11 +50,6 @@ def test_bench_without_name_runs_all_and_shows_how_to_install_a_missing_peer(
         assert words in shown
 
 
-def test_bench_unknown_name_lists_available_benchmarks(capsys) -> None:
-    assert bench_with(["warp"]) == 2
-    assert "no bench 'warp'; available: all, frames" in capsys.readouterr().err
-
-
 def test_ratio_is_missed_only_below_requirement_of_installed_peer() -> None:
     assert ratio().times == 1.5
     assert not ratio(wanted=1.5).is_missed

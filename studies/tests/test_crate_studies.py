@@ -11,12 +11,9 @@ import numpy as np
 import pytest
 from tests.factories import make_grasp
 
-from palpate.errors import InputError
-from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate_studies import crates as crates_module
-from palpate_studies.crates import CrateItemGrasps, measure_crates, read_crates, write_crates
+from palpate_studies.crates import CrateItemGrasps, write_crates
 
 pytestmark = pytest.mark.slow
 
@@ -62,15 +59,6 @@ def select_row(summary: list[dict[str, Any]], level: str, method: str) -> dict[s
     return next(row for row in summary if (row["level"], row["method"]) == (level, method))
 
 
-def test_read_crates_of_other_file_raises(tmp_path: Path) -> None:
-    path = tmp_path / "crates.json"
-    with pytest.raises(InputError, match="No such file"):
-        read_crates(path)
-    path.write_text('{"rows": []}')
-    with pytest.raises(InputError, match=r"not crates.json of `palpate study sorting --out`"):
-        read_crates(path)
-
-
 def test_sorting_study_names_and_sorts_the_items_of_a_crates_file(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
@@ -91,19 +79,3 @@ def test_sorting_study_names_and_sorts_the_items_of_a_crates_file(
     assert three["purity"] > 0.9
     assert three["left_over"] < one["left_over"]
     assert three["items_per_hour"] < one["items_per_hour"] == pytest.approx(3600 / 16)
-
-
-def test_measure_crates_returns_grasps_of_each_item(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, kinds in (("TRAINED_KINDS", ["egg"]), ("UNTRAINED_KINDS", ["walnut"])):
-        monkeypatch.setattr(crates_module, name, dict.fromkeys(kinds))
-    found = measure_crates(level="lab", sensor=7, training_items=1, sorted_items=1)
-    assert [(i.kind, i.teaches, i.known, len(i.grasps)) for i in found] == [
-        ("egg", True, True, 2),
-        ("egg", False, True, 3),
-        ("walnut", False, False, 3),
-    ]
-    first = found[0].grasps[0].grasp
-    assert first.outcome is Outcome.HELD
-    assert first.calibration_id == "twin-7"
-    size = [one.grasp.measurements["size_mm"].value for one in found[1].grasps]
-    assert np.mean(size) == pytest.approx(found[1].size_mm, rel=0.05)

@@ -9,24 +9,18 @@ from typing import Any
 
 import pytest
 
-from palpate.twin.friction import N_PER_G
-from palpate.twin.objects import FRICTION
-from palpate.twin.world import GripperKind
 from palpate_studies import force_control_world
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
-    READING_S,
     collect_training_rows,
     learn_laws,
     run_learned_loop,
-    run_paper_loop,
 )
 from palpate_studies.baselines.full_input_learners import RIDGE
 from palpate_studies.force_control import compare_methods, grip_all, scores
 from palpate_studies.force_control_world import (
     GripOutcome,
     draw_task,
-    grip_as_shipped,
     learn_damage,
 )
 from palpate_studies.protocol.parts import SeenBeforeError
@@ -62,35 +56,6 @@ def test_scores_of_known_grasps_are_exact() -> None:
     )
     counted = scores([weak, strong, strong])
     assert (counted["limited"], counted["limited_could_bear"], counted["could_bear"]) == (3, 2, 2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_damage_limit_keeps_soft_object_below_yield(kind: GripperKind) -> None:
-    drawn = draw_task(7, level="lab")
-    tender = replace(
-        drawn.obj,
-        contact="linear",
-        force_at_1mm_n=0.8,
-        yield_n=3.0,
-        rupture_n=3.6,
-        mass_g=2.0 * FRICTION[0] * 0.5 / N_PER_G,
-    )
-    wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
-    found = grip_as_shipped(wanted, damage=learn_damage(seed=5))
-    assert found.limited
-    assert not found.damaged
-    assert found.outcome == "held" or not found.lifted
-    assert found.force_n < 3.0
-
-
-@pytest.mark.slow
-def test_paper_loop_stops_on_its_reported_target() -> None:
-    found = run_paper_loop(draw_task(700_000, level="lab"))
-    assert found.on_target_s is not None
-    assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
-    assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
-    assert found.on_target_s > READING_S
 
 
 @pytest.mark.slow

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
-from palpate.errors import CalibrationError
 from palpate.estimate.force_law import ForceLaw, Population
 from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.force_learning import KnownContact, learn_population
@@ -135,8 +133,3 @@ def test_known_forces_reduce_error_with_covering_intervals() -> None:
     assert once[0] < 0.35 * nothing[0]
     for _, coverage in (nothing, place, once):
         assert 0.8 <= coverage <= 1.0
-
-
-def test_learn_population_without_contacts_raises() -> None:
-    with pytest.raises(CalibrationError, match="no contact"):
-        learn_population([])

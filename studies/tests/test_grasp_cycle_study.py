@@ -7,13 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.grasp.paper import Paper
 from palpate_studies.grasp_cycle import (
     Cycle,
     Sample,
-    cycles,
-    grasp_until_both_fingers,
-    grasp_with_controller,
     judge,
     scores,
 )
@@ -73,30 +69,3 @@ def test_judge_compares_damage_on_same_objects() -> None:
     assert judge(alone).tables[-1].rows[0][4:] == ["-", "-"]
     # A baseline that did not grasp all objects is not compared.
     assert judge(found[:-1]).payload["compared"] == []
-
-
-@pytest.mark.slow
-def test_cycles_grasps_one_object_with_every_method() -> None:
-    ours, paper, both, current = cycles(SAMPLE)
-    assert [one.outcome for one in (ours, paper, both, current)] == ["held"] * 4
-    assert ours.touch_s < paper.touch_s
-    assert ours.touch_s < ours.answer_s
-    assert ours.touch_peak_n <= ours.peak_n
-    assert abs(ours.size_error_mm) < 1.0
-    assert current.peak_n > 1.0
-
-
-@pytest.mark.slow
-def test_grasp_with_controller_fading_push_before_contact_still_holds() -> None:
-    """Each finger pushes in turn; the falling readings were once reported as a lost sensor."""
-    assert (
-        grasp_with_controller(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
-    )
-
-
-@pytest.mark.slow
-def test_paper_steps_continue_until_both_fingers_touch() -> None:
-    """One finger pushes this object; a fall of the mean is no contact."""
-    sample = Sample(seed=31_012, level="field", kind="rigid")
-    for found in (grasp_with_controller(sample, paper=Paper()), grasp_until_both_fingers(sample)):
-        assert found.outcome == "held"

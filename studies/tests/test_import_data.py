@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.holds import read_holds
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.protocol import paired
 from palpate_studies.strokes import read_strokes
@@ -173,36 +172,6 @@ def test_import_data_writes_fruit_curves_and_index(tmp_path: Path, run_import: I
         "kiwi-01,kiwi,30,3.5",
         "mango-01,mango,30,11",
     ]
-
-
-def test_import_data_writes_holds_of_silicone_and_tape(tmp_path: Path, run_import: Import) -> None:
-    time_s = np.arange(0.0, 60.0, 0.08)
-    stretch = np.clip(5.0 * (time_s - 5.0), 0.0, 6.0)
-    since = np.maximum(time_s - 6.2, 0.0)
-    ohm = 8000.0 + 500.0 * stretch * (1.0 - 0.05 * np.log1p(since / 0.2))
-    force = 0.3 * stretch * (1.0 - 0.03 * np.log1p(since / 0.2))
-    columns = (ohm, ohm, time_s, stretch, time_s, force, time_s + 0.02)
-    silicone = "\n".join(lines_of(",".join(["{:.4f}"] * 7), *columns))
-    tape = "\n".join(["a", "b", *lines_of("{:.2f},{:.3f},{:.4f}", time_s, stretch, force)])
-    repositories = {
-        "electromech-stretcher": {"logs/1_10_E4pin_v4.csv": silicone.encode()},
-        "vhb": {"single-step-relaxation/original_data/s.csv": tape.encode()},
-    }
-    status, files, _ = run_import(**repositories)
-    names = ("cbsilicone", "force_relaxation", "tape")
-    assert (status, set(files)) == (0, {f"holds_{name}.csv.gz" for name in names})
-    for name in files:
-        (hold,) = read_holds(tmp_path / "data" / name)
-        assert hold.time_s[0] <= 0.03
-        assert hold.time_s[-1] > 20.0
-        assert hold.values[0] > hold.values[-1]
-
-
-def test_import_data_writes_soft_sensor_strokes(run_import: Import) -> None:
-    rows = ["trial,x_location,z_location,speed,voltage,grad,force"]
-    rows += [f"{trial},-15,-0.6,1,0.04{k},0.0,{-0.5 * k}" for trial in (7, 3) for k in range(4)]
-    status, files, _ = run_import(soft={"data/loc_train.csv": "\n".join(rows).encode()})
-    assert (status, files) == (0, {"soft_sensor_ral2018.csv.gz": 8})
 
 
 BANANA = "banana/trainingSet/{}_1.npy"

@@ -11,7 +11,7 @@ from PIL import Image
 
 from palpate.cli import build_app, run
 from palpate_studies import environment, table2
-from palpate_studies.report import StudyReport, Table
+from palpate_studies.report import StudyReport
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -30,29 +30,6 @@ def test_out_option_naming_a_file_is_refused_before_the_study(
     assert f"{file} is not a folder; give a folder" in error
     assert error.count("\n") == 1
     assert file.read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--format", "pdf"], "--format pdf: it applies to the figures in --out DIR"),
-        (["--dpi", "600"], "--dpi 600: it applies to the figures in --out DIR"),
-        (["--out", "made", "--format", "svg", "--dpi", "600"], "it applies to png only"),
-        (["--out", "made", "--format", "bmp"], "--format"),
-    ],
-)
-def test_figure_options_without_effect_are_refused_before_the_study(
-    options: list[str],
-    reason: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(table2, "measure_settled_readings")  # The study would fail.
-    assert run(build_app(), ["study", "table2", *options], name="palpate") == 2
-    assert reason in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -76,21 +53,6 @@ def test_figures_have_requested_format_and_resolution(
     report.write(tmp_path / "next")
     written = {path.suffix for path in (tmp_path / "next").glob("drawn*")}
     assert written == {".png", ".svg", ".pdf"}
-
-
-def test_tables_name_methods_as_the_results_page_and_json_as_stored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = [{"method": "ours", "hours": 2}]
-    table = Table.of("ours less the rival", rows)
-    report = StudyReport(
-        name="s", title="S", provenance=["`ours`"], tables=[table], payload={"rows": rows}
-    )
-    report.emit(as_json=False, out=tmp_path)
-    for text in (capsys.readouterr().out, (tmp_path / "s.md").read_text()):
-        assert "palpate less the baseline" in text
-        assert "ours" not in text.replace("hours", "")
-    assert '"ours"' in (tmp_path / "s.json").read_text()
 
 
 LADDER, TOUCH = "ladder,step,load_n,resistance_ohm\n", "recording_id,time_s,resistance_ohm,force_n"

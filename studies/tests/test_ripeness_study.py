@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from operator import itemgetter
 from pathlib import Path
 
@@ -15,10 +15,8 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.errors import InputError
-from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.produce.records import Grasp
-from palpate.produce.ripeness.firmness import firmness_of
 from palpate_studies import ripeness_station
 from palpate_studies.ripeness import judge
 from palpate_studies.ripeness_station import DAYS, run_station
@@ -36,23 +34,6 @@ def station() -> Iterator[StationRecords]:
     with pytest.MonkeyPatch.context() as few:
         few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
         yield run_station(41, level="lab", gripper="rigid", aging=True, labelled=0, others=1)
-
-
-def test_station_grasps_fruit_every_day_and_its_firmness_falls(station: StationRecords) -> None:
-    fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
-    assert len(fruit) == FEW_GRASPS * DAYS
-    assert all({"firmness", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps)
-    assert all(grasp.outcome is Outcome.HELD and grasp.is_simulated for grasp in station.grasps)
-    assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
-    assert len({grasp.temperature_c for grasp in fruit}) == DAYS
-    assert set(station.as_published) == {("fruit-0", day) for day in range(DAYS)}
-    assert station.damaged == 0
-    by_day: dict[date, list[float]] = {}
-    for grasp in fruit:
-        by_day.setdefault(grasp.taken_at.date(), []).append(firmness_of(grasp) or math.nan)
-    read = [np.mean(by_day[day]) for day in sorted(by_day)]
-    true = [math.log(station.others[0].force_at_1mm_n(day)) for day in range(DAYS)]
-    assert np.corrcoef(true, read)[0, 1] > 0.9
 
 
 def synthetic_records(station: StationRecords) -> StationRecords:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.estimate.damage_learning import FruitClosing, read_closings, split_folds
 from palpate.grasp.plan import Plan
-from palpate_studies import rupture
 from palpate_studies.rupture import CAP, apply_policy, apply_shipped_limit, tradeoff
-from palpate_studies.second.closings import other_closings
 
 
 @pytest.fixture(scope="module")
@@ -48,49 +44,3 @@ def test_gentle_squeeze_deforms_less_than_any_rupture(real_closings: list[FruitC
     default_mm = next(field.default for field in fields(Plan) if field.name == "gentle_mm")
     assert min(borne_mm) > 1.15 * default_mm
     assert np.mean(np.array(borne_mm) < 2.0) > 0.04
-
-
-def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, Path]:
-    """Write synthetic closings on twenty pears, and their rupture forces."""
-    rng = np.random.default_rng(seed)
-    curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
-    for number in range(20):
-        stiffness = rng.uniform(2.0, 8.0)
-        index.append(f"{name}{number},pear,{2.0 * stiffness * rng.uniform(0.8, 1.2):.3f}")
-        curves += [f"{name}{number},{x:.2f},{stiffness * x:.4f}" for x in np.arange(0.0, 3.0, 0.02)]
-    files = folder / f"{name}-curves.csv", folder / f"{name}-index.csv"
-    files[0].write_text("\n".join(curves) + "\n")
-    files[1].write_text("\n".join(index) + "\n")
-    return files
-
-
-@pytest.mark.slow
-def test_rupture_study_second_generator_needs_no_files(
-    monkeypatch: pytest.MonkeyPatch, document: Callable[..., Any]
-) -> None:
-    few = other_closings(seed=3)[:45]
-    for kind in ("layered", "foam", "dough"):
-        borne_mm = [np.ptp(c.samples[:, 0]) for c in few if c.fruit == kind]
-        assert np.ptp(borne_mm) > 1.0
-    monkeypatch.setattr(rupture, "other_closings", lambda: few)
-    result = document("rupture", "--second")
-    assert result["second_generator"] is True
-    assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
-
-
-@pytest.mark.slow
-def test_rupture_study_with_test_closings_scores_only_these_with_every_method(
-    tmp_path: Path, document: Callable[..., Any]
-) -> None:
-    known, tested = pear_files(tmp_path), pear_files(tmp_path, name="q", seed=2)
-    options = ("--curves", "--index", "--test-curves", "--test-index")
-    given = [word for pair in zip(options, (*known, *tested), strict=True) for word in pair]
-    found = document("rupture", *given)
-    assert [row["grasp_id"] for row in found["rows"]] == [f"q{number}" for number in range(20)]
-    assert all(
-        row["ruptured"] == (row["stop_force_n"] >= row["rupture_force_n"]) for row in found["rows"]
-    )
-    assert {entry["method"] for entry in found["tradeoff"]} == {
-        *("ours", "ours, fruit unknown"),
-        *("cap per fruit", "stiffness rule", "ridge"),
-    }

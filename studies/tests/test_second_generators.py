@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import gzip
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,84 +12,10 @@ from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 
 from palpate.arrays import FloatArray
 from palpate.holds import read_holds
-from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.crate import CRATE_SIDE_LOG_SD, TRAINED_KINDS, draw_crate
-from palpate.twin.mechanics import pixel_fractions
-from palpate.twin.placement import PixelGrid
-from palpate.twin.velostat import draw_sheet
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
-from palpate_studies.grasp_cycle import Sample
-from palpate_studies.second.fruit import COURSES, other_avocado
-from palpate_studies.second.sheets import other_sheet
-from palpate_studies.twin_apple import Apple, Bruise, Faces, draw_apple
+from palpate_studies.twin_apple import Faces, draw_apple
 from palpate_studies.twin_avocado import draw_avocado
-
-
-@pytest.mark.parametrize("course", COURSES)
-def test_other_avocado_softens_between_same_limits(course: str) -> None:
-    fruit = draw_avocado(np.random.default_rng(4))
-    other = other_avocado(fruit, course=course)
-    forces_n = [other.force_at_1mm_n(day) for day in np.arange(-12.0, 25.0, 0.1)]
-    assert forces_n[0] == pytest.approx(fruit.hard_n)
-    assert forces_n[-1] == pytest.approx(fruit.softest_n, rel=0.01)
-    assert np.all(np.diff(forces_n) <= 1e-12)
-    at = np.arange(-2.0, 6.0)
-    first = np.log([fruit.force_at_1mm_n(day) for day in at])
-    assert np.max(np.abs(first - np.log([other.force_at_1mm_n(day) for day in at]))) > 0.2
-
-
-@pytest.mark.parametrize("level", ["lab", "field"])
-def test_coordinate_of_other_sheet_returns_to_its_excess_conductance(level: str) -> None:
-    sheet = draw_sheet(np.random.default_rng(0), layout=RIGID_LAYOUT, level=level)
-    family, excess = other_sheet(sheet).family, np.geomspace(1e-4, 300.0, 50)
-    assert family.excess_conductance(family.coordinate(excess)) == pytest.approx(excess)
-
-
-def test_other_sheet_follows_no_power_law() -> None:
-    sheet = other_sheet(draw_sheet(np.random.default_rng(3), layout=RIGID_LAYOUT, level="lab"))
-    load_n = np.geomspace(0.02, 20.0, 40)
-    slope = np.gradient(np.log(sheet.static_excess(load_n, gain=np.ones(40))), np.log(load_n))
-    assert slope[0] == pytest.approx(1.8, abs=0.05)
-    assert slope[-1] < 0.5
-    assert np.all(np.diff(slope) < 1e-6)
-
-
-def test_other_objects_keep_their_size_and_get_another_curve() -> None:
-    for seed, name in ((960_000, "layered"), (960_001, "foam"), (960_002, "dough")):
-        first, second = (
-            Sample(seed=seed, level="lab", kind="rigid", second=other).obj()
-            for other in (False, True)
-        )
-        assert (second.name, second.size_mm) == (name, first.size_mm)
-
-
-GRID = PixelGrid.from_layout(RIGID_LAYOUT)
-BRUISE = Bruise(
-    angle_deg=0.0, height_mm=0.0, diameter_mm=20.0, depth_mm=7.0, softness=0.3, dent_mm=0.5
-)
-
-
-@pytest.fixture
-def ball() -> Apple:
-    """Return an apple that is perfectly round and equally firm."""
-    drawn = draw_apple(np.random.default_rng(3), bruises=None)
-    return replace(drawn, oval=0.0, lobes=0.0, firmer=0.0, leaning_mm=0.0)
-
-
-def shares(apple: Apple, angle_deg: float = 0.0, **where: tuple[float, float]) -> np.ndarray:
-    off_centre_mm = where.get("off_centre_mm", (0.0, 0.0))
-    return pixel_fractions(apple.facing(angle_deg), 0.8, grid=GRID, off_centre_mm=off_centre_mm)
-
-
-def test_bruise_reduces_load_on_its_pixels_only(ball: Apple) -> None:
-    bruised = replace(ball, bruise=replace(BRUISE, angle_deg=10.0, height_mm=4.0))
-    before, after = shares(ball), shares(bruised)
-    assert before == pytest.approx(np.full(8, 0.25))
-    assert after[3] < 0.8 * before[3]
-    assert after[0] > before[0]
-    assert after[4:] == pytest.approx(before[4:], abs=0.01)
-    front, back = shares(bruised).reshape(2, 2, 2), shares(bruised, 180.0).reshape(2, 2, 2)
-    assert back[1] == pytest.approx(front[0][:, ::-1])
 
 
 def side_log_sd(first: FloatArray, second: FloatArray) -> float:

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
-import shutil
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
 
-import palpate
 from palpate.errors import InputError
-from palpate_studies.catalogue import STUDIES
 from palpate_studies.scoreboard import (
     MARKS,
     claims_table,
     fill_page,
-    first_page_table,
     generate_pages,
-    insert_table,
     read_claims,
 )
 from palpate_studies.stored_results import (
@@ -276,75 +269,3 @@ def test_read_claims_unsupported_claim_raises(
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=complaint):
         read_claims(docs)
-
-
-def test_insert_table_changes_with_stored_result(tmp_path: Path) -> None:
-    shutil.copytree(DOCS / "kept", tmp_path / "kept")
-    for name in ("claims.toml", "results.toml"):
-        shutil.copy(DOCS / name, tmp_path)
-    page = (ROOT / "README.md").read_text()
-    path = tmp_path / "kept" / "rupture.json"
-    document = json.loads(path.read_text())
-    for row in document["figures"]["tradeoff"]:
-        row["firmness"] += 0.1
-    path.write_text(json.dumps(document))
-    assert insert_table(page, first_page_table(read_claims(tmp_path))) != page
-    with pytest.raises(InputError, match="needs exactly one"):
-        insert_table("no marks", "")
-
-
-def test_paper_notes_count_misses_like_stored_results() -> None:
-    notes = (DOCS / "paper-notes.md").read_text()
-    for table, of in (("1", "family"), ("4", "level"), ("5", "level")):
-        stored = json.loads((DOCS / "kept" / f"table{table}.json").read_text())["figures"]
-        for name, parts in stored["misfit"].items():
-            fitted, predicted = (
-                f"{part['missed']} of {part['entries']}" if part["entries"] else "-"
-                for part in (parts["fitted"], parts["predicted"])
-            )
-            assert f"| Table {table}, {of} `{name}` | {fitted} | {predicted} |" in notes
-
-
-@pytest.mark.slow
-def test_claimed_symbols_are_used_by_study_and_command() -> None:
-    """The study reaches the named class or function of palpate, and a command imports it."""
-    code = ProductCode()
-    for row in read_claims(DOCS):
-        module, symbol = row["code"].split(":")
-        public = {one for one, home in palpate._MODULES.items() if home == module}
-        in_study = code.find_definitions([f"{STUDIES[row['study']][0]}:command"])
-        assert (module, symbol) in in_study, row["name"]
-        files = list_product_files()
-        assert any(imports(path, module, symbol, public) for path in files), row["name"]
-
-
-def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
-    """Return whether a file imports the symbol from its module or as a public name."""
-    return any(
-        symbol in [one.name for one in node.names]
-        and (node.module == module or (node.module == "palpate" and symbol in public))
-        for node in list_imports(path.read_text())
-    )
-
-
-@cache
-def list_imports(code: str) -> list[ast.ImportFrom]:
-    """Return the imports of a program; every claim asks the same files."""
-    return [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.ImportFrom)]
-
-
-@cache
-def list_product_files() -> list[Path]:
-    """Return the product files imported by commands, directly or indirectly."""
-    commands = (ROOT / "src" / "palpate" / "cli").glob("*.py")
-    files, waiting = dict[Path, None](), list(commands)
-    while waiting:
-        path = waiting.pop()
-        if path in files:
-            continue
-        files[path] = None
-        for node in list_imports(path.read_text()):
-            if (node.module or "").startswith("palpate."):
-                place = (ROOT / "src").joinpath(*str(node.module).split("."))
-                waiting += [one for one in (place.with_suffix(".py"),) if one.is_file()]
-    return list(files)

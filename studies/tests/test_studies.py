@@ -153,11 +153,6 @@ def test_table1_of_the_fitted_family_is_near_published_errors() -> None:
     assert np.all((means > 0.6) & (means < np.where(np.arange(means.size) < 4, 1.8, 1.2)))
 
 
-def test_environment_suction_raises_resistance() -> None:
-    change = np.array(payload("environment")["suction_change_percent"]["lab"])
-    assert np.all(np.diff(change, axis=1) > 0)
-
-
 def test_noise_median_removes_spikes_and_notch_removes_mains() -> None:
     rms = {
         (row["chain"], row["disturbance"]): row["rms_points"]
@@ -189,28 +184,10 @@ def test_slip_is_detected_without_alarms_in_quiet_holds() -> None:
     assert all(row["called"] == 0 for row in payload("slip")["quiet"])
 
 
-def test_fatigue_true_force_is_constant_over_cycles() -> None:
-    for level in ("lab", "field"):
-        true_n = np.array(payload("fatigue")["levels"][level][0]["true_n"])
-        assert np.ptp(true_n) < 0.1 * true_n.mean()
-
-
 def test_figure16_rigid_fingers_show_published_trend() -> None:
     rows = payload("figure16")["summary"]
     found = {row["hand"]: row["mean_percent"] for row in rows if row["level"] == "lab"}
     assert found["rigid, one width"][-1] > found["rigid, one width"][0] + 5.0
-
-
-def test_figure16_scores_count_fruits_with_trend() -> None:
-    falls = np.array([-40.0, -35.0, -30.0, -25.0])[:, None] + np.array([-0.5, 0.5])
-    stays = np.array([-40.0, -41.0, -40.5, -39.5])[:, None] + np.array([-0.5, 0.5])
-    found = figure16.scores(np.array([falls, stays]))
-    assert (found["falls_every_day"], found["falls_clearly"], found["fruits"]) == (1, 1, 2)
-
-
-def test_size_of_same_steps_is_within_a_millimetre() -> None:
-    rows = payload("size")["summary"]
-    assert all(row["rms_mm"] < 1.0 for row in rows if row["way"] == "same_steps")
 
 
 def test_ripeness_second_generator_pairs_methods_by_fruit() -> None:

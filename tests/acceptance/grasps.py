@@ -22,7 +22,7 @@ from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.ranges import draw_log_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
-from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
+from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper, inject_fault
 from palpate_studies.fault_grasps import PHASE_ACTIVITIES
 from palpate_studies.force_control_world import (
     SIZES_MM,
@@ -195,14 +195,10 @@ def run_case(
 
     def strike() -> None:
         nonlocal is_sound
-        is_sound, fault = True, FAULTS[case.fault]()
-        array.fault = gripper.fault = fault
-        world.clock.sleep_s(fault.hang_s)
-        if fault.pushed_mm and case.kind == "rigid":
-            gripper.state()
-            world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
-        if fault.user_stops:
-            requests.stop.set()
+        is_sound = True
+        inject_fault(
+            FAULTS[case.fault](), world=world, array=array, gripper=gripper, requests=requests
+        )
 
     def watch(state: GraspState) -> None:
         for moment in state.result.moments:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, astuple, dataclass, fields
 from itertools import groupby
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from tests.acceptance.grasps import (
 )
 
 from palpate.measurement import Measurement
+from palpate_studies.processes import map_batches
 
 BASELINE = Path(__file__).with_name("baseline.csv")
 #: A gentle squeeze ends at the first force, with soft fingers at the second; rigid fingers squeeze
@@ -169,10 +168,7 @@ def _log_errors(name: str, measured: Measurement | None, truth: float) -> dict[s
 def measure_grasps(cases: Sequence[Case], *, jobs: int) -> list[Row]:
     """Make the grasps, the sensors in `jobs` processes, and return their rows."""
     batches = [list(found) for _, found in groupby(cases, key=lambda case: case.sheet)]
-    if jobs == 1:
-        return [row for batch in batches for row in _measure_batch(batch)]
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        return [row for rows in pool.map(_measure_batch, batches) for row in rows]
+    return map_batches(_measure_batch, batches, jobs=jobs)
 
 
 def _measure_batch(cases: Sequence[Case]) -> list[Row]:

@@ -182,6 +182,7 @@ def line() -> tuple[World, NoisyLine, SerialArray]:
     return world, noisy, SerialArray(noisy, clock=clock, layout=world.layout, rate_hz=15.0)
 
 
+@pytest.mark.slow
 def test_grasp_completes_with_some_damaged_frames_and_counts_them(
     line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
 ) -> None:

@@ -16,10 +16,8 @@ import numpy as np
 import pytest
 from benchmarks.dashboard import ROOT, write_rig
 from playwright.sync_api import Browser, Page, expect
-from tests.closings import write_damage_file
 from tests.served_pages import (
     ITEM,
-    SIMULATED,
     SLOWER,
     STRAWBERRY,
     TARGET,
@@ -368,25 +366,6 @@ def test_rest_calibration_and_doctor_show_their_results(driver: Page, folder: Pa
     expect(maps.first.locator("td[title]")).to_have_count(8)
 
 
-def test_new_recording_in_the_list_keeps_existing_buttons_in_place(
-    driver: Page, folder: Path
-) -> None:
-    old, new = (folder / "data" / name for name in ("old.mcap", "new.mcap"))
-    old.parent.mkdir(exist_ok=True)
-    old.write_bytes(b"started")
-    open_tab(driver, "Recordings")
-    rows = driver.locator("#recordings .file")
-    button = rows.filter(has_text="old").get_by_role("button", name="Replay").element_handle()
-    old.write_bytes(b"and ended" * 1000)
-    new.write_bytes(b"another")
-    expect(rows.filter(has_text="new")).to_be_visible()
-    expect(rows.filter(has_text="old")).to_contain_text("9 kB")
-    assert button.evaluate("button => button.isConnected")
-    for file in (old, new):
-        file.unlink()
-    expect(rows.filter(has_text="new")).to_have_count(0)
-
-
 def expect_tab(page: Page, name: str) -> None:
     expect(page.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
 
@@ -484,24 +463,6 @@ def test_page_loads_no_external_files_and_is_usable_by_keyboard(
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.id || document.activeElement.innerText"))
     assert {"grasp", "release", "stop", "use-rig", "shade"} <= reached
-
-
-def test_kind_chosen_on_the_page_limits_the_force_of_the_grasp(
-    browser: Browser, tmp_path: Path
-) -> None:
-    damage = write_damage_file(tmp_path)
-    with (
-        serve_dashboard(tmp_path, *SIMULATED, "--damage", str(damage)) as address,
-        visit_as_driver(browser, address) as page,
-    ):
-        page.get_by_label("Kind (for its damage limit)").click()
-        page.get_by_role("option", name="kiwi").click()
-        page.get_by_label(TARGET).fill("8")
-        grasp(page)
-        expect(page.locator("#verdict")).to_contain_text("limited by the damage limit")
-        release(page)
-    (recording,) = (tmp_path / "data").glob("grasp-*.mcap")
-    assert load_recording(recording).info.kind == "kiwi"
 
 
 def test_page_beyond_the_loopback_requires_a_token_and_reports_a_lost_server(

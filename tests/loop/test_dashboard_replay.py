@@ -10,7 +10,6 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 from tests.served_pages import (
     ITEM,
-    WIDE,
     expect_fresh_link,
     expect_verdict,
     grasp,
@@ -57,11 +56,6 @@ def seek(page: Page, fraction: float) -> None:
     )
 
 
-def test_recording_list_shows_outcome_item_and_the_label_simulated(page: Page) -> None:
-    expect(row(page)).to_contain_text(re.compile(r"grasp-\d+-\d+.*held.*berry-7", re.DOTALL))
-    expect(row(page).locator(".badge-sim")).to_have_text("SIMULATED")
-
-
 def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     start_replay(page)
     expect(page.locator("#rig-name")).to_contain_text("replay of grasp-")
@@ -95,33 +89,6 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect(page.locator("#force-at")).to_have_text("hand open")
     end_replay(page)
     expect(page.locator("#rig-name")).to_have_text("sim-rigid")
-
-
-#: Records the positions of a control from its first appearance.
-RECORD_POSITIONS = """(control) => {
-  window.places = [];
-  window.watching = setInterval(() => {
-    const top = document.querySelector(control).getBoundingClientRect().top;
-    if (top > 0 && window.places.at(-1) !== top) window.places.push(top);
-  }, 2);
-}"""
-
-
-def test_replay_page_fits_a_laptop_screen_and_its_pause_button_does_not_move(page: Page) -> None:
-    page.set_viewport_size({"width": 1440, "height": 900})
-    # If a button moves between press and release, the browser sends no click.
-    page.evaluate(RECORD_POSITIONS, "#play")
-    start_replay(page)
-    # Some periods of the slower part of the page.
-    wait_for_draws(page, 10)
-    positions = page.evaluate("() => { clearInterval(window.watching); return window.places; }")
-    assert len(positions) == 1, positions
-    page.locator(".cell").first.click()
-    expect(page.locator("#pixel")).to_be_visible()
-    assert page.evaluate("document.documentElement.scrollHeight - innerHeight") == 0
-    page.locator("#pixel-close").click()
-    end_replay(page)
-    page.set_viewport_size(WIDE)
 
 
 def test_kept_replay_is_overlaid_on_the_next_aligned_at_contact(page: Page, folder: Path) -> None:

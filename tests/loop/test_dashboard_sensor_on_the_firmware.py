@@ -159,23 +159,6 @@ def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: 
     expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")
 
 
-def test_sensor_page_shows_pixel_details_after_tap_and_arrow_keys(page: Page) -> None:
-    near = page.locator("#pixel")
-    expect(near).to_be_hidden()
-    page.locator(".cell[data-row='2'][data-col='1']").click()
-    expect(page.locator("#pixel-name")).to_have_text("R2 C1")
-    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^[\d,]+ ohm$"))
-    expect(page.locator("#pixel-range")).to_have_text(
-        re.compile(r"last 30 s: [\d,]+ to [\d,]+ ohm")
-    )
-    expect(page.locator("#pixels")).to_have_attribute("data-count", "8")
-    page.locator("#fingers").focus()
-    page.keyboard.press("ArrowUp")
-    expect(page.locator("#pixel-name")).to_have_text("R1 C1")
-    page.get_by_role("button", name="Close").click()
-    expect(near).to_be_hidden()
-
-
 def test_sensor_page_on_the_firmware_shows_the_force_of_a_press(
     page: Page, board: PressedBoard
 ) -> None:
@@ -206,18 +189,3 @@ def test_doctor_tab_examines_the_firmware_at_its_configured_rate(
     page.locator("#examine").click()
     expect(page.locator("#health")).to_contain_text("frames in 10")
     expect(page.locator("#health")).to_contain_text("0 corrupt")
-
-
-def test_stopped_force_calibration_keeps_the_previous_calibration(page: Page) -> None:
-    open_tab(page, "Calibrate")
-    page.get_by_label("Loads in newtons").fill("1 2 4 8")
-    page.locator("#calibrate-force").click()
-    expect(page.locator("#guide")).to_contain_text("Place 1 N on the pad")
-    page.locator("#stop").click()
-    expect_verdict(page, "calibration stopped")
-    expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
-    expect(page.locator("#verdict-why")).to_contain_text("the previous calibration stays in use")
-    expect(page.locator("#calibrated .result")).to_have_text("Calibration stopped")
-    expect(page.locator("#calibrated")).to_contain_text("Last step: Place 1 N on the pad")
-    expect(page.locator("#guide")).to_be_hidden()
-    expect(page.locator("#force-at")).to_contain_text(" N ")

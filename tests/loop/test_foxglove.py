@@ -114,26 +114,6 @@ def test_foxglove_stream_contains_every_frame_with_all_its_messages(session: Ses
         assert found[-len(times) :] == times, topic
 
 
-def test_foxglove_log_time_is_the_unix_time_of_the_frame(session: Session) -> None:
-    frames = session[1]["/frames"]
-    zero_ms = [round(one.log_time_ns / 1e6 - 1e3 * one.content["time_s"]) for one in frames]
-    assert np.ptp(zero_ms) <= 1
-    start_ms = int(session[0].server["sessionId"])  # the server's start, Unix time
-    assert 0 < frames[0].log_time_ns / 1e6 - start_ms < 60e3
-
-
-def test_foxglove_heat_map_contains_the_values_of_the_change_channel(session: Session) -> None:
-    for image, change in zip(session[1]["/heat_map"], session[1]["/change"], strict=False):
-        assert (image.content.height, image.content.width) == (4, 2)
-        assert (image.content.encoding, image.content.step) == ("32FC1", 8)
-        stamp = image.content.timestamp
-        assert stamp.seconds * 10**9 + stamp.nanos == image.log_time_ns
-        pixels = np.frombuffer(image.content.data, dtype="<f4")
-        numbers = [change.content[f"r{row}c{col}_percent"] for row in range(4) for col in range(2)]
-        assert pixels == pytest.approx(numbers, rel=1e-6)
-        assert change.content["mean_percent"] == pytest.approx(np.mean(numbers))
-
-
 def test_foxglove_force_and_contact_event_belong_to_their_frames(session: Session) -> None:
     forces = [message.content for message in session[1]["/force"]]
     assert all(0 <= one["low_n"] <= one["force_n"] <= one["high_n"] for one in forces)

@@ -72,7 +72,7 @@ def assert_bounded(
 
 @pytest.mark.slow
 @given(plan=plans, counts=st.lists(st.integers(0, 1023), min_size=1, max_size=40), data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_controller_with_random_readings_and_plans_stays_safe(
     plan: Plan, counts: list[int], data: st.DataObject
 ) -> None:
@@ -168,7 +168,7 @@ def run_adversarial_grasp(plan: Plan, *, seed: int, rate_hz: float) -> set[Activ
     rate_hz=st.sampled_from([15.0, 60.0]),
     has_current=st.booleans(),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_commands_stay_within_bound_for_any_object(
     plan: Plan, seed: int, rate_hz: float, has_current: bool
 ) -> None:

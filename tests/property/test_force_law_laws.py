@@ -83,7 +83,8 @@ def test_force_law_interval_includes_every_given_force(known: list[tuple[float, 
         assert answer.low <= force_n <= answer.high
 
 
-@settings(max_examples=30, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(0.01, 100.0))
 def test_static_law_scales_with_force_and_ignores_order(seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -59,7 +60,8 @@ def collect_samples(holds: list[Hold]) -> dict:
     return read
 
 
-@settings(max_examples=40, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=40)
 @given(
     file=FILES,
     ending=st.sampled_from([".csv", ".csv.gz", ".parquet"]),

@@ -79,7 +79,7 @@ def is_sound(pattern: Pattern) -> bool:
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(design=designs)
 def test_accepted_pattern_has_no_shorts_and_full_velostat_cover(design: SensorDesign) -> None:
     pattern = lay_out(design)
@@ -88,7 +88,7 @@ def test_accepted_pattern_has_no_shorts_and_full_velostat_cover(design: SensorDe
     assert not fine or is_sound(pattern)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(design=designs)
 def test_pattern_mirrored_twice_is_unchanged(design: SensorDesign) -> None:
     pattern = lay_out(design)

@@ -49,7 +49,7 @@ def test_recovered_recordings_are_complete(tmp_path: Path) -> None:
     assert count > 50
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(noise=st.binary(max_size=300), magic=st.booleans())
 def test_reader_refuses_random_bytes(
     noise: bytes, magic: bool, tmp_path_factory: pytest.TempPathFactory

@@ -26,7 +26,7 @@ PER_SECOND = {"time_s": 1, "ms": 1000, "micros": 1_000_000}
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     clock=st.sampled_from(sorted(PER_SECOND)),
     separator=st.sampled_from([",", ";", "\t", "|", "  "]),
@@ -66,7 +66,7 @@ def test_holds_are_independent_of_table_format(
         np.testing.assert_allclose(one.time_s, other.time_s, atol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     factor=st.floats(1e-6, 1e6),
     start_s=st.floats(-1e4, 1e4),
@@ -85,7 +85,7 @@ def test_find_contacts_is_invariant_to_scale_and_time_shift(
         assert other.end_s - start_s == pytest.approx(one.end_s, abs=0.11)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(factor=st.floats(-1e3, -1e-3) | st.floats(1e-3, 1e3), shift=st.floats(-1e4, 1e4))
 def test_find_contacts_in_percent_is_invariant_to_scale_shift_and_sign(
     factor: float, shift: float

@@ -41,7 +41,7 @@ IDENTIFIER, SHIFTED = train_identifier(), train_identifier(shift=1.5)
 grasps = st.lists(st.tuples(LN, LN), min_size=1, max_size=4)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(grasps)
 def test_identify_probabilities_are_valid_and_sum_to_one(points: list[tuple[float, float]]) -> None:
     found = IDENTIFIER.identify([features(one) for one in points])
@@ -52,7 +52,7 @@ def test_identify_probabilities_are_valid_and_sum_to_one(points: list[tuple[floa
     assert found.rejected == (found.kind == UNKNOWN)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(grasps)
 def test_identify_is_independent_of_grasp_order(points: list[tuple[float, float]]) -> None:
     features_of_grasps = [features(one) for one in points]
@@ -61,7 +61,7 @@ def test_identify_is_independent_of_grasp_order(points: list[tuple[float, float]
     assert dict(reverse.probability) == pytest.approx(dict(found.probability), abs=1e-6)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(grasps)
 def test_identify_is_independent_of_units(points: list[tuple[float, float]]) -> None:
     """A change of units in training and test data does not change the result."""
@@ -120,7 +120,7 @@ def evidence(draw: st.DrawFn) -> Evidence:
 
 @pytest.mark.slow
 @given(st.lists(rules, min_size=1, max_size=4), evidence(), st.integers(1, 4))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_decide_returns_known_bin_within_grasp_limit(
     book: list[Rule], seen: Evidence, most: int
 ) -> None:
@@ -156,6 +156,7 @@ MOVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOVES)
 @given(now=CHANGES, before=CHANGES)
 def test_bruise_contrast_is_invariant_to_swapped_or_turned_pixels(

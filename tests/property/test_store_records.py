@@ -98,7 +98,7 @@ verdicts = st.builds(
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(item=items, grasp=grasps, verdict=verdicts)
 def test_store_roundtrip_preserves_records(item: Item, grasp: Grasp, verdict: Verdict) -> None:
     with Store.open("sqlite://") as store:

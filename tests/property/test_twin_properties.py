@@ -19,7 +19,7 @@ MOVES = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     moves=MOVES,
     name=st.sampled_from(sorted(OBJECTS)),
@@ -48,7 +48,8 @@ def test_twin_any_commands_yield_physical_values(
     assert -100.0 < truth.settled_percent < 100.0
 
 
-@settings(max_examples=20, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=20)
 @given(moves=MOVES, seed=st.integers(0, 1000), interval_s=st.floats(0.003, 0.2))
 def test_twin_readings_do_not_change_the_world(
     moves: list[tuple[float, float, float]], seed: int, interval_s: float

@@ -115,7 +115,7 @@ def test_decoder_counts_losses_from_random_damage_in_a_long_stream(burst: int) -
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> None:
     stream = b"\x07garbage\0" + b"".join(_encode_frames(12))
@@ -130,7 +130,7 @@ def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> No
     assert pieces.counters == whole.counters
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=1200))
 def test_cobs_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
     encoded = encode_cobs(data)
@@ -164,7 +164,7 @@ def test_decoder_memory_is_bounded_without_a_zero() -> None:
     assert len(decoder.feed(tail)) == 2
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     rows=st.integers(1, 16),
     cols=st.integers(1, 16),

@@ -103,6 +103,7 @@ def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None
     assert row in (DOCS / "boards.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_reference_tables_agree_with_the_code() -> None:
     check = [sys.executable, "docs/generate_tables.py", "--check"]
     status = subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode

@@ -49,6 +49,7 @@ def test_own_gripper_is_open_after_its_grasp(run: Any) -> None:
     assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
 
 
+@pytest.mark.slow
 def test_own_rig_from_an_entry_point_grasps_on_the_command_line(
     run: Any, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

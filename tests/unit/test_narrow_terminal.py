@@ -68,7 +68,7 @@ def test_grasp_card_has_every_number_at_each_width(monkeypatch: pytest.MonkeyPat
         assert narrow in (whole, whole + Counter({"90": 4})), width
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     width=st.integers(12, 120),
     rows=st.lists(

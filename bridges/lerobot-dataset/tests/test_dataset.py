@@ -207,22 +207,6 @@ def test_episodes_have_bounds_tasks_and_origin(dataset: Path) -> None:
     assert "SIMULATED" in (dataset / "README.md").read_text()
 
 
-def test_statistics_cover_all_frames_and_each_episode(dataset: Path) -> None:
-    frames = read(dataset, DATA)
-    whole = json.loads((dataset / "meta/stats.json").read_text())
-    episode = pq.read_table(dataset / EPISODES).to_pylist()[1]
-    second = frames["episode_index"] == 1
-    for name, values in frames.items():
-        kept = {key: episode[f"stats/{name}/{key}"] for key in whole[name]}
-        for found, of in ((whole[name], values), (kept, values[second])):
-            rows = of.reshape(len(of), -1)
-            assert found["count"] == [len(rows)]
-            assert found["mean"] == pytest.approx(rows.mean(axis=0), rel=1e-4, abs=1e-4)
-            assert found["std"] == pytest.approx(rows.std(axis=0), rel=1e-4, abs=1e-4)
-            assert found["max"] == pytest.approx(rows.max(axis=0))
-            assert found["q50"] == pytest.approx(np.median(rows, axis=0))
-
-
 def test_lower_fps_selects_nearest_frames(recorded: Path, tmp_path: Path) -> None:
     track = read_grasp(recorded / "gentle.mcap")
     assert track.rate_hz == pytest.approx(RATE_HZ)

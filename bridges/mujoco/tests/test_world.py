@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from bridges.mujoco.tests.lying import contact_n
@@ -43,15 +41,6 @@ def test_object_fingers_and_pads_have_equal_forces(name: str) -> None:
     assert force_n == pytest.approx(law_n, rel=0.01)
 
 
-@pytest.mark.slow
-def test_fruit_relaxes_and_spring_does_not() -> None:
-    spring, fruit = squeezed("springs-4"), squeezed("tomato")
-    for world, least, most in ((spring, 0.99, 1.001), (fruit, 0.6, 0.97)):
-        before_n = world.force_n(world.now_s())
-        world.clock.sleep_s(20.0)
-        assert least < world.force_n(world.now_s()) / before_n < most
-
-
 def test_first_finger_pushes_light_object_to_middle() -> None:
     world = squeezed("ball-44lbs")
     left_n, right_n = world.sensor.finger_n
@@ -75,32 +64,6 @@ def test_frames_equal_stored_counts(name: str, counts: list[list[int]]) -> None:
     world.drive(obj.size_mm - 2.0, rate=20.0)
     frames = [array.read(timeout_s=1.0) for _ in range(60)]
     assert frames[-1].counts.tolist() == counts
-
-
-def test_truth_does_not_change_world() -> None:
-    queried, untouched = squeezed("strawberry"), squeezed("strawberry")
-    assert queried.truth(5.0) == queried.truth(5.0)
-    for world in (queried, untouched):
-        world.clock.sleep_s(1.0)
-    assert queried.force_n(queried.now_s()) == untouched.force_n(untouched.now_s())
-    assert queried.scan(queried.now_s()).tolist() == untouched.scan(untouched.now_s()).tolist()
-
-
-@pytest.mark.slow
-def test_truth_equals_end_of_hold() -> None:
-    world = squeezed("tomato", wait_s=0.0)
-    predicted = world.truth()
-    world.clock.sleep_s(20.0)
-    assert world.truth() == replace(predicted, peak_force_n=world.peak_force_n)
-    assert predicted.force_n == pytest.approx(world.force_n(world.now_s()), rel=1e-3)
-    assert predicted.settled_percent == pytest.approx(
-        world.sensor.change_percent().mean(), abs=0.05
-    )
-    assert predicted.size_mm == draw_subject("tomato").size_mm
-    world.drive(74.0, rate=40.0)
-    world.clock.sleep_s(3.0)
-    assert world.force_n(world.now_s()) == 0.0
-    assert world.truth().force_n == predicted.force_n
 
 
 def test_place_requires_open_fingers_and_changes_position() -> None:

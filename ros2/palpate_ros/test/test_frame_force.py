@@ -8,21 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from palpate_ros.frame_force import FrameForce
+from tests.factories import WEIGHTS
 
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.sample import Sample, SampleReader
 
 PRESSED = np.full((4, 2), 600)
 READER = SampleReader(RIGID_LAYOUT, np.full((4, 2), 11_000.0))
-WEIGHTS = ForcePairs(
-    run=(0, 0, 0),
-    since_move_s=(20.0,) * 3,
-    excess=(13.0, 42.0, 112.0),
-    relative_percent=(-60.0, -80.0, -90.0),
-    force_n=(1.5, 4.0, 9.0),
-)
 
 
 def sample(time_s: float, counts: np.ndarray) -> Sample:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.grasp.requests import Requests
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -293,3 +294,16 @@ class FaultyGripper:
         if self.fault is not None and self.fault.no_reply:
             raise DeviceTimeoutError("the gripper does not reply; check its power")
         return self.fault
+
+
+def inject_fault(
+    fault: Fault, *, world: World, array: FaultyArray, gripper: FaultyGripper, requests: Requests
+) -> None:
+    """Let a fault happen now, in devices of a world and on the side of host and user."""
+    array.fault = gripper.fault = fault
+    world.clock.sleep_s(fault.hang_s)
+    if fault.pushed_mm and gripper.limits.drive == "width":
+        gripper.state()
+        world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
+    if fault.user_stops:
+        requests.stop.set()

@@ -19,7 +19,7 @@ from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
-from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
+from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper, inject_fault
 
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
@@ -133,13 +133,7 @@ def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
 
     def strike() -> None:
         struck_s.append(world.clock.now_s())
-        array.fault = gripper.fault = fault
-        world.clock.sleep_s(fault.hang_s)
-        if fault.pushed_mm and cell.kind == "rigid":
-            gripper.state()
-            world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
-        if fault.user_stops:
-            requests.stop.set()
+        inject_fault(fault, world=world, array=array, gripper=gripper, requests=requests)
 
     def watch(grasp_state: GraspState) -> None:
         estimate = grasp_state.estimate

@@ -16,15 +16,20 @@ _FEWEST_BATCHES = 12
 
 
 def map_batches(
-    work: Callable[[Batch], Iterable[Result]], batches: Sequence[Batch]
+    work: Callable[[Batch], Iterable[Result]],
+    batches: Sequence[Batch],
+    *,
+    jobs: int | None = None,
 ) -> list[Result]:
     """Return the results of all batches in order; `work` must be a module-level function.
+
+    `jobs`: number of processes; by default one for each processor, and for few batches this one.
 
     >>> map_batches(range, [2, 3])
     [0, 1, 0, 1, 2]
     """
-    processes = os.cpu_count() or 1
-    if processes == 1 or len(batches) < _FEWEST_BATCHES:
+    processes = jobs or (os.cpu_count() or 1 if len(batches) >= _FEWEST_BATCHES else 1)
+    if processes == 1:
         return [result for batch in batches for result in work(batch)]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context) as pool:

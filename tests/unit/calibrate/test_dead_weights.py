@@ -170,14 +170,6 @@ def test_measure_loads_unequal_readings_of_one_weight_are_reported() -> None:
         assert law.force(excess).low <= 2.0 <= law.force(excess).high
 
 
-def test_measure_loads_single_bad_frames_do_not_matter() -> None:
-    sound, spoiled = Sheet(), Sheet()
-    spoiled.bad_frames = {100: 1023, 105: 0, 182: 1023}
-    found = [array.measure(2.0, 4.0, 9.0).pairs for array in (sound, spoiled)]
-    assert found[0].excess == pytest.approx(found[1].excess)
-    assert found[0].relative_percent == pytest.approx(found[1].relative_percent)
-
-
 def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
     with pytest.raises(CalibrationError, match=r"not 1 \(4 N\)"):
         Sheet().measure(4.0, 4.0, 4.0)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from tests.factories import draw
 
-from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
-from palpate.calibrate.servo_current import measure_current, measure_gear_friction
+from palpate.calibrate.guided import Bench, measure_force, measure_rest
+from palpate.calibrate.servo_current import measure_gear_friction
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
-from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
@@ -110,19 +107,6 @@ def test_measure_force_pixel_open_under_load_is_no_weaker_reading(every: int) ->
     assert measure(loose).excess[-1] == pytest.approx(measure().excess[-1], rel=0.01)
 
 
-@pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_measure_block_pairs_contain_only_drive_quantity(kind: Any) -> None:
-    world = World(draw("rigid-block", 1), seed=3, gripper=kind)
-    block = measure_block(open_bench(world), block_mm=40.0, up_to_n=4.0, repeats=1, dwell_s=0.1)
-    used, unused = block.width_mm, block.pressure_kpa
-    if kind == "soft":
-        used, unused = unused, used
-    assert np.ptp(used) > 0.5
-    assert unused == ()
-    assert len(used) == len(block.force_n) > 4
-    assert np.all(np.diff(block.force_n) > 0)
-
-
 def twin_gripper(seed: int, kind: Any = "rigid") -> TwinGripper:
     return TwinGripper(World(None, seed=seed, gripper=kind))
 
@@ -152,20 +136,6 @@ def rigid() -> Calibration:
     return calibrate_twin(seed=4, level="lab", apart_from="")
 
 
-@pytest.mark.slow
-def test_current_law_of_closing_matches_twin_ranges(rigid: Calibration) -> None:
-    assert rigid.current is not None
-    law = CurrentLaw.fit(rigid.current)
-    # 14 mA/N of grip and 5 to 25 % friction on top; gears take 20 to 60 mA (twin's ranges).
-    assert 13.0 < law.ma_per_n < 18.5
-    assert 15.0 < law.gears.mean_ma < 65.0
-    assert 0.0 < law.gears.movement_ma < 0.3 * law.gears.mean_ma
-    assert 5.0 < law.noise_ma < 8.0
-    assert min(rigid.current.force_n) < 0.1 < 12.0 < max(rigid.current.force_n)
-    assert plan_grasp(rigid, gripper=twin_gripper(4)).current is not None
-    assert plan_grasp(replace(rigid, current=None), gripper=twin_gripper(4)).current is None
-
-
 def test_measure_gear_friction_covers_travel_and_refuses_object() -> None:
     world = World(None, seed=6)
     found = measure_gear_friction(open_bench(world), sweeps=1)
@@ -175,32 +145,3 @@ def test_measure_gear_friction_covers_travel_and_refuses_object() -> None:
     with pytest.raises(CalibrationError, match="close empty"):
         measure_gear_friction(open_bench(world), sweeps=1)
     assert measure_gear_friction(open_bench(World(None, seed=6, gripper="soft")), sweeps=1) is None
-
-
-@pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_measure_current_opens_gripper_and_returns_none_without_current(kind: Any) -> None:
-    bench = open_bench(World(draw("rigid-block", 1), seed=6, gripper=kind))
-    found = measure_current(bench, up_to_n=4.0, repeats=1)
-    assert (found is None) == (kind == "soft")
-    assert is_open(bench)
-
-
-@pytest.mark.slow
-def test_calibrate_twin_two_blocks_calibrate_soft_fingers() -> None:
-    made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
-    assert made.current is None
-    plan = plan_grasp(made, gripper=twin_gripper(7, "soft"))
-    assert plan.compliance is None, "the pressure contains no information on size"
-    assert plan.bend.mm_per_kpa == pytest.approx(1.4, rel=0.05)
-    assert plan.bend.compliance.slope_mm_per_n == pytest.approx(3.7, rel=0.1)
-
-
-def test_calibration_file_stores_current_and_older_files_open_without(rigid: Calibration) -> None:
-    text = rigid.as_text()
-    assert Calibration.from_text(text).current == rigid.current
-    older = json.loads(text)
-    del older["current"]
-    assert Calibration.from_text(json.dumps(older)).current is None
-    older["current"] = {"force_n": [1.0], "current_a": [0.05]}
-    with pytest.raises(CalibrationError, match=r"lacks current_ma .* unknown keys: current_a"):
-        Calibration.from_text(json.dumps(older))

@@ -7,20 +7,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from tests.commands import Command
 
 from palpate.cli import build_app, run
 from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
-from palpate.gripper.interface import GripperCommand
 from palpate.holds import read_holds
-from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
 from palpate.sensor.rest_calibration import replace_rest
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
@@ -33,6 +28,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> None:
     found = Calibration.load(made)
     assert found.origin == "simulated"
@@ -45,6 +41,7 @@ def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> No
     assert made.with_name("pad.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_calibrate_compliance_updates_the_force_file(made: Path, palpate: Command) -> None:
     before = Calibration.load(made)
     document = palpate("calibrate", "compliance", "--seed", "3", "--out", made, "--json").document
@@ -79,15 +76,6 @@ def test_calibrate_force_refused_leaves_the_file_of_another_sensor(
     assert path.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_calibrate_settling_stores_only_long_holds(tmp_path: Path, palpate: Command) -> None:
-    path, out = record_holds(tmp_path), tmp_path / "fit.csv"
-    assert "1 long enough" in palpate("calibrate", "settling", path, "--out", out).err
-    holds = list(read_holds(out))
-    assert {hold.channel for hold in holds} >= {"mean"}
-    assert all(hold.time_s[-1] >= 19.5 for hold in holds)
-
-
 def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Command) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text('calibration = "cal.json"\n[array]\nopen = "a:b"\n[gripper]\nopen = "a:b"\n')
@@ -105,21 +93,6 @@ def test_settle_learns_from_the_rigs_settled_holds(tmp_path: Path, palpate: Comm
     assert "hold two is already in" in error
     [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]
     assert abs(row["error_percent"]) < 0.2
-
-
-def record_holds(folder: Path) -> Path:
-    """Record a short and a long hold on the twin."""
-    obj = draw_object(np.random.default_rng(1), "dragonskin-20")
-    world = World(obj, seed=1)
-    gripper, array, path = TwinGripper(world), TwinArray(world), folder / "day1.mcap"
-    info = RecordingInfo(layout=world.layout, origin="twin")
-    with RecordingWriter(path, info=info) as writer:
-        for width_mm, until_s in ((74.0, 2.0), (38.0, 6.0), (74.0, 20.0), (37.5, 41.5)):
-            gripper.command(GripperCommand(target=width_mm, rate=40.0))
-            while world.clock.now_s() < until_s:
-                frame = array.read(timeout_s=1.0)
-                writer.add_observation(frame, gripper=gripper.state())
-    return path
 
 
 PAIRS = ForcePairs(
@@ -170,21 +143,6 @@ def test_calibrate_rest_of_a_calibrated_rig_renews_the_rest_alone(
     assert "--new" in palpate(*calibrate, status=2).err
     palpate(*calibrate, "--new")
     assert Calibration.load(path).force.force_n == ()
-
-
-def test_calibrate_force_each_weight_reports_the_interval_widths(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    series = WeightSeries(tolerance_percent=0.0)
-    for load_n in (1.5, 4.0, 9.0):
-        series.add(8.0 * load_n**1.2, load_n)
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3
-    assert lines[0].startswith("1.5 N measured; half-width of the interval: ")
-    assert "most useful next" in lines[0]
-    document = series.to_dict()
-    assert set(document) == {"1.5_n", "4_n", "9_n"}
-    assert all(each["after"] < 0.5 * each["before"] for each in document.values())
 
 
 def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:

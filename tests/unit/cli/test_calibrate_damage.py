@@ -97,15 +97,3 @@ def test_grasp_damage_limit_protects_kiwi_and_is_replayed(
     again = palpate("replay", path, "--json").document
     for name in ("outcome", "force_n", "peak_force_n", "moments"):
         assert again[name] == limited[name]
-
-
-@pytest.mark.slow
-def test_grasp_card_reports_the_limit_of_an_unknown_kind(
-    damage_file: Path, palpate: Command
-) -> None:
-    shown = palpate("grasp", "--seed", "1", "--rate-hz", "15", "--damage", damage_file).out
-    card = " ".join(shown.replace("│", " ").split())
-    assert "Damage limit" in card
-    assert "(unknown kind, 60 closings)" in card
-    error = palpate.refused("grasp", "--damage", damage_file, "--kind", "plum")
-    assert "no kind 'plum'; available kinds: kiwi, melon; for" in error

@@ -39,6 +39,7 @@ def test_grasp_is_recorded_reproducible_and_labelled_simulated(
     assert f"{document['force_n']['value']:.2f}"[:3] in card
 
 
+@pytest.mark.slow
 def test_grasp_card_reports_damaged_object_in_red(
     palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,7 +14,7 @@ from tests.commands import Command
 from tests.factories import NOON
 from tests.unit.cli.stored import stored_grasp
 
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store, engine
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -153,17 +153,6 @@ def test_items_page_ranks_firmness_within_the_kind_and_labels_simulated_items(
     assert "SIMULATED" not in shown
     assert "simulated on the twin" in palpate("items").out
     assert "SIMULATED" in palpate("items", "S1").out
-
-
-@pytest.mark.usefixtures("filled")
-def test_items_say_option_stores_a_label(palpate: Command) -> None:
-    changes = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
-    assert "Hass avocado" in palpate("items", "A17", *changes, "--say", "ripeness=overripe").out
-    with Store.open() as store:
-        assert store.item("A17").batch == "Monday"
-        (label,) = store.verdicts(About.RIPENESS, source=Source.PERSON)
-        assert (label.text, label.probability) == ("overripe", None)
-        assert label.grasp_id == store.grasps_of("A17")[-1].grasp_id
 
 
 @pytest.mark.usefixtures("filled")

@@ -8,23 +8,18 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-import pytest
 from rich.console import Console
 from tests.commands import Command
 from tests.factories import make_sheet_law
 
-from palpate.cli.live_reading import LiveReading, squeeze
+from palpate.cli.live_reading import LiveReading
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
 from palpate.estimate.sheet_follower import SheetFollower
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.board_array import find_layout
-from palpate.sensor.sample import relative_change_percent
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.relative import mean_change
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
+from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
 REST_COUNTS = np.full((4, 2), 300)
@@ -63,16 +58,6 @@ class Screen:
         return file.getvalue()
 
 
-def test_live_view_without_calibration_measures_rest_first() -> None:
-    screen = Screen(calibrated=False, simulated=True)
-    screen.feed(REST_COUNTS, frames=10)
-    assert "SIMULATED" in screen.text()
-    assert "do not touch the sensor" in screen.text()
-    screen.feed(REST_COUNTS, frames=60)
-    assert "rest from the first second" in screen.text()
-    assert screen.text().count("no contact") == 2
-
-
 def test_live_view_shows_contact_and_pixels() -> None:
     screen = Screen()
     counts = REST_COUNTS.copy()
@@ -101,19 +86,6 @@ def test_live_view_shows_unplugged_sensor_and_reconnects() -> None:
     assert "no pixel" not in screen.text()
 
 
-def test_live_view_of_the_largest_matrix_fits_a_terminal() -> None:
-    array = TwinArray(World(None, seed=1, layout=find_layout("16x16")))
-    source = SensorSource(name="bench", array=array)
-    view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
-    view.add(array.read(timeout_s=1.0))
-    file = StringIO()
-    console = Console(width=80, file=file)
-    console.print(view.render(console))
-    lines = file.getvalue().splitlines()
-    assert max(map(len, lines)) <= 80
-    assert sum(line.count("+") + line.count(" -") >= 16 for line in lines) == 16
-
-
 def test_live_view_shows_stale_and_lost_frames_in_red() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
@@ -127,27 +99,6 @@ def test_live_view_shows_stale_and_lost_frames_in_red() -> None:
     screen.sequence += 3
     screen.feed(REST_COUNTS)
     assert f"{RED}3 lost" in screen.text(colors=True)
-
-
-@pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_live_squeeze_loads_and_releases_the_simulated_object(kind: str) -> None:
-    world = World(
-        draw_object(np.random.default_rng(2), "ball-44lbs"),
-        seed=2,
-        gripper="soft" if kind == "soft" else "rigid",
-    )
-    array, rest_ohm = TwinArray(world), world.pixel_resistance_ohm(0.0)
-    squeezing = squeeze(TwinGripper(world))
-    next(squeezing)
-    mean = []
-    for _ in range(15 * 90):
-        frame = array.read(timeout_s=1.0)
-        ohm = resistance_ohm(frame.counts, divider=world.layout.divider)
-        mean.append(float(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))))
-        squeezing.send((frame.time_s, mean[-1]))
-    assert -75 < min(mean) < -40
-    assert max(mean[int(np.argmin(mean)) :]) > -5
-    assert max(mean[: 15 * 5]) > -5
 
 
 def test_live_force_is_updated_at_every_frame() -> None:

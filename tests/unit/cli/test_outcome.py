@@ -57,14 +57,6 @@ def test_run_full_disk_is_reported_in_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_run_closed_output_pipe_exits_with_0() -> None:
-    with subprocess.Popen(
-        [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        process.stdout.close()
-        assert process.stderr.read() == ""
-
-
 class CtrlC(StringIO):
     def readline(self, size: int | None = -1, /) -> str:
         raise KeyboardInterrupt
@@ -112,3 +104,11 @@ def test_missing_package_names_what_to_install(
     monkeypatch.setattr(lazy_group, "entry_points", lambda *, group: ())
     error = palpate.refused(*command.split())
     assert error.endswith(f"in a copy of the source: pip install ./{folder}\n")
+
+
+def test_run_closed_output_pipe_exits_with_0() -> None:
+    with subprocess.Popen(
+        [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""

@@ -102,6 +102,7 @@ def test_report_of_an_item_shows_its_grasps(report: Callable[..., str]) -> None:
         assert words in page
 
 
+@pytest.mark.slow
 def test_report_of_a_batch_shows_its_items_stages_and_days_and_of_a_day_its_grasps(
     report: Callable[..., str],
 ) -> None:

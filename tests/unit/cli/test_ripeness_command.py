@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import runpy
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.commands import Command
 from tests.pdf_fonts import check_fonts
 
-from palpate.produce.records import About, Item, Source
+from palpate.produce.records import About, Source
 from palpate.produce.store import Store
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "batch_ripeness.py"
@@ -66,30 +64,6 @@ def test_ripeness_of_one_item_is_explained_plotted_and_stored(
     assert verdicts[-1].text in output
 
 
-def test_ripeness_of_item_without_kind_uses_its_first_day_and_stores_no_assumption(
-    made: Path, palpate: Command
-) -> None:
-    with Store.open(made, create=False) as store:
-        grasps = store.grasps_of("fruit-1")
-    for name, own in (("mine", grasps), ("new", grasps[:1])):
-        with Store.open(f"{name}.sqlite") as other:
-            other.add_item(Item(item_id=name))
-            for grasp in own:
-                other.add_grasp(replace(grasp, item_id=name, calibration_id=None))
-    shown = palpate("ripeness", "mine", "--store", "mine.sqlite", "--json")
-    assert "judged relative to its first day, because its kind is unknown" in shown.err
-    item = json.loads(shown.out)["items"][0]
-    assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
-    # The stiffness has fallen by a third in two days, which leaves the stage uncertain.
-    assert item["stage"] == max(item["probabilities"], key=item["probabilities"].get)
-    assert item["unsure"]
-    output = palpate("ripeness", "new", "--store", "new.sqlite").out
-    assert "assumed" in output
-    assert "no earlier day to compare" in " ".join(output.split())
-    with Store.open("new.sqlite", create=False) as other:
-        assert other.verdicts_of("new") == ()
-
-
 @pytest.mark.slow
 def test_ripeness_example_script_prints_and_plots_its_batch(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
@@ -112,14 +86,3 @@ def test_bruise_dropped_apple_names_the_bruised_pixels(made: Path, palpate: Comm
     assert first["against"] == "history"
     assert first["pixels"]
     assert found["before_percent"] < found["now_percent"] < 0
-
-
-@pytest.mark.slow
-def test_bruise_sound_apple_exits_with_0_and_stores_the_verdict(
-    made: Path, palpate: Command
-) -> None:
-    shown = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", made).out
-    assert shown.startswith("apple-1: sound (simulated)")
-    with Store.open(made) as store:
-        verdicts = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
-    assert [verdict.text for verdict in verdicts] == ["sound"]

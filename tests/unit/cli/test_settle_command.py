@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +11,6 @@ import openpyxl
 import pyarrow.parquet as pq
 import pytest
 from tests.commands import Command
-
-from palpate.cli import settle_report
-from palpate.demo.recordings import write_recordings
 
 
 @pytest.fixture
@@ -133,40 +128,6 @@ def test_settle_out_does_not_overwrite_its_input(
     assert other.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_settle_tables_show_units(tmp_path: Path, palpate: Command) -> None:
-    write_recordings(tmp_path)
-    divider = ("--adc-bits", "10", "--reference-ohm", "4700", "--sensor-leg", "upper")
-    assert "Value in ohm predicted" in palpate("settle", tmp_path / "counts.csv", *divider).out
-    rows = palpate("settle", tmp_path, "--json").document["rows"]
-    assert {row["unit"] for row in rows} == {"ohm", "counts"}
-
-
-def test_settle_pipe_is_read_once_and_refused_if_reread(
-    holds_csv: Path, tmp_path: Path, palpate: Command
-) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    error = palpate("settle", pipe, "--plot", tmp_path / "plot.png", status=2).err
-    assert "a pipe can be read only once" in error
-    writer = threading.Thread(target=lambda: pipe.write_bytes(holds_csv.read_bytes()))
-    writer.start()
-    found = document(palpate, pipe)
-    writer.join()
-    assert len(found["rows"]) == 8
-
-
-def test_settle_table_in_a_narrow_terminal_has_every_column(
-    holds_csv: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(settle_report, "PIPED_WIDTH", 60)
-    lines = palpate("settle", holds_csv).out.splitlines()
-    heads = ["hold", "cut-off", "predicted", "±", "settled", "error", "status"]
-    assert set(heads) <= set(" ".join(lines).split())
-    assert sum(line.rstrip().endswith(" ok") for line in lines) >= 5
-    assert all(len(line) <= 60 for line in lines)
-
-
 def write_press(path: Path, header: str, *, row: str) -> Path:
     """Write a sensor at rest for 3 s, then pressed for 24 s; `row` formats its time and ohms."""
     time_s = np.arange(0, 27, 0.1)
@@ -192,13 +153,6 @@ def test_settle_mean_of_columns_predicts_one_hold_of_the_known_unit(
     assert palpate("settle", path, *rest, "--unit", "ohm").out
 
 
-def test_settle_interval_replaces_a_missing_clock(tmp_path: Path, palpate: Command) -> None:
-    path = write_press(tmp_path / "a.csv", "fsr", row="{v:.1f}")
-    assert "--interval" in palpate.refused("settle", path)
-    [row] = document(palpate, path, "--interval", "0.1")["rows"]
-    assert row["settled"] == pytest.approx(SETTLED_OHM, rel=0.01)
-
-
 def test_settle_names_the_sheet_and_reads_another(tmp_path: Path, palpate: Command) -> None:
     book = openpyxl.Workbook()
     book.active.append(["Series", "n = 3"])
@@ -222,12 +176,6 @@ def write_holds(path: Path, rows: list[str]) -> Path:
     return path
 
 
-def test_settle_warns_once_of_times_in_milliseconds(tmp_path: Path, palpate: Command) -> None:
-    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
-    path = write_holds(tmp_path / "holds.csv", rows)
-    assert palpate("settle", path).err.count("convert milliseconds") == 1
-
-
 def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Command) -> None:
     rows = [
         f"h{k},{t:.1f},{(100 + k) * (1 - 0.03 * np.log1p(t)):.4f}"
@@ -241,12 +189,3 @@ def test_settle_beyond_the_proven_horizon_is_not_ok(tmp_path: Path, palpate: Com
         for options in ((), ("--horizon", "40"), ("--horizon", "40", *learn))
     ]
     assert statuses == ["ok", "unproven", "ok"]
-
-
-def test_settle_of_a_slow_logger_has_a_settled_value(tmp_path: Path, palpate: Command) -> None:
-    rows = [f":x:,{t},{100 - 5 * np.log1p(t):.4f}" for t in (0, *range(1, 40, 2))]
-    path = write_holds(tmp_path / "slow.csv", rows)
-    [row] = document(palpate, path, "--cutoff", "7")["rows"]
-    assert row["settled"] == pytest.approx(100 - 5 * np.log1p(19.75), rel=1e-3)
-    # The name is no picture.
-    assert ":x: " in palpate("settle", path).out

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from tests.unit.dashboard.test_live import HOLDING, SOURCE
 
 from palpate.dashboard import folder as folder_module
 from palpate.dashboard.app_state import AppState, Settings
-from palpate.dashboard.folder import LISTED_RECORDINGS, RecordingList
+from palpate.dashboard.folder import RecordingList
 from palpate.dashboard.messages import (
     GraspOrder,
     LinkStatus,
@@ -115,27 +114,3 @@ def test_recording_list_is_sorted_newest_first_and_skips_missing_files(
     monkeypatch.setattr(folder_module.os, "listdir", listdir)
     assert names_in(tmp_path) == ["young.mcap", "middle.mcap", "old.mcap"]
     assert names_in(tmp_path / "not there yet") == []
-
-
-def test_recording_list_shows_every_change_of_a_long_folder(tmp_path: Path) -> None:
-    for number in range(LISTED_RECORDINGS + 5):
-        (tmp_path / f"{number:03d}.mcap").touch()
-        os.utime(tmp_path / f"{number:03d}.mcap", (1e9 + number, 1e9 + number))
-    os.utime(tmp_path, (1e9, 1e9))
-    now_ns = [time.time_ns()]
-    recordings = RecordingList(tmp_path, now_ns=lambda: now_ns[0])
-
-    def newest() -> list[str]:
-        return [file.name for file, _ in recordings.newest()]
-
-    assert newest()[0] == f"{LISTED_RECORDINGS + 4:03d}.mcap"
-    assert len(newest()) == LISTED_RECORDINGS
-    (tmp_path / "new.mcap").touch()
-    assert newest()[0] == "new.mcap"
-    # A change within the resolution of the folder's time is shown with the next scan.
-    now_ns[0] += 3_000_000_000
-    (tmp_path / "new.mcap").rename(tmp_path / "older.mcap")
-    assert newest()[:2] == ["older.mcap", "104.mcap"]
-    for name in newest()[:-1]:
-        (tmp_path / name).unlink()
-    assert newest() == [f"{n:03d}.mcap" for n in range(6, -1, -1)]

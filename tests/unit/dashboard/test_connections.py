@@ -107,6 +107,7 @@ class Client:
             await self._writer.wait_closed()
 
 
+@pytest.mark.slow
 def test_bounded_connection_above_the_maximum_closes_the_oldest_and_accepts_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -144,6 +145,7 @@ def test_bounded_connection_above_the_rate_of_new_ones_serves_stops_only() -> No
     asyncio.run(flood())
 
 
+@pytest.mark.slow
 def test_listener_whose_accepting_process_was_killed_serves_the_connections_that_waited() -> None:
     async def kill() -> None:
         async with serving() as port:
@@ -158,6 +160,7 @@ def test_listener_whose_accepting_process_was_killed_serves_the_connections_that
     asyncio.run(kill())
 
 
+@pytest.mark.slow
 def test_bounded_connection_that_does_not_read_its_response_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -202,6 +205,7 @@ def test_bounded_connection_with_an_incomplete_request_is_closed_after_the_time_
     assert asyncio.run(hold()) is not stays_open
 
 
+@pytest.mark.slow
 def test_websocket_stays_open_after_request_timeout_and_at_the_connection_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

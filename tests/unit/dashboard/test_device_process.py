@@ -20,12 +20,10 @@ from palpate.dashboard.messages import (
     CalibrateForce,
     CalibrateRest,
     Confirm,
-    Examine,
     Frames,
     FrameSource,
     Grasped,
     GraspOrder,
-    Guide,
     Note,
     OpenHand,
     OpenRig,
@@ -47,13 +45,12 @@ from palpate.dashboard.messages import (
     Trouble,
     Update,
 )
-from palpate.errors import DamageWarning, DeviceError
+from palpate.errors import DeviceError
 from palpate.grasp.damage_limit import load_limit
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
 from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.health import Health
 from palpate.twin.devices import TwinGripper
 
 #: Speed of the simulation; higher than required, so that real time does not slow down the tests.
@@ -200,6 +197,7 @@ def stop_while_closing(page: Page, file: Path, *, number: int = 0) -> GraspOrder
     return order
 
 
+@pytest.mark.slow
 def test_stop_during_a_grasp_halts_the_hand_in_its_position_and_is_confirmed_once(
     opened: Page, tmp_path: Path
 ) -> None:
@@ -221,6 +219,7 @@ def confirmations(page: Page) -> list[int]:
     return [note.number for note in page.notes if isinstance(note, StopConfirmed)]
 
 
+@pytest.mark.slow
 def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
     """The release arrives while the recording of the stopped grasp is still being written."""
     order = stop_while_closing(opened, tmp_path / "stopped.mcap")
@@ -233,6 +232,7 @@ def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pa
     assert not opened.ended(OpenHand()).trouble
 
 
+@pytest.mark.slow
 def test_stop_cancels_the_running_and_all_queued_orders(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = replace(first, recording=tmp_path / "second.mcap")
@@ -294,6 +294,7 @@ def test_stop_of_an_unreachable_hand_is_not_confirmed(
     opened.until_note(StopConfirmed(91))
 
 
+@pytest.mark.slow
 def test_calibrate_rest_saves_the_file_and_sends_the_new_source(
     opened: Page, tmp_path: Path
 ) -> None:
@@ -322,29 +323,6 @@ def test_calibrate_force_uses_the_simulated_load_cell(opened: Page, tmp_path: Pa
     assert opened.held_and_released(order).trouble == ""
 
 
-def test_calibrate_force_can_be_stopped_without_writing_the_file(
-    opened: Page, tmp_path: Path
-) -> None:
-    """A simulated calibration requires tenths of a second, so some stops arrive too late."""
-    for attempt in range(50):
-        order = CalibrateForce(file=tmp_path / f"calibration-{attempt}.json")
-        opened.send(order)
-        opened.until_note(lambda note: isinstance(note, Guide))
-        opened.send(StopNow())
-        ended = opened.ended(order)
-        assert order.file.exists() == (ended.trouble == "")
-        if ended.trouble:
-            break
-    assert ended.trouble == "stopped on request"
-
-
-def test_examine_of_a_faultless_twin_returns_healthy(opened: Page) -> None:
-    ended = opened.done(Examine(duration_s=4.0))
-    assert isinstance(ended.found, Health)
-    assert ended.found.link.lost == 0
-    assert ended.found.pixels.rest_ohm.shape == (4, 2)
-
-
 @pytest.mark.slow
 def test_record_between_grasps_has_no_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
@@ -358,48 +336,6 @@ def test_record_between_grasps_has_no_gap(opened: Page, tmp_path: Path) -> None:
     assert len(recorded.sequence) > 10
     assert recorded.info.gripper is None, "without a grasp, a replay makes no decisions"
     assert np.all(np.diff(recorded.sequence) == 1)
-
-
-def test_grasp_order_with_an_existing_recording_is_refused(opened: Page, tmp_path: Path) -> None:
-    taken = tmp_path / "taken.mcap"
-    taken.write_bytes(b"something else")
-    ended = opened.done(GraspOrder(target_force_n=None, recording=taken))
-    assert "already exists" in ended.trouble
-    assert taken.read_bytes() == b"something else"
-
-
-@pytest.mark.slow
-def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
-    opened: Page, held: OrderEnded
-) -> None:
-    play = Play(file=held.order.recording, speed=FAST)
-    opened.send(play)
-    again = played_to(opened, lambda playing: playing.grasped is not None).grasped
-    assert again.document.result.outcome is Outcome.HELD
-    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        assert getattr(again.document.result, name) == getattr(held.found.document.result, name)
-    opened.send(Confirm())
-    assert not opened.ended(play).trouble
-    assert not any(isinstance(note, Trouble) for note in notes_since(opened, play))
-
-
-@pytest.mark.slow
-def test_replay_of_a_truncated_recording_says_so(
-    opened: Page, held: OrderEnded, tmp_path: Path
-) -> None:
-    play = Play(file=tmp_path / "run.mcap", speed=FAST)
-    play.file.write_bytes(held.order.recording.read_bytes()[:-60])
-
-    def play_until_trouble() -> str:
-        opened.send(play)
-        trouble = opened.until_note(lambda note: isinstance(note, Trouble))
-        opened.send(StopNow())
-        opened.ended(play)
-        return trouble.text
-
-    with pytest.warns(DamageWarning):
-        shown = play_until_trouble()
-    assert shown.startswith("run.mcap: not finished")
 
 
 def notes_since(page: Page, order: Order) -> list[Note]:

@@ -5,19 +5,13 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, make_entry
-from palpate.dashboard.live import Point
-from palpate.dashboard.messages import Grasped
+from palpate.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate.dashboard.panel_history import counts_html, entry_html
-from palpate.grasp.document import GraspDocument
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.measurement import Measurement
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -94,6 +88,27 @@ def test_history_finds_a_grasp_by_the_new_name_of_its_recording(
         assert rows_of(one)[0]["recording"] == "ripe.mcap"
 
 
+def test_history_rename_on_a_full_disk_preserves_every_grasp(
+    history: History, tmp_path: Path
+) -> None:
+    file = tmp_path / "grasps.jsonl"
+    history.add(ENTRY)
+    before = file.read_bytes()
+    with file_size_limit(len(before) + 10), pytest.raises(OSError, match="No space left"):
+        history.rename("grasp-1.mcap", "ripe.mcap")
+    assert file.read_bytes() == before
+    assert history.recent_grasps == [ENTRY]
+
+
+def test_entry_and_counts_escape_entered_text(history: History) -> None:
+    nasty = "<script>'\"&"
+    shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
+    assert "<script>" not in shown
+    assert "SIMULATED" in shown
+    history.add(replace(ENTRY, bin=nasty))
+    assert "<script>" not in counts_html(history, rules=True)
+
+
 def test_history_rename_preserves_lines_of_another_program(
     history: History, tmp_path: Path
 ) -> None:
@@ -108,73 +123,3 @@ def test_history_rename_preserves_lines_of_another_program(
     assert file.read_bytes().startswith(before)
     names = [entry.recording for entry in History(tmp_path).recent_grasps]
     assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]
-
-
-def test_history_rename_on_a_full_disk_preserves_every_grasp(
-    history: History, tmp_path: Path
-) -> None:
-    file = tmp_path / "grasps.jsonl"
-    history.add(ENTRY)
-    before = file.read_bytes()
-    with file_size_limit(len(before) + 10), pytest.raises(OSError, match="No space left"):
-        history.rename("grasp-1.mcap", "ripe.mcap")
-    assert file.read_bytes() == before
-    assert history.recent_grasps == [ENTRY]
-
-
-def test_make_entry_contains_the_measurements_of_the_grasp() -> None:
-    wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
-    result = GraspResult(
-        outcome=Outcome.HELD,
-        force_n=Measurement(value=2.5, low=2.0, high=3.0, unit="n"),
-        stiffness_n_per_mm=wide.or_bound("it gave way too little", least=0.02, most=500.0),
-        decision_time_s=1.5,
-    )
-    force = Measurement(value=2.0, low=1.0, high=3.0, unit="n")
-    entry = make_entry(
-        Grasped(document=GraspDocument(result=result), recording=Path("folder/grasp-2.mcap")),
-        kind="good",
-        item_id="A17",
-        curve=[Point(0.0, -1.0, force), Point(5.0, -20.0, replace(force, value=4.0))],
-    )
-    assert (entry.recording, entry.outcome, entry.firmness) == (
-        "grasp-2.mcap",
-        "held",
-        "at least medium",
-    )
-    assert entry.measured["stiffness_n_per_mm"] is None, "a bound is not a value"
-    assert entry.measured["stiffness_n_per_mm_low"] == 4.0
-    assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
-
-
-def test_entry_and_counts_escape_entered_text(history: History) -> None:
-    nasty = "<script>'\"&"
-    shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
-    assert "<script>" not in shown
-    assert "SIMULATED" in shown
-    history.add(replace(ENTRY, bin=nasty))
-    assert "<script>" not in counts_html(history, rules=True)
-
-
-def test_damaged_object_is_shown_in_the_list_and_in_the_table(history: History) -> None:
-    document = GraspDocument(
-        result=GraspResult(outcome=Outcome.HELD), is_simulated=True, truth={"damaged": True}
-    )
-    entry = make_entry(Grasped(document=document), kind="bad", item_id="", curve=())
-    assert "held: the object was damaged" in entry_html(entry)
-    history.add(entry)
-    assert rows_of(history)[0]["damaged"] == "True"
-
-
-def test_history_idle_texts_show_the_last_grasp_and_todays_counts(
-    history: History, tmp_path: Path
-) -> None:
-    assert history.idle_texts() == []
-    history.add(ENTRY)
-    (last,) = history.idle_texts()
-    assert last.startswith("last grasp ")
-    assert last.endswith(": A17 held, soft")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    for outcome in ("held", "slipped", "held"):
-        history.add(replace(ENTRY, outcome=outcome, ended_at=now))
-    assert History(tmp_path).idle_texts()[1] == "today 2 held, 1 slipped"

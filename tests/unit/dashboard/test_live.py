@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.dashboard.grasp_progress import Bounds, GraspProgress
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import (
     Action,
@@ -22,14 +21,12 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.page_document import document
-from palpate.dashboard.panel_sensor import findings_html
 from palpate.dashboard.session import Session
 from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.health import FrameColumns, check_health
 from palpate.sensor.sample import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -94,13 +91,6 @@ def test_live_curve_is_bounded_and_retains_a_finished_grasp_until_the_next(live:
     assert live.points_after(-math.inf) == []
 
 
-def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
-    live.add_frames(frames(1, counts=450))
-    # With the divider's resistor of 4700 ohm below, R is proportional to 1024 / counts - 1.
-    assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
-    assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
-
-
 def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is None
     live.add_frames(frames(1))
@@ -109,13 +99,6 @@ def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is False
     live.add_frames(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
     assert live.is_hand_open is None
-
-
-def test_live_without_rest_values_uses_the_first_frames(live: Live) -> None:
-    live.open_source(replace(SOURCE, rest_ohm=None))
-    live.add_frames(frames(15))
-    live.add_frames(frames(1, from_s=1.0, counts=450))
-    assert live.percent[0, 0] < -40
 
 
 def test_document_contains_only_points_after_the_requested_time(
@@ -131,51 +114,6 @@ def test_document_contains_only_points_after_the_requested_time(
     newest = whole["past"][-1] | {"touching": []}
     assert newest == {name: whole["pixels"].get(name, whole["hand"]) for name in newest}
     assert rest["past"] == []
-
-
-def test_document_past_covers_the_whole_curve_with_at_most_200_moments(
-    session: Session, live: Live
-) -> None:
-    live.add_frames(frames(1350, rate_hz=15.0))
-    past_s = [one["time_s"] for one in page_of(session)["past"]]
-    assert 100 < len(past_s) <= 200
-    assert (past_s[0], past_s[-1]) == (0.0, pytest.approx(90.0, abs=0.5))
-    assert np.ptp(np.diff(past_s)) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_document_past_hand_is_opening_only_after_the_release(session: Session, live: Live) -> None:
-    moves = np.ones(10, dtype=bool)
-    live.add_frames(replace(frames(10, rate_hz=10.0), moving=moves))
-    live.set_progress(replace(progress(0.95, 1.0), phase="release"))
-    live.add_frames(replace(frames(10, from_s=1.0, rate_hz=10.0), moving=moves))
-    past = page_of(session)["past"]
-    assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
-
-
-def test_findings_are_assigned_to_their_pixels_and_shown_with_marked_commands(
-    session: Session, live: Live
-) -> None:
-    counts = np.rint(np.random.default_rng(2).normal(300, 0.6, (150, 4, 2))).astype(np.int32)
-    columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
-    known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)
-    known_ohm[1, 0] *= 2.0
-    counts[:, 2, 1] = 0
-    counts[:, 3] = 0
-    live.add_frames(frames(1))
-    health = check_health(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
-    session.devices.health = health
-    findings = page_of(session)["pixels"]["findings"]
-    faults = {(one["row"], one["col"]) for one in findings if one["severity"] == "fault"}
-    assert faults == {(1, 0), (2, 1), (3, 0), (3, 1)}
-    (text,) = (one["text"] for one in findings if (one["row"], one["col"]) == (2, 1))
-    assert "reads open" in text
-    assert any(" -" in one.text for one in health.findings)
-    shown = findings_html(health)
-    assert "<code>palpate calibrate rest</code>" in shown
-    assert "`" not in shown
-    words = re.sub(r"<[^>]*>", "", shown)
-    assert "\N{MINUS SIGN}" in words
-    assert not re.search(r"(?<!\w)-\d", words)
 
 
 def test_session_of_a_rig_without_a_gripper_refuses_a_grasp(session: Session) -> None:
@@ -283,26 +221,6 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
     assert (opened["verdict"]["text"], opened["verdict"]["kind"]) == ("stopped, hand open", "idle")
     assert opened["operator"]["word"] == "Stopped, hand open"
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
-
-
-def test_operator_view_shows_the_target_of_the_running_or_next_grasp_or_of_the_replay(
-    session: Session, live: Live
-) -> None:
-    devices, session.target_force_n = session.devices, 3.0
-    for activity, target in (
-        (DeviceActivity.GRASPING, "3 N"),
-        (DeviceActivity.WATCHING, "gentle squeeze"),
-    ):
-        devices.activity = activity
-        assert page_of(session)["operator"]["target"] == target
-    # A replay ignores the targets of the last order and of the form.
-    session.target_force_n = session.form.target_force_n = 2.0
-    devices.activity = DeviceActivity.REPLAYING
-    reached = replace(HELD, force_n=replace(FORCE, value=3.0, low=2.8, high=3.2))
-    live.set_progress(replace(HOLDING, answer=reached, bounds=Bounds(target_n=3.0)))
-    page = page_of(session)
-    assert (page["verdict"]["on_target"], page["verdict"]["target_force_n"]) == (True, 3.0)
-    assert (page["verdict"]["kind"], page["operator"]["target"]) == ("good", "3 N")
 
 
 def test_operator_view_shows_firmness_and_size_of_a_held_object_only(

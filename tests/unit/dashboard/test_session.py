@@ -13,8 +13,6 @@ from tests.unit.dashboard.test_live import SOURCE, frames
 
 from palpate.dashboard.messages import (
     Action,
-    CalibrateForce,
-    CalibrationRenewed,
     Confirm,
     DeviceActivity,
     DevicesLost,
@@ -31,7 +29,6 @@ from palpate.dashboard.messages import (
     Play,
     ReleaseNow,
     ReplayPosition,
-    Seek,
     SetSpeed,
     StopNow,
     Update,
@@ -100,15 +97,6 @@ def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehe
     assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
 
 
-def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> None:
-    session = rehearsal.session
-    session.join("before", tab="1")
-    session.join("after", tab="1")
-    assert session.viewers & {"before", "after"} == {"after"}
-    session.leave("before")
-    assert "after" in session.viewers
-
-
 RIG, PLAY = OpenRig(name="sim-rigid"), Play(file=Path("old.mcap"))
 
 
@@ -139,17 +127,6 @@ def test_session_refuses_a_speed_or_seed_out_of_range(
     assert rehearsal.sent == []
     assert session.devices.activity is DeviceActivity.WATCHING
     assert session.rig == RIG
-
-
-@pytest.mark.parametrize("time_s", [math.nan, math.inf, "late"])
-def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_s: Any) -> None:
-    rehearsal.session.order("a", PLAY)
-    with pytest.raises(InputError, match="this time is not"):
-        rehearsal.session.request("a", Seek(time_s))
-    with pytest.raises(InputError, match="take over first"):
-        rehearsal.session.request("b", Seek(1.0))
-    rehearsal.session.request("a", Seek(1e9))
-    assert rehearsal.sent == [PLAY, Seek(1e9)]
 
 
 @pytest.mark.parametrize(
@@ -198,24 +175,6 @@ def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
     rehearsal.session.order("a", GRASP)
     rehearsal.session.release("a")
     assert rehearsal.sent[-1] == ReleaseNow()
-
-
-def test_session_after_a_failed_order_shows_the_reason_and_allows_the_next(
-    rehearsal: Rehearsal,
-) -> None:
-    session, lost = rehearsal.session, OpenRig(name="lost.toml")
-    session.order("a", GRASP)
-    with pytest.raises(InputError, match="grasping: wait, or press stop"):
-        session.order("a", GRASP)
-    assert rehearsal.sent == [GRASP]
-    rehearsal.receive(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
-    assert session.devices.activity is DeviceActivity.WATCHING
-    assert rehearsal.page()["trouble"] == "no pairs read 0.42 s after a movement"
-    session.order("a", lost)
-    rehearsal.receive(OrderStarted(order=lost), OrderEnded(order=lost, trouble="no such port"))
-    assert session.devices.activity is DeviceActivity.IDLE
-    assert "no rig is open" in session.refusal(Action.GRASP, viewer="a")
-    assert not session.refusal(Action.OPEN, viewer="a")
 
 
 def test_session_reports_finished_grasps_with_their_item_but_no_replays(
@@ -268,28 +227,6 @@ def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
     rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
     page = rehearsal.page()
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
-
-
-def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
-    rehearsal: Rehearsal,
-) -> None:
-    order, devices = CalibrateForce(file=Path("pad.json")), rehearsal.session.devices
-    renewed = CalibrationRenewed(
-        file=order.file, rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
-    )
-    step = "Place 2 N on the pad"
-    for guides, ended, failure in (
-        ((Guide(text=step),), {"trouble": "stopped on request", "stopped": True}, (True, step)),
-        ((), {"trouble": "no frame in 2 s"}, (False, "")),
-        ((), {"found": renewed}, None),
-    ):
-        rehearsal.receive(OrderStarted(order=order), *guides)
-        assert devices.calibration_failure is None
-        rehearsal.receive(OrderEnded(order=order, **ended))
-        found = devices.calibration_failure
-        assert (found and (found.stopped, found.step)) == failure
-        assert devices.trouble == ("no frame in 2 s" if found and not found.stopped else "")
-        assert found is None or found.reason == ended["trouble"]
 
 
 def make_order(item_id: str = "W1") -> GraspOrder:

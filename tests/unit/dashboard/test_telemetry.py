@@ -75,18 +75,6 @@ def test_telemetry_blocked_sender_does_not_block_the_loop() -> None:
     assert sent[-1].link.frames == 5000
 
 
-def test_telemetry_closed_connection_is_reported_once() -> None:
-    gone = threading.Event()
-
-    def send(update: Update) -> None:
-        raise BrokenPipeError
-
-    telemetry = Telemetry(send, on_lost=gone.set)
-    telemetry.start()
-    assert gone.wait(30)
-    telemetry.close()
-
-
 def test_telemetry_close_does_not_wait_for_a_blocked_sender(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

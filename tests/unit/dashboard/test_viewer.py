@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from threading import Thread
-from types import SimpleNamespace
-from typing import cast
 
 import pytest
 from nicegui import ui
@@ -13,24 +11,6 @@ from nicegui import ui
 from palpate.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
 from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer, finite_number
-
-
-def test_viewer_refresh_skips_and_releases_deleted_elements() -> None:
-    called: list[str] = []
-    viewer = Viewer(Session(send=print), viewer_id="a")
-    row = SimpleNamespace(is_deleted=False)
-    viewer.on_refresh(lambda: called.append("page"))
-    viewer.on_refresh(lambda: called.append("row"), of=cast(ui.element, row))
-    viewer.refresh()
-    assert called == ["page", "row"] * 2
-    row.is_deleted = True
-    called.clear()
-    viewer.refresh()
-    assert called == ["page"]
-    # The reference is released; otherwise pages would grow during a long session.
-    row.is_deleted = False
-    viewer.refresh()
-    assert called == ["page"] * 2
 
 
 def test_viewer_refuses_a_late_press_that_would_move_the_hand(

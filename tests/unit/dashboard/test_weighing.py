@@ -154,9 +154,3 @@ def test_calibrate_rest_without_gripper_and_file_creates_a_calibration(
     assert saved.rest_ohm == pytest.approx(made.rest_ohm)
     context.stop_hand()
     assert context.reacted_s is not None
-
-
-def test_catch_up_on_a_slow_link_ends_after_its_timeout(pad: PadAndUser) -> None:
-    pad.late_s = 0.2
-    pad.context.catch_up()
-    assert 1.0 < pad.clock.now_s() < 1.3

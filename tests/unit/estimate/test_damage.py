@@ -55,24 +55,6 @@ def test_closing_states_are_independent_of_origin_and_sampling() -> None:
     assert math.exp(a[-1].log_stiffness) == pytest.approx(2.0, rel=1e-3)
 
 
-def test_flattening_curve_lowers_predicted_rupture_force(model: DamageModel) -> None:
-    curve = ClosingCurve()
-    states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
-    limits_n = [model.strengths[""].median_n(state) for state in states]
-    assert limits_n[-1] < 0.5 * max(limits_n)
-
-
-def test_fit_with_closings_without_states_ignores_them() -> None:
-    paths, limits_n, kinds = orchard(60, seed=7)
-    brittle = fit_damage_model(
-        [*paths, *([[]] * 6)], rupture_force_n=[*limits_n, *([0.4] * 6)], kinds=[*kinds, *"xxxxxx"]
-    )
-    assert (
-        brittle.strengths[""]
-        == fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds).strengths[""]
-    )
-
-
 def test_prediction_is_near_the_rupture_force_and_at_least_the_force_withstood(
     model: DamageModel,
 ) -> None:
@@ -82,12 +64,6 @@ def test_prediction_is_near_the_rupture_force_and_at_least_the_force_withstood(
     assert strength.predict_n(half_loaded) == pytest.approx(6.0, rel=0.15)
     for state in close_on(1.0, until_n=20.0):
         assert model.strengths[""].predict_n(state) >= state.force_n
-
-
-def test_unknown_kind_uses_model_of_all_kinds(model: DamageModel) -> None:
-    state = close_on(3.0, until_n=4.0)[-1]
-    assert model.predict(state, kind="durian") == model.predict(state)
-    assert model.bound_n(felt(2.9, 3.0, 3.1), kind="durian") == model.bound_n(felt(2.9, 3.0, 3.1))
 
 
 def test_fit_damage_model_too_few_closings_are_refused() -> None:
@@ -116,14 +92,6 @@ def test_damage_bound_of_unseen_fruit_limits_damage_to_the_rate() -> None:
             damaged += [model.bound_n(stiffness) > limit_n for model in learned]
             count += 1
     assert np.all(damaged <= rates * count + 2.5 * np.sqrt(rates * count))
-
-
-def test_damage_bound_falls_with_rate_and_uncertainty(model: DamageModel) -> None:
-    sharp, vague = felt(2.4, 2.5, 2.6), felt(1.2, 2.5, 20.0)
-    strict = replace(model, rate=1e-3)
-    assert strict.bound_n(sharp) < model.bound_n(sharp)
-    assert strict.bound_n(vague) < strict.bound_n(sharp)
-    assert strict.bound_n(sharp, kind="plum") > 0
 
 
 @pytest.mark.slow

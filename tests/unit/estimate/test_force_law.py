@@ -35,29 +35,10 @@ def test_force_law_each_measured_force_narrows_a_wide_interval() -> None:
         assert width(law.force(excess)) < 0.6 * width(bare.force(excess))
 
 
-def test_force_law_begin_contact_widens_interval() -> None:
-    law = law_of().update(20.0, force_n=5.0)
-    inside = law.copy()
-    law.begin_contact()
-    assert width(law.force(20.0)) > width(inside.force(20.0))
-
-
 def test_force_law_without_contact_returns_zero() -> None:
     for excess in (-0.02, 0.0, 0.05):
         answer = law_of().force(excess)
         assert answer.value == answer.low == 0.0 < answer.high < 1.0
-
-
-@pytest.mark.parametrize("known", [0, 1, 3])
-def test_force_law_upper_limit_rises_steadily_from_the_threshold(known: int) -> None:
-    law = law_of(known=known)
-    at_rest = law.force(0.0).high
-    assert at_rest < 0.7
-    excess = np.geomspace(0.01, 0.5, 60)
-    high = np.array([law.force(float(one)).high for one in excess])
-    assert np.all(high >= at_rest - 1e-9)
-    # A reading 5 % larger is never a force much larger.
-    assert np.all(high[1:] / high[:-1] < 1.2)
 
 
 def test_force_law_upper_limit_at_rest_ignores_history() -> None:
@@ -97,14 +78,6 @@ def test_force_law_fit_refuses_invalid_pairs(
 def test_force_of_an_invalid_reading_is_refused(excess: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
         ForceLaw().force(excess)
-
-
-def test_force_law_of_small_excess_is_right_at_its_readings() -> None:
-    law = ForceLaw.fit([0.05, 0.11, 0.27], force_n=[2.0, 8.0, 20.0])
-    for excess, force_n in ((0.05, 2.0), (0.11, 8.0), (0.27, 20.0)):
-        answer = law.force(excess)
-        assert answer.low < force_n < answer.high
-        assert answer.value == pytest.approx(force_n, rel=0.35)
 
 
 def test_force_law_samples_of_one_contact_have_limited_weight() -> None:

@@ -29,16 +29,7 @@ def test_power_law_fit_finds_detection_threshold_only_if_there_is_one() -> None:
     assert PowerForceLaw.fit(excess, force_n=loads).coefficients[2] == 0.0
 
 
-def test_power_law_fit_is_robust_to_outlier() -> None:
-    excess, loads = scattered(3, sd=0.02)
-    wild = excess.copy()
-    wild[7] *= 20
-    clean = PowerForceLaw.fit(excess, force_n=loads).force_n(excess).value
-    assert PowerForceLaw.fit(wild, force_n=loads).force_n(excess).value == pytest.approx(
-        clean, rel=0.06
-    )
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.5, 0.9])
 def test_power_intervals_cover_new_readings_at_their_level(level: float) -> None:
     inside = []
@@ -47,13 +38,6 @@ def test_power_intervals_cover_new_readings_at_their_level(level: float) -> None
         answer = law.force_n(scattered(seed + 1000)[0], level=level)
         inside.append((answer.low <= LOADS_N) & (answer.high >= LOADS_N))
     assert np.mean(inside) == pytest.approx(level, abs=0.06)
-
-
-def test_power_law_flags_readings_out_of_range() -> None:
-    excess, loads = scattered(4)
-    answer = PowerForceLaw.fit(excess, force_n=loads).force_n([-0.1, excess.max() * 3])
-    assert answer.in_range.tolist() == [False, False]
-    assert answer.value[0] == answer.low[0] == 0.0 < answer.high[0]
 
 
 @pytest.mark.parametrize(
@@ -72,18 +56,6 @@ def test_law_fit_invalid_pairs_are_refused(
 ) -> None:
     with pytest.raises(CalibrationError, match=message):
         PowerForceLaw.fit(excess, force_n=force_n)
-
-
-def test_faint_scatter_does_not_widen_firm_forces() -> None:
-    rng = np.random.default_rng(4)
-    loads = np.geomspace(0.1, 15.0, 60)
-    read = np.maximum(loads + 0.1 * rng.standard_normal(60), 0.02)
-    law = PowerForceLaw.fit(read**1.3, force_n=loads * np.exp(0.03 * rng.standard_normal(60)))
-    answer = law.force_n([10.0**1.3, 0.2**1.3])
-    firm, faint = answer.high / answer.value
-    assert law.floor_n == pytest.approx(0.1, rel=0.5)
-    assert firm < 1.15
-    assert faint > 1.5
 
 
 def test_line_interval_is_a_student_interval() -> None:

@@ -11,14 +11,12 @@ import ezdxf
 import pytest
 import svgelements
 from shapely import affinity
-from shapely.geometry import Polygon, box
-from shapely.ops import unary_union
+from shapely.geometry import Polygon
 from tests.commands import Command
 
-from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
+from palpate.fabrication.design import PRESETS, SensorDesign
 from palpate.fabrication.drawing import draw_layer_svg
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
-from palpate.fabrication.refusals import check_design, check_pattern
 
 PX_PER_MM = 96 / 25.4
 ROUND_MM = {"pixel_width_mm": 5.0, "pixel_height_mm": 5.0, "corner_mm": 2.5, "tail_mm": 30.0}
@@ -133,17 +131,6 @@ def test_pattern_pads_are_bare_and_other_copper_is_covered(cut: Cut) -> None:
             assert net.difference(over).area == pytest.approx(pad_mm2, abs=0.2)
     taped = base.intersection(cover)
     assert all(taped.buffer(-0.45).contains(pixel) for pixel in cut.parts("3-velostat"))
-
-
-def test_pattern_rectangles_match_cut_copper(cut: Cut) -> None:
-    """The checks of a design read these rectangles instead of the files."""
-    pattern = cut.pattern
-    check_design(cut.design, cutter=Cutter())
-    check_pattern(pattern, cutter=Cutter())
-    for strokes, name in ((pattern.rows, "2-copper-rows"), (pattern.cols, "4-copper-columns")):
-        for stroke, net in zip(strokes, cut.parts(name), strict=True):
-            boxes = unary_union([box(r.left, r.top, r.right, r.bottom) for r in stroke.rects()])
-            assert boxes.symmetric_difference(net).area < 0.01
 
 
 def test_pattern_command_writes_and_lists_every_file(tmp_path: Path, palpate: Command) -> None:

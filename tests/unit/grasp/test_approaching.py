@@ -10,7 +10,6 @@ import pytest
 from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
 
-from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import Outcome
@@ -19,19 +18,6 @@ from palpate.grasp.sweep import blind_time_s
 from palpate.sensor.array import Frame
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
-
-
-def note_activity(grasp_state: GraspState, seen: list[tuple[Activity | Phase, float]]) -> None:
-    """Add an activity that has begun, and its time."""
-    if not seen or grasp_state.activity != seen[-1][0]:
-        seen.append((grasp_state.activity, grasp_state.estimate.now_s))
-
-
-def entered(plan: Plan, bench: Any) -> list[Activity | Phase]:
-    """Grasp; return the activities and phases in order."""
-    seen = list[tuple[Activity | Phase, float]]()
-    bench.grasp_until(Outcome.HELD, plan, watchers=[lambda state: note_activity(state, seen)])
-    return [activity for activity, _ in seen]
 
 
 def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: Any) -> None:
@@ -57,24 +43,6 @@ def test_approach_does_not_take_sheet_residual_for_contact(plan: Plan, bench: An
     assert memory.reading > 0
     assert plan.dwell_s <= memories[0].estimate.still_s < 0.6
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
-
-
-@pytest.mark.slow
-def test_sweep_slowing_before_expected_size_detects_no_contact() -> None:
-    """Resistances rise with finger speed, and fall on deceleration or by noise."""
-    calibration = calibrate_once(seed=5, level="field", apart_from="strawberry")
-    # So light that a finger which pushes it to the middle feels nothing.
-    berry = replace(draw("strawberry", 11), mass_g=0.1)
-    felt_s = list[float]()
-    for expected in (False, True):
-        world = World(berry, seed=11, sheet_seed=5, level="field")
-        size_mm = berry.size_mm + 3.0 if expected else None
-        seen = list[tuple[Activity | Phase, float]]()
-        views = {"watchers": [lambda state, to=seen: note_activity(state, to)]}
-        grasp_on_twin(world, calibration, views=views, expect_size_mm=size_mm)
-        [felt] = [time_s for activity, time_s in seen if activity is Activity.EVALUATE]
-        felt_s.append(felt)
-    assert felt_s[1] <= felt_s[0]
 
 
 @pytest.mark.slow
@@ -113,39 +81,3 @@ def test_sheet_with_unchanged_reading_after_retraction_ends_grasp(plan: Plan, be
         Outcome.SENSOR_LOST, plan, words="most of the contact force after the fingers retracted"
     )
     assert bench.force_n == 0.0
-
-
-def test_sweep_continues_at_speed_to_second_finger_contact(plan: Plan, bench: Any) -> None:
-    """The first finger touches two millimetres early and pushes the object to the middle."""
-    size_mm = bench.size_mm
-
-    def pushing(frame: Frame) -> Frame:
-        if bench.width_mm < size_mm + 2.0 and bench.force_n < 0.5:
-            counts = np.array(frame.counts)
-            counts[:2] = np.rint(1.05 * counts[:2])
-            return replace(frame, counts=counts)
-        return frame
-
-    bench.change_frames(pushing)
-    phases = entered(plan, bench)
-    felt = phases.index(Activity.EVALUATE)
-    assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]
-
-
-def test_contact_of_nearly_equal_fingers_is_not_a_push(plan: Plan, bench: Any) -> None:
-    """On a nearly insensitive sheet, one finger barely detects 1 N, the other not."""
-    rest, size_mm = list[np.ndarray](), bench.size_mm
-
-    def faint(frame: Frame) -> Frame:
-        counts = np.array(frame.counts)
-        rest.append(counts)
-        if bench.width_mm < size_mm and bench.force_n < 1.0:
-            # Of a resistance of 9 kohm over 4.7, by 1.5 and 0.9 percent.
-            counts = np.rint(rest[0] * np.repeat([1.010, 1.006], 4).reshape(4, 2))
-        return replace(frame, counts=counts)
-
-    bench.change_frames(faint)
-    bench.n_per_mm = 0.4
-    phases = entered(plan, bench)
-    felt = [n for n, phase in enumerate(phases) if phase is Activity.EVALUATE]
-    assert phases[felt[0] + 1] == Activity.TOUCH

@@ -260,6 +260,16 @@ def test_current_monitor_uncalibrated_rise_in_long_movement_raises_alarm(plan: P
     assert closure - touch_mm < 3.75 / 4.0 + 15.0 * (0.04 + 0.06 + 0.07)
 
 
+def test_current_monitor_calibrated_ignores_a_rise_within_its_friction(
+    plan: Plan, calibrated: Plan
+) -> None:
+    def rising_ma(at: float) -> float:
+        return 5.0 if at < 12.0 else 90.0
+
+    assert swept(CurrentMonitor(plan), rising_ma)[1] is not None
+    assert swept(CurrentMonitor(calibrated), rising_ma)[1] is None
+
+
 def test_current_monitor_uncalibrated_friction_raises_no_alarm(plan: Plan) -> None:
     for seed in range(20):
         waves = swept(

@@ -29,8 +29,3 @@ def test_estimate_in_a_long_hold_stores_a_bounded_number_of_readings_and_the_str
     assert times_s[-20:] == pytest.approx(0.1 * np.arange(381, 401))
     assert (np.diff(times_s) > 0).all()
     assert estimate.strongest_reading > max(touch.reading for touch in estimate.touches)
-
-
-def test_confirmed_force_ignores_a_single_spike() -> None:
-    estimate = ContactEstimate(frame_forces=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
-    assert estimate.confirmed_force_n == 1.0

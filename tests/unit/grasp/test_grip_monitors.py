@@ -10,7 +10,7 @@ import pytest
 from tests.factories import closing_steps, touch
 
 from palpate.grasp.config import READING
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Observation
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Observation, Touch
 from palpate.grasp.monitors import (
     BoardMonitor,
     CeilingMonitor,
@@ -40,6 +40,12 @@ def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
     return GraspState(phase=phase, estimate=estimate)
 
 
+def resting(pressed: Touch, *, frames: int, still_s: float, phase: Phase) -> GraspState:
+    """Return a grasp with as many equal frames since the hand came to rest."""
+    estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
+    return GraspState(phase=phase, estimate=estimate)
+
+
 @pytest.mark.parametrize(
     ("phase", "frames", "still_s", "reading", "is_alarm"),
     [
@@ -56,13 +62,9 @@ def test_slip_monitor_reading_below_fraction_raises_an_alarm_unless_opening(
     plan: Plan, phase: Phase, frames: int, still_s: float, reading: float, is_alarm: bool
 ) -> None:
     """Six frames, 0.3 s at rest, and 35 % of the largest reading, 20."""
-    estimate = ContactEstimate(
-        now_s=still_s,
-        still_since_s=0.0,
-        touches=(touch(reading, time_s=0.2),) * frames,
-        strongest_reading=20.0,
-    )
-    alarm = SlipMonitor(plan).check(SEEN, GraspState(phase=phase, estimate=estimate))
+    state = resting(touch(reading, time_s=0.2), frames=frames, still_s=still_s, phase=phase)
+    state.estimate.strongest_reading = 20.0
+    alarm = SlipMonitor(plan).check(SEEN, state)
     assert (alarm and alarm.danger) is (Danger.SLIPPED if is_alarm else None)
 
 
@@ -126,8 +128,8 @@ def test_fingers_monitor_grip_of_one_finger_alone_raises_an_alarm_while_holding(
     is_alarm: bool,
 ) -> None:
     pressed = replace(touch(1.0, time_s=0.2), finger_percent=percents)
-    estimate = ContactEstimate(now_s=still_s, still_since_s=0.0, touches=(pressed,) * frames)
-    alarm = FingersMonitor(plan).check(SEEN, GraspState(phase=phase, estimate=estimate))
+    state = resting(pressed, frames=frames, still_s=still_s, phase=phase)
+    alarm = FingersMonitor(plan).check(SEEN, state)
     assert (alarm and alarm.danger) is (Danger.SENSOR_LOST if is_alarm else None)
     message = "finger 1 measures a grip force and the other finger none"
     assert alarm is None or message in alarm.message

@@ -341,7 +341,7 @@ def test_hold_longer_than_time_limit_ends_with_held(plan: Plan, bench: Any) -> N
     [
         ((1.0, 2.0, 3.0), 21.0, 2.0, True),
         ((1.0, 1.0, 1.0), 21.0, 2.0, False),
-        ((1.0, 2.0, 3.0), 19.0, 2.0, False),
+        ((1.0, 2.0, 3.0), 20.0, 2.0, False),
         ((1.0, 2.0, 3.0), 21.0, None, False),
     ],
 )
@@ -362,6 +362,16 @@ def test_incomplete_opening_times_out_three_seconds_after_its_travel(
 ) -> None:
     opened_s = 3.0 + plan.gripper.span / plan.gripper.fastest + late_s
     estimate = ContactEstimate(closure=20.0, sent=0.0, now_s=opened_s)
+    state = GraspState(phase=Phase.RELEASE, estimate=estimate)
+    finish_release(state, plan)
+    assert state.has_ended is done
+
+
+@pytest.mark.parametrize(("left", "done"), [(0.5, True), (0.51, False)])
+def test_opening_is_complete_within_half_a_step_of_the_open_hand(
+    plan: Plan, left: float, done: bool
+) -> None:
+    estimate = ContactEstimate(closure=left * plan.step, sent=0.0, now_s=0.5)
     state = GraspState(phase=Phase.RELEASE, estimate=estimate)
     finish_release(state, plan)
     assert state.has_ended is done

@@ -10,7 +10,7 @@ import pytest
 from tests.commands import Command
 from tests.conftest import skip
 
-from palpate.errors import InputError, RecordingError
+from palpate.errors import InputError
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.plan import Plan
@@ -66,21 +66,6 @@ def test_paper_method_with_the_firmware_on_a_simulated_board_holds_the_object(
     assert found["size_mm"]["value"] == pytest.approx(found["truth"]["size_mm"], abs=2.0)
 
 
-def test_evaluate_with_paper_method_accepts_any_recorded_grasp(
-    tmp_path: Path, palpate: Command
-) -> None:
-    file = tmp_path / "run.mcap"
-    palpate("grasp", "--seed", "3", "--record", file, *RATE)
-    read = ["replay", file, "--method", "paper"]
-    found = palpate(*read, "--cutoff", "1.2", "--json").document
-    assert found["outcome"] == "held"
-    assert found["settled_percent"]["value"] < -10.0
-    short = palpate(*read, "--cutoff", "30", "--json").document
-    assert short["settled_percent"] is None
-    assert (short["outcome"], short["peak_force_n"]) == ("held", None)
-    assert "never stationary for 30 s" in short["faults"][0]
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -108,8 +93,3 @@ def test_with_line_law_stores_law_in_calibration(tmp_path: Path, palpate: Comman
     assert found["force_law"]["law"] == "line"
     assert found["force_law"]["coefficients"][0] < 0
     assert found["expected_error_of"] == "settled force by the line"
-
-
-def test_paper_from_text_invalid_settings_are_refused() -> None:
-    with pytest.raises(RecordingError, match="settings of the paper's method"):
-        Paper.from_text('{"step_mm": -1}')

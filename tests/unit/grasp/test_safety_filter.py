@@ -8,6 +8,7 @@ import pytest
 from tests.factories import closing_steps
 
 from palpate.estimate.damage import DamageModel
+from palpate.grasp.answers import sheet_forces_n
 from palpate.grasp.config import SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
@@ -93,6 +94,17 @@ def test_filter_command_before_known_damage_limit_shortens_travel_from_contact(
     careful = filter_command(wish, estimate, replace(fine, damage=damage))
     expected_mm = 74.0 - (20.1 + longest) if is_short else 53.0
     assert careful.target == pytest.approx(expected_mm, abs=2e-4)
+
+
+def test_filter_command_force_at_the_limit_of_a_push_does_not_shorten_the_travel(
+    plan: Plan, damage: DamageModel
+) -> None:
+    steps = closing_steps((0.0, 2.2, 2.2), step_mm=0.1, percent=-0.9)
+    estimate = ContactEstimate(closure=20.2, sent=20.2, steps=steps)
+    limit_n = float(sheet_forces_n(steps, estimate, plan)[-1])
+    plan = replace(plan, damage=damage, resolution=1e-4, gentle_force_n=2.0 * limit_n)
+    command = filter_command(GripperCommand(target=53.0, rate=1.0), estimate, plan)
+    assert command.target == pytest.approx(53.0)
 
 
 @pytest.mark.parametrize(

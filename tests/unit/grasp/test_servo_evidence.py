@@ -7,22 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.conftest import calibrate_once
-from tests.factories import draw, grasp_on_twin
 
-from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import SafetyLimits
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState
-from palpate.rig.simulated import calibrate_twin
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.world import World
 
 GEARS = GearFriction(mean_ma=40.0, mean_sd_ma=0.5, movement_ma=0.0)
 LAW = CurrentLaw(gears=GEARS, ma_per_n=16.0, noise_ma=6.0)
@@ -125,36 +117,3 @@ def test_excess_force_is_corrected_from_below_up_to_a_wider_opening_than_before(
     assert came[0] == pytest.approx(again[0], abs=plan.resolution)
     assert held_n[-1] == pytest.approx(4.0, rel=0.1)
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
-
-
-@pytest.mark.slow
-def test_soft_fingers_on_insensitive_sheet_use_pressure_force() -> None:
-    """A `field` sensor whose sheet alone read 2 N at a force of 10 N."""
-    seed = 710_148
-    fruit = draw("avocado-day-3", seed, 10)
-    calibration = calibrate_twin(seed=seed, level="field", apart_from=fruit.name, kind="soft")
-    world = World(fruit, seed=seed, sheet_seed=seed, level="field", gripper="soft")
-    result = grasp_on_twin(world, calibration, target_force_n=2.0)
-    assert result.outcome is Outcome.HELD
-    assert result.force_n.low < world.truth().force_n < result.force_n.high
-    assert world.truth().peak_force_n < 3.5
-
-
-@pytest.mark.slow
-def test_soft_fingers_calibration_without_compliance_gives_no_force() -> None:
-    """Block calibration with nearly the same pressure at every force."""
-    calibration = calibrate_once(seed=5, level="lab", apart_from="tomato", kind="soft")
-    world = World(draw("tomato", 7), seed=5, gripper="soft")
-    gripper = TwinGripper(world)
-    plan = plan_grasp(calibration, gripper=gripper, target_force_n=2.0)
-    assert plan.bend is not None
-    stiff = Compliance(
-        slope_mm_per_n=0.0, pad_mm=(0.01,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=9.0
-    )
-    result = run_grasp(
-        replace(plan, bend=replace(plan.bend, compliance=stiff)),
-        array=TwinArray(world),
-        gripper=gripper,
-        clock=world.clock,
-    )
-    assert result.outcome is Outcome.HELD

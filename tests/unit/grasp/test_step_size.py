@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tests.factories import closing_steps, draw, grasp_on_twin
+from tests.factories import closing_steps
 
-from palpate.estimate.damage import DamageModel
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
+from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import close_by, slope_n
-from palpate.rig.simulated import calibrate_twin
-from palpate.twin.world import GripperKind, World
 
 
 def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
@@ -58,58 +55,3 @@ def test_close_by_stays_within_bound_above_target(plan: Plan, force_n: float) ->
     wish = close_by(estimate, 20.0, aimed)
     way = 74.0 - wish.target - estimate.closure
     assert force_n + way * slope_n(estimate, aimed) < 1.5 * 2.0 + 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "seed", "kind", "rate_hz", "target_n"),
-    [
-        ("apple", 710092, "rigid", 250.0, 2.0),
-        ("avocado-day-3", 710148, "soft", 15.0, 2.0),
-        # One finger alone pushed this first.
-        ("avocado-day-4", 820045, "rigid", 15.0, 3.0),
-    ],
-)
-def test_run_grasp_with_noise_like_a_slope_stays_near_target(
-    name: str, seed: int, kind: GripperKind, rate_hz: float, target_n: float
-) -> None:
-    """Simulated grasps that once reached two to five times the target."""
-    calibration = calibrate_twin(seed=seed, level="field", apart_from=name, kind=kind)
-    world = World(
-        draw(name, seed, 10),
-        seed=seed,
-        sheet_seed=seed,
-        level="field",
-        gripper=kind,
-        frame_rate_hz=rate_hz,
-    )
-    grasp_on_twin(world, calibration, target_force_n=target_n)
-    assert world.truth().peak_force_n <= 1.5 * target_n + 0.5
-
-
-def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
-    """Return the estimate after a 1 mm step with these finger changes."""
-    touch = Touch(
-        time_s=1.0,
-        finger_percent=(first, second),
-        relative_percent=(first + second) / 2,
-        reading=2.0 * force_n,
-    )
-    stairs = tuple(ClosingStep(closure=20.0 + 0.25 * each, touch=touch) for each in range(5))
-    return ContactEstimate(closure=21.0, sent=21.0, steps=stairs, force_high_n=1.5 * force_n)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "force_n", "goes_on"),
-    [
-        (-5.0, -0.2, 0.9, True),  # one finger alone pushes the object to the middle
-        (-5.0, -2.0, 0.9, False),  # both feel it: it is squeezed
-        (-5.0, -0.2, 1.2, False),  # so much that no push takes it
-    ],
-)
-def test_squeeze_depth_ignores_one_finger_alone(
-    plan: Plan, damage: DamageModel, first: float, second: float, force_n: float, goes_on: bool
-) -> None:
-    careful = replace(plan, damage=damage, target_force_n=4.0)
-    estimate = felt(first=first, second=second, force_n=force_n)
-    assert (close_by(estimate, 0.25, careful) is not None) == goes_on

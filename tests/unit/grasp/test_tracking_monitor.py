@@ -34,7 +34,8 @@ def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0)
     [
         # The way takes until 1.5 s, and 0.4 s more are allowed.
         (WIDTH, 40.0, 30.0, 40.0, 1.89, None),
-        (WIDTH, 40.0, 30.0, 40.0, 1.91, "check for a blockage"),
+        (WIDTH, 40.0, 30.0, 40.0, 1.91, "supply, and the limits of travel stored in it"),
+        (WIDTH, 30.0, 40.0, 30.0, 1.91, "supply, and the zero position of the gripper"),
         (WIDTH, 40.0, 30.0, 30.75, 1.91, "check for a blockage"),
         (WIDTH, 40.0, 30.0, 30.5, 1.91, None),
         (PRESSURE, 10.0, 20.0, 10.0, 1.89, None),
@@ -63,6 +64,15 @@ def test_command_tracking_late_or_overshooting_hand_is_a_fault(
     way, state = sent(limits, begin, target), at(limits, reported)
     found = way.find_fault(state, now_s=now_s, limits=limits, safety=safety)
     assert found is None if fault is None else fault in str(found)
+
+
+def test_command_tracking_stopped_hand_may_coast_by_the_latency() -> None:
+    stop = GripperCommand(target=35.0, rate=20.0)
+    earlier, state = sent(WIDTH, 40.0, 30.0), at(WIDTH, 35.0)
+    options = {"limits": WIDTH, "safety": SAFETY, "earlier": earlier}
+    for sending_s in (0.0, 0.03):
+        way = CommandTracking.start(stop, state=state, now_s=1.2, sending_s=sending_s, **options)
+        assert way.reach == pytest.approx(35.0 - 20.0 * (sending_s + SAFETY.latency_s))
 
 
 def test_command_tracking_polls_only_width_driven_closing() -> None:
@@ -106,7 +116,7 @@ def speeds(
 
     Between two of them the hand stands for half a second.
     """
-    watch, now_s, closure = SpeedMonitor(limits, safety=SAFETY), 0.0, 2.0
+    watch, now_s, closure = SpeedMonitor(limits, safety=SAFETY), 1000.0, 2.0
     found = list[str]()
     for rate, real, length in moves:
         begin, began_s = closure, now_s
@@ -188,6 +198,13 @@ def test_speed_monitor_opening_equal_times_and_cancelled_lead_are_no_fault(
     watch, way = SpeedMonitor(WIDTH, safety=SAFETY), sent(WIDTH, begin, 20.0, rate=4.0)
     for time_s, width_mm in reports:
         assert watch.find_fault(at(WIDTH, width_mm, time_s=time_s), tracking=way) is None
+
+
+def test_speed_monitor_ignores_a_report_of_the_same_time() -> None:
+    watch, way = SpeedMonitor(WIDTH, safety=SAFETY), sent(WIDTH, 60.0, 20.0, rate=4.0)
+    for width_mm in (60.0, 50.0):
+        state = at(WIDTH, width_mm, time_s=1.0)
+        assert watch.find_fault(state, tracking=way, asked_s=0.5) is None
 
 
 def drawing(current_ma: float) -> GripperState:

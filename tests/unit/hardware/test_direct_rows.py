@@ -59,10 +59,3 @@ def test_direct_rows_smallest_pixels_respect_pin_limits(cols: str, number: str, 
     # Half of the resistance violates a limit, so the table is not too conservative.
     error, amperes = read_all(ohm / 2.0, rows=16, cols=int(cols), pin_ohm=PIN_OHM)
     assert error > 0.081 or amperes > MOST_A
-
-
-def test_direct_rows_readme_states_table_and_current() -> None:
-    assert len(ROWS) == 4
-    assert read_all(60.0, rows=4, cols=2, pin_ohm=1e-6)[0] < 1e-6, "without pin resistance"
-    assert "up to 76 mA" in README
-    assert read_all(60.0, rows=6, cols=2, pin_ohm=25.0)[1] == pytest.approx(0.076, abs=5e-4)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import ezdxf
 import numpy as np
+import pytest
 import svgelements
 from shapely.geometry import Polygon
 
@@ -31,6 +32,7 @@ def test_gripper_drawing_parts_do_not_overlap() -> None:
         assert min(left, top, SHEET_MM[0] - right, SHEET_MM[1] - bottom) > 1.0
 
 
+@pytest.mark.slow
 def test_gripper_drawing_svg_and_dxf_have_the_same_lines() -> None:
     drawing = svgelements.SVG.parse(HARDWARE / "gripper.svg", ppi=25.4)
     paths = [path for path in drawing.elements() if isinstance(path, svgelements.Path)]

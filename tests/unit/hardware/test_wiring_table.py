@@ -16,32 +16,6 @@ ROOT = Path(__file__).resolve().parents[3]
 README = (ROOT / "hardware" / "README.md").read_text()
 
 
-@pytest.mark.parametrize(
-    ("board", "pin", "row"),
-    [
-        ("mega2560", r"L, 0 +// 49-46: row multiplexer select, low bit", "| 49, 48, 47, 46 | "),
-        ("mega2560", r"L, 4 +// 45-42: column multiplexer", "| 45, 44, 43, 42 | "),
-        ("mega2560", r"E, 3 +// 5: pressure output", "| 5 | 100 kΩ to GND; through 10 kΩ"),
-        ("mega2560", r"H, 5 +// 8: safe line", "| 8 | safe line"),
-        ("mega2560", r"B, 6 +// 12: servo signal", "| 12 | through 330 Ω the signal"),
-        ("mega2560", r"A, 0 +// 22-29: row lines 0-7 direct", "| 22 to 29 | rows R0 to R7"),
-        ("mega2560", r"C, 0 +// 37-30: row lines 8-15 direct", "| 37 to 30 | rows R8 to R15"),
-        ("mega2560", r"J, 1 +// 14: load cell 0 data", "| 41, 14 | SCK and DT of load-cell"),
-        ("mega2560", r"D, 7 +// 38: load cell 1 data", "| 39, 38 | SCK and DT of load-cell"),
-        ("atmega328p", r"D, 2 +// 2-3: row multiplexer select", "| 2, 3 | S0, S1 of the row"),
-        ("atmega328p", r"D, 4 +// 4-5: column multiplexer", "| 4, 5 | S0, S1 of the column"),
-        ("atmega328p", r"C, 2 +// A2-A5: row lines 0-3", "| A2 to A5 | rows R0 to R3"),
-        ("atmega328p", r"D, 7 +// 7: load cell 0 data", "| 6, 7 | SCK and DT of load-cell"),
-        ("atmega328p", r"B, 4 +// 12: load cell 1 data", "| 11, 12 | SCK and DT of load-cell"),
-        ("atmega328p", r"B, 0 +// 8: safe line", "| 8 | safe line, with 10 kΩ to GND"),
-        ("atmega328p", r"B, 2 +// 10: servo signal", "| 10 | through 330 Ω the signal"),
-    ],
-)
-def test_wiring_tables_match_the_firmware_pins(board: str, pin: str, row: str) -> None:
-    assert re.search(pin, (ROOT / "firmware" / "board" / f"{board}.h").read_text())
-    assert row in README
-
-
 def plan_of_board(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.syspath_prepend(str(ROOT / "hardware"))
     return runpy.run_path(str(ROOT / "hardware" / "perfboard.py"))

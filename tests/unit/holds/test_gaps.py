@@ -46,25 +46,6 @@ def test_lost_readings_during_a_hold_do_not_end_it() -> None:
     assert not any("rest" in remark for remark in cut.remarks)
 
 
-def test_readings_that_begin_late_at_rest_are_no_contact() -> None:
-    values = np.where(TIME_S < 1.0, np.nan, OHM)
-    [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
-    [cut] = cut_columns(readings)
-    assert [round(begin_s) for begin_s, _ in cut.spans] == [2, 30, 60]
-
-
-@pytest.mark.parametrize("step_s", [0.05, 0.1])
-def test_single_contact_between_blanks_begins_at_its_first_reading(step_s: float) -> None:
-    time_s = np.arange(0.0, 30.0, step_s)
-    held = (time_s >= 3.0) & (time_s < 27.0)
-    ohm = 4e4 - 9e2 * np.log1p(np.maximum(time_s - 3.0, 0.0) / 0.3)
-    [readings] = read_recordings({"time_s": time_s, "R_ohm": np.where(held, ohm, np.nan)})
-    [cut] = cut_columns(readings)
-    [(begin_s, end_s)] = cut.spans
-    assert begin_s == pytest.approx(3.0, abs=0.3)
-    assert end_s == pytest.approx(27.0, abs=0.2)
-
-
 @pytest.mark.parametrize("step_s", [0.05, 0.5])
 def test_equal_contacts_between_blanks_are_all_found(step_s: float) -> None:
     """The first readings of a contact soon reach the level of the contact before."""
@@ -89,11 +70,3 @@ def test_some_readings_of_the_open_sensor_hide_no_contact(column: str) -> None:
     for (begin_s, end_s), (close_s, open_s) in zip(cut.spans, TOUCHES, strict=True):
         assert begin_s == pytest.approx(close_s + 0.2, abs=0.6)
         assert end_s == pytest.approx(open_s, abs=0.2)
-
-
-def test_short_readings_of_the_open_sensor_are_no_hold() -> None:
-    values = np.where(TOUCHED, OHM, np.inf)
-    values[(TIME_S < 1.5) | ((TIME_S > 26.0) & (TIME_S < 27.0))] = 8e5
-    [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})
-    [cut] = cut_columns(readings)
-    assert len(cut.holds) == len(TOUCHES)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +18,6 @@ from tests.logger_forms import (
     TIME_S,
     TWO,
     Form,
-    archive,
     comma,
     lines,
     stamp,
@@ -160,16 +158,6 @@ def test_force_or_pressure_alone_is_read_in_newton_or_pascal(
     np.testing.assert_allclose([*found.columns.values()], [factor * FORCE_N], rtol=1e-6)
 
 
-@pytest.mark.parametrize("force", ["Load (lbf)", "weight_g", "Kraft [kN]", "p [mbar]"])
-def test_force_beside_readings_is_named(force: str, tmp_path: Path) -> None:
-    both = write(
-        tmp_path / "b.csv", f"time_s,{force},A0\n", lambda r: f"{TIME_S[r]},{FORCE_N[r]},{ONE[r]}"
-    )
-    [found] = read_recordings(both)
-    assert [*found.columns] == ["A0"]
-    assert any(force in remark for remark in found.remarks)
-
-
 def test_interval_replaces_a_clock_and_needs_no_decimal_mark(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "time_s,A0\n", lambda r: f"{TIME_S[r]},{ONE[r]}")
     [found] = read_recordings(path, interval_s=0.5)
@@ -267,37 +255,3 @@ def test_zeros_after_a_loss_of_power_are_omitted(tmp_path: Path) -> None:
     )
     [found] = read_recordings(path)
     np.testing.assert_allclose(found.columns["A0"], ONE)
-
-
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        (archive("logs/"), "a zip archive; unpack it first"),
-        (b"#ROSRECORD V1.2\n" + bytes(600), "a ROS 1 bag"),
-        (b"MATLAB 7.3 MAT-file" + bytes(600), "a MATLAB 7.3 file"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(600), "an image"),
-        (b"\x80\x03}q\x00" + bytes(600), "a Python pickle"),
-    ],
-)
-def test_other_formats_are_named(content: bytes, what: str, tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=what):
-        read_recordings(path)
-
-
-@pytest.mark.parametrize("is_json", [False, True])
-def test_label_that_first_appears_late_is_said_to_be_left_out(
-    tmp_path: Path, *, is_json: bool
-) -> None:
-    def line(row: int) -> str:
-        late = row >= 900
-        if is_json:
-            return json.dumps({"ms": 20 * row, "left": 620} | ({"right": 9} if late else {}))
-        return f"ms:{20 * row} left:620" + " right:9" * late + " boot:1" * (row == 950)
-
-    path = tmp_path / "log.txt"
-    path.write_text("".join(f"{line(row)}\n" for row in range(1000)))
-    (found,) = read_recordings(path)
-    assert [*found.columns] == ["left"]
-    assert [remark.split()[0] for remark in found.remarks if "omitted" in remark] == ["right"]

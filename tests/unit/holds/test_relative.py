@@ -34,14 +34,6 @@ def test_mean_change_is_independent_of_rest_values() -> None:
     assert found[0][-1] == pytest.approx(-30.0, abs=0.1)
 
 
-def test_mean_change_excludes_open_pixel() -> None:
-    table = pixels(1e3, 2e3)
-    table["p1_ohm"][TIME_S > 10] = np.inf
-    readings = read_recording({"time_s": TIME_S, **table})
-    mean = relative_readings(readings, rest_s=(0, 1.9), mean=True).columns["mean change"]
-    assert mean[-1] == pytest.approx(-50.0, abs=0.1)
-
-
 @pytest.mark.parametrize("unit", ["counts", None])
 def test_relative_readings_convert_counts_with_divider(unit: str | None) -> None:
     counts = np.where(TIME_S > 2.0, 768.0, 512.0)

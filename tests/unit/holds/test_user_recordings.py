@@ -114,39 +114,6 @@ def test_settle_every_text_format_has_same_holds(name: str, desk: Desk) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "per_ohm", "unit"),
-    [
-        ("S1 [kOhm]", 1e-3, "ohm"),
-        ("R (MΩ)", 1e-6, "ohm"),
-        ("ch1 mV", 1e3, "volt"),
-        ("pressure_kPa", 1e-3, "pascal"),
-    ],
-)
-def test_settle_prefixed_unit_is_converted_and_reported(
-    name: str, per_ohm: float, unit: str, desk: Desk
-) -> None:
-    header = f"time_s,{name}"
-    path = desk.write(table(TIME_S, per_ohm * OHM, header=header, row="{:.3f},{:.9g}"))
-    found = desk.settle(path)
-    assert found.settled == SETTLED
-    assert found.names[0] == f"r:{name}:1"
-    assert f"{name} was converted to {unit}" in found.message
-
-
-def test_settle_unit_option_disables_prefix_conversion(desk: Desk) -> None:
-    path = desk.write(table(TIME_S, OHM, header="time_s,R_kOhm"))
-    found = desk.settle(path, "--unit", "ohm")
-    assert found.settled == SETTLED
-    assert "converted" not in found.message
-
-
-def test_settle_prints_column_names_with_brackets(desk: Desk) -> None:
-    header = "time_s,S1 [kOhm],S2 [kOhm]"
-    path = desk.write(table(TIME_S, OHM / 1e3, header=header, row="{0},{1},{1}"))
-    assert "r:S1 [kOhm]:1" in desk.palpate("settle", path).out
-
-
 @pytest.mark.parametrize("ending", ["xlsx", "parquet"])
 def test_settle_reads_pandas_files_with_time_index(ending: str, desk: Desk) -> None:
     index = pd.to_datetime(TIME_S, unit="s", origin="2024-01-01")
@@ -250,15 +217,6 @@ def test_settle_unusable_table_prints_one_line_error(
     assert message in desk.refused(desk.write(content))
 
 
-def test_settle_missing_column_error_lists_available_columns(desk: Desk) -> None:
-    path = desk.write(table(TIME_S, OHM, header="when,what"))
-    when = ("--time-column", "when")
-    assert "available: when, what" in desk.refused(path, "--time-column", "x")
-    assert "available: what" in desk.refused(path, *when, "--value-column", "y")
-    options = (*when, "--time-unit", "s", "--value-column", "what")
-    assert desk.settle(path, *options).settled == SETTLED
-
-
 def test_settle_folder_reads_all_recordings(desk: Desk) -> None:
     desk.write(FORMATS["plain.csv"], "b.csv")
     desk.write(FORMATS["wraps.tsv"], "a.tsv")
@@ -291,13 +249,6 @@ def test_cut_holds_arrays_and_data_frames_match_files(desk: Desk) -> None:
         read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
 
 
-@pytest.mark.slow
-def test_settle_plot_titles_state_number_of_holds(desk: Desk) -> None:
-    plot = desk.folder / "cut.svg"
-    desk.settle(desk.write(FORMATS["plain.csv"]), "--plot", plot)
-    assert "r.csv, resistance_ohm: 3 holds" in plot.read_text()
-
-
 def test_table_with_id_column_is_split_by_recording_or_hold(desk: Desk) -> None:
     one = pd.DataFrame({"recording_id": "a", "time_s": TIME_S, "R": OHM})
     frame = pd.concat([one, one.assign(recording_id="b")])
@@ -316,6 +267,7 @@ def test_table_with_id_column_is_split_by_recording_or_hold(desk: Desk) -> None:
     assert found.names == ["holds:value:1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", ["A1", "A1:XFD1048576"])
 def test_workbook_with_wrong_stated_size_is_read_completely(tmp_path: Path, stated: str) -> None:
     """Programs that add rows leave the size of an earlier save in place."""

@@ -65,14 +65,3 @@ def test_item_uri_percent_encodes_the_serial_number() -> None:
     assert item_uri("(01)04012345000016(21)A/(1)") == (
         "https://id.gs1.org/01/04012345000016/21/A%2F%281%29"
     )
-
-
-def test_own_number_of_the_length_of_a_gtin_is_accepted_as_the_message_shows() -> None:
-    with pytest.raises(InputError, match="your own") as refused:
-        read_label("2026113000171")
-    shown = str(refused.value).rpartition(" ")[2]
-    assert read_label(shown) == shown
-    # A scanned EAN is no own number.
-    with pytest.raises(InputError) as refused:
-        read_label("]E04012345000017")
-    assert "your own" not in str(refused.value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.produce.records import Item
@@ -21,7 +21,6 @@ def drain_outbox(store: Store) -> list[str]:
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(sizes=st.lists(st.integers(0, 5), max_size=12), most=st.integers(1, 6))
 def test_full_outbox_retains_the_newest_messages_in_order_and_counts_dropped_ones(
     sizes: list[int], most: int

@@ -19,7 +19,6 @@ from palpate.produce.bruise.examination import (
     usable_grasps,
 )
 from palpate.produce.bruise.model import BRUISED, SOUND, BruiseModel, default_model
-from palpate.produce.bruise.shape import fit_load_shape
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 
@@ -140,30 +139,8 @@ def test_examine_item_without_pixels_or_reference_raises_with_remedy(
         learn_bruise_model(store, kind="pear")
 
 
-def test_examine_item_class_reference_requires_same_rig_and_kind(store: Store) -> None:
-    for item, kind, rig, against in (
-        ("A17", "apple", "bench", "class"),
-        ("A18", "apple", "elsewhere", "item"),
-        ("P1", "pear", "bench", "item"),
-        ("X1", None, "bench", "item"),
-    ):
-        store.add_item(Item(item_id=item, kind=kind))
-        for side in (0.0, 90.0):
-            store.add_grasp(replace(grasp(item, pixels(), side=side), rig=rig))
-        assert judge(store, default_model(), item).sides[0].against == against
-
-
 def test_slips_and_grasps_without_pixels_are_not_used() -> None:
     complete = grasp("A17", pixels())
     slipped = replace(complete, outcome=Outcome.SLIPPED)
     without_pixels = replace(complete, pixel_settled_percent=None)
     assert usable_grasps([slipped, complete, without_pixels]) == (complete,)
-
-
-def test_fit_load_shape_too_few_pixels_raises() -> None:
-    with pytest.raises(InputError, match="at least 2 x 2 pixels"):
-        fit_load_shape(np.zeros((2, 2)))
-    dead = pixels()
-    dead[0, 0] = np.nan
-    with pytest.raises(InputError, match="finger 1: only 3 of 4 pixels are in use"):
-        fit_load_shape(dead)

@@ -7,9 +7,8 @@ import pytest
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, combine, grasp_features
-from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
+from palpate.produce.identify.identifier import Identifier
+from palpate.produce.learning import UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
 KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}
@@ -28,15 +27,6 @@ def grasps(rng: np.random.Generator, kind: str) -> list[FloatArray]:
 
 def labelled(rng: np.random.Generator, *, items: int = 20) -> list[tuple[str, list[FloatArray]]]:
     return [(kind, grasps(rng, kind)) for kind in KINDS for _ in range(items)]
-
-
-def table(rng: np.random.Generator, *kinds: str) -> tuple[list[FloatArray], list[str], list[str]]:
-    """Return rows, labels and item names, with two rows for each of 20 items."""
-    found = [
-        (row, kind, f"{kind}{k}") for kind in kinds for k in range(20) for row in grasps(rng, kind)
-    ]
-    rows, labels, items = map(list, zip(*found, strict=True))
-    return rows, labels, items
 
 
 @pytest.mark.slow
@@ -68,28 +58,6 @@ def test_identifier_kind_with_too_few_items_raises(rng: np.random.Generator) -> 
         Identifier([])
 
 
-def test_grasp_features_requires_every_feature() -> None:
-    size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
-    nothing = Measurement(value=0.0, low=0.0, high=1.0, unit="n_per_mm")
-    assert grasp_features({"size_mm": size}) is None
-    assert grasp_features({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
-
-
-def test_combine_many_grasps_retains_the_common_error() -> None:
-    one = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
-    assert combine([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_learner_each_method_predicts_held_out_items(rng: np.random.Generator, method: str) -> None:
-    rows, labels, items = table(rng, "small", "hard")
-    known = LabelLearner(allow_unknown=False, methods=(method,)).fit(rows, labels, items=items)
-    assert (known.method, known.labels) == (method, ("hard", "small"))
-    unseen, truth, _ = table(rng, "small", "hard")
-    assert known.predict(unseen) == truth
-    assert known.probabilities(unseen).sum(axis=1) == pytest.approx(np.ones(len(unseen)))
-
-
 @pytest.mark.slow
 def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) -> None:
     # Items are random points, and rows of an item are nearly equal: only a split within an item
@@ -99,21 +67,3 @@ def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) 
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
-
-
-def test_learner_score_on_random_labels_is_near_chance(rng: np.random.Generator) -> None:
-    rows, labels = rng.standard_normal((80, 3)), 40 * ["a", "b"]
-    score = LabelLearner(allow_unknown=False).fit(rows, labels).score()
-    assert score.right == pytest.approx(0.5, abs=0.15)
-    assert score.log_loss < 0.8
-    assert score.overconfidence < 0.2
-    assert sum(sum(row.values()) for row in score.confusion.values()) == score.items == 80
-
-
-def test_learner_single_label_without_unknown_raises(rng: np.random.Generator) -> None:
-    rows, labels, items = table(rng, "small")
-    with pytest.raises(InputError, match=r"two labels.*; found small 20"):
-        LabelLearner(allow_unknown=False).fit(rows, labels, items=items)
-    with pytest.raises(InputError, match="found a 1, b 1"):
-        LabelLearner(allow_unknown=False).fit(rows[:2], ["a", "b"])
-    assert LabelLearner().fit(rows, labels, items=items).predict([rows[0]]) == ["small"]

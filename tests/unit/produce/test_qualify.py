@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -91,19 +90,6 @@ def test_estimate_effort_returns_readings_grasps_and_rate() -> None:
     assert effort.mismatch < 0.25
 
 
-def test_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
-    readings = make_readings(200, seed=4)
-    demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
-    found = calculate_agreement(readings, demand)
-    table = count_grades(found, demand.limits)
-    assert (table.shape, table.sum()) == ((3, 3), 400)
-    assert np.trace(table) / 400 == pytest.approx(found.figures["same_grade"].value)
-    priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
-    cost = found.figures["cost"].value
-    assert cost == pytest.approx((table * priced).sum() / table.sum())
-    assert cost < found.figures["cost_reference"].value
-
-
 @given(
     slope=st.floats(-5.0, 5.0).filter(lambda value: abs(value) > 0.05),
     offset=st.floats(-10.0, 10.0),
@@ -150,21 +136,14 @@ def test_grasps_without_a_relation_have_no_limit_of_agreement(kind: str) -> None
     assert effort.reference_readings is not None
 
 
-def test_unrelated_instruments_are_seldom_related_by_chance() -> None:
-    random, demand = np.random.default_rng(8), Demand(tolerance=1.0)
-    related = 0
-    for _ in range(300):
-        item = np.repeat(np.arange(random.integers(10, 60)), 2)
-        values = random.normal(10.0, 1.0, (2, item.size))
-        means = random.normal(0.0, 3.0, (2, item.max() + 1))[:, item]
-        readings = PairedReadings(item=item, reference=(values + means)[0], grasp=means[1])
-        related += calculate_agreement(readings, demand).is_related
-    assert related <= 8
-
-
-def test_inverse_relation_is_a_relation() -> None:
-    readings = make_readings(24, seed=2)
-    found = measure_agreement(replace(readings, grasp=-readings.grasp), Demand(tolerance=1.0))
-    assert found.is_related
-    assert found.correlation.high < 0
-    assert math.isfinite(found.figures["limit_of_agreement"].value)
+def test_cost_is_mean_misgrading_cost_per_graded_grasp() -> None:
+    readings = make_readings(200, seed=4)
+    demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
+    found = calculate_agreement(readings, demand)
+    table = count_grades(found, demand.limits)
+    assert (table.shape, table.sum()) == ((3, 3), 400)
+    assert np.trace(table) / 400 == pytest.approx(found.figures["same_grade"].value)
+    priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
+    cost = found.figures["cost"].value
+    assert cost == pytest.approx((table * priced).sum() / table.sum())
+    assert cost < found.figures["cost_reference"].value

@@ -83,11 +83,6 @@ def test_read_rules_mistake_raises_one_line_with_line_number(
     assert "\n" not in str(caught.value)
 
 
-def test_read_rules_missing_file_raises(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file"):
-        read_rules(tmp_path / "none.toml")
-
-
 @pytest.mark.parametrize(
     ("first", "second", "message"),
     [

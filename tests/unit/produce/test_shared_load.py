@@ -14,7 +14,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.measurement import Measurement
-from palpate.produce.answer_pixels import MEAN_S, answer_pixel_percent
+from palpate.produce.answer_pixels import answer_pixel_percent
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.produce.ripeness.shared_load import measure_shared_pixels
@@ -93,32 +93,3 @@ def test_shared_pixels_correction_reduces_the_effect_of_size() -> None:
     assert read > 0.05
     assert abs(math.log(corrected[1].value / corrected[0].value)) < 0.6 * read
     assert all(one.low <= one.value <= one.high for one in corrected)
-
-
-def test_shared_pixels_are_corrected_by_at_most_the_cube_root_of_the_force() -> None:
-    sensed, _ = on_sensor(6)
-    force = sensed.measured["force_n"]
-    harder = sensed.shared_pixels(force_n=replace(force, value=1.5 * force.value))
-    # With 1.5 times the force, the corrected count falls with the exponent measured in the grasp.
-    exponent = math.log(sensed.shared_pixels().value / harder.value) / math.log(1.5)
-    assert 0.05 < exponent <= 1.0 / 3.0 + 1e-9
-
-
-def test_shared_pixels_without_half_load_are_not_corrected() -> None:
-    """Residual of the previous grasp recovers: all pixels except one fall below their rest."""
-    sensed, _ = on_sensor(6)
-    first = sensed.seen[0].frame
-    answer_s = max(one.time_s for one in sensed.result.moments if one.name == "answer")
-    rest = np.asarray(first.counts)
-    moved = next(o.frame.counts for o in reversed(sensed.seen) if o.frame.time_s <= answer_s) - rest
-    recovery = np.full(rest.shape, -0.1)
-    recovery.flat[np.argmax(np.abs(moved))] = 0.05
-    light = rest + recovery * moved
-    seen = [
-        replace(one, frame=replace(one.frame, counts=light))
-        if first.time_s + MEAN_S < one.frame.time_s < answer_s - 1.0
-        else one
-        for one in sensed.seen
-    ]
-    corrected = replace(sensed, seen=seen).shared_pixels()
-    assert corrected.value == pytest.approx(math.exp(-sensed.minus_log_pixels))

@@ -310,6 +310,7 @@ def test_missing_package_names_the_extra(
         use()
 
 
+@pytest.mark.slow
 def test_store_without_sqlalchemy_names_the_extra() -> None:
     code = (
         "import sys; sys.modules['sqlalchemy'] = None; sys.argv = ['palpate', 'items']; "

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.recording.conftest import write_recording
+from tests.recordings import write_recording
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
@@ -66,15 +66,6 @@ def test_cut_recorded_holds_span_stop_to_next_movement(write: Write) -> None:
     in_ohm = cut_recorded_holds(recording, unit="ohm")
     assert in_ohm[0].channel == "r0c1"
     assert in_ohm[0].values == pytest.approx(ohm(600))
-
-
-def test_cut_recorded_holds_position_step_between_states_is_movement(write: Write) -> None:
-    messages = [
-        replace(message, moving=False) if isinstance(message, GripperState) else message
-        for message in grasp_messages()
-    ]
-    (hold, *_) = cut_recorded_holds(load_recording(write(messages)))
-    assert hold.time_s[-1] == pytest.approx(2.96)
 
 
 def test_cut_recorded_holds_without_gripper_uses_contact_as_hold(write: Write) -> None:
@@ -140,17 +131,6 @@ def test_export_invalid_counts_are_refused(tmp_path: Path, write: Write) -> None
     assert not (tmp_path / "run.csv").exists()
     with pytest.raises(RecordingError, match="counts from -1"):
         cut_recorded_holds(load_recording(path))
-
-
-def test_exported_parquet_columns_without_values_keep_their_types(
-    tmp_path: Path, write: Write
-) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    with RecordingReader(write(grasp_messages(gripper=False))) as reader:
-        write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
-    schema = parquet.read_schema(tmp_path / "run.parquet")
-    kinds = {name: str(schema.field(name).type) for name in ("width_mm", "moving", "r0c0_counts")}
-    assert kinds == {"width_mm": "double", "moving": "bool", "r0c0_counts": "int64"}
 
 
 FLOATING = replace(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.recording.conftest import INFO, MESSAGES, write_recording
+from tests.recordings import INFO, MESSAGES, write_recording
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError

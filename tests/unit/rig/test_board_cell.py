@@ -134,17 +134,6 @@ def test_board_cell_stuck_during_reading_is_refused(desk: Desk, pause_s: float) 
         read_repeatedly(cell, desk, pause_s=pause_s)
 
 
-def test_board_cell_stuck_during_pause_is_refused_at_first_reading(desk: Desk) -> None:
-    cell = desk.cell(1e-5, 1e-5)
-    cell.tare()
-    cell.read_n()
-    desk.clock.sleep_s(5.1)
-    desk.board.read_until_us = desk.board.device_us(desk.clock.now_s())
-    desk.clock.sleep_s(5.0)
-    with pytest.raises(DeviceError, match=r"load cell \d is stuck"):
-        cell.read_n()
-
-
 def test_frames_without_load_cells_error_names_rig_file_setting(desk: Desk) -> None:
     desk.board.sends_load_cells = False
     with pytest.raises(InputError, match="load_cells = true"):

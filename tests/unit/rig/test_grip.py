@@ -126,23 +126,6 @@ def test_grasp_invalid_options_are_refused(
     assert idle.read().time_s - before_s == pytest.approx(1 / 15)
 
 
-def test_read_open_gripper_shows_rest_without_contact(idle: palpate.Rig) -> None:
-    readings = [idle.read() for _ in range(3)]
-    assert [reading.contact for reading in readings] == [False] * 3
-    assert np.abs(readings[-1].change_percent).max() < 3.0
-    assert readings[0].time_s < readings[1].time_s < readings[2].time_s
-
-
-def test_grasp_with_paper_method_closes_in_its_steps_and_holds(rig: palpate.Rig) -> None:
-    with rig:
-        grip = rig.grasp(method="paper", step_mm=0.5)
-        assert grip.is_holding
-        assert grip.result.previous_width_mm is not None
-        assert grip.result.previous_width_mm % 0.5 == pytest.approx(0.0, abs=1e-6)
-        assert grip.stiffness_n_per_mm is None
-        assert grip.release().settled_percent is not None
-
-
 @pytest.mark.parametrize(("rate_hz", "period_s"), [(None, 0.004), (15.0, 1 / 15)])
 def test_open_rig_simulated_reads_at_the_rate_of_the_firmware_or_the_given_one(
     rate_hz: float | None, period_s: float
@@ -160,10 +143,3 @@ def test_open_rig_simulated_reads_at_the_rate_of_the_firmware_or_the_given_one(
 def test_open_rig_refuses_a_rate_it_cannot_set(name: str, rate_hz: float, message: str) -> None:
     with pytest.raises(palpate.InputError, match=message):
         palpate.open_rig(name, rate_hz=rate_hz)
-
-
-def test_grasp_without_object_ends_without_holding(calibration: Calibration) -> None:
-    with make_rig(calibration, name=None) as rig:
-        grip = rig.grasp()
-        assert grip.outcome is palpate.Outcome.NOTHING_THERE
-        assert not grip.is_holding

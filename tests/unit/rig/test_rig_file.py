@@ -71,18 +71,6 @@ def test_open_device_refuses_an_opener_that_opens_no_device(path: Path, opener: 
     assert "\n" not in str(caught.value)
 
 
-def test_opener_with_a_fault_of_its_own_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "broken_bench.py").write_text("def array():\n    return {}['port']\n")
-    (tmp_path / "worse_bench.py").write_text("def array(:\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    for module, named in (("broken_bench", "KeyError"), ("worse_bench", "worse_bench.py")):
-        with pytest.raises(InputError, match=named) as caught:
-            open_device(Path("rig.toml"), "array", {"open": f"{module}:array"})
-        assert "\n" not in str(caught.value)
-
-
 def test_opener_is_found_beside_the_rig_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.commands import Command
 
 from palpate import read_holds, score
-from palpate.holds import Hold, find_recorded_value, measure_settled_value
+from palpate.holds import Hold, measure_settled_value
 from palpate.measurement import Status
 from palpate.scoring import predictions as evaluate
 from palpate.scoring.deciding import EARLIEST_S, find_decision
@@ -118,14 +118,6 @@ def test_find_decision_ignores_later_samples() -> None:
     assert second.estimate.value == decision.estimate.value
 
 
-def test_find_decision_constant_hold_is_not_decided() -> None:
-    decision = find_decision(
-        TIME_S, np.full_like(TIME_S, 5.0), method=Relaxation(), half_width_percent=1.0
-    )
-    assert not decision.decided
-    assert decision.estimate.status is Status.NOT_SETTLING
-
-
 def test_measure_settled_value_is_the_mean_of_the_last_half_second_up_to_the_horizon() -> None:
     time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
     values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])
@@ -137,13 +129,6 @@ def test_measure_settled_value_is_the_mean_of_the_last_half_second_up_to_the_hor
     ):
         settled = measure_settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
         assert np.isfinite(settled) == reaches
-
-
-def test_find_recorded_value_includes_the_sample_at_the_cutoff() -> None:
-    time_s = np.array([0.5, 1.0, 2.0])
-    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=2.0) == 20.0
-    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=1.99) == 10.0
-    assert np.isnan(find_recorded_value(time_s, time_s, cutoff_s=0.4))
 
 
 def test_summarise_ignores_unknown_values() -> None:

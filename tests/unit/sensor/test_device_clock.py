@@ -36,22 +36,7 @@ def test_device_clock_is_unaffected_by_a_host_stall() -> None:
     assert convert(device_s, arrival_s) == pytest.approx(50.0 + device_s, abs=1e-6)
 
 
-def test_device_clock_does_not_interpret_an_initial_stall_as_drift() -> None:
-    device_s = np.arange(1000) * 0.004
-    arrival_s = np.maximum(50.0 + device_s, 51.0)
-    clock = DeviceClock()
-    host_s = convert(device_s, arrival_s, clock)
-    assert host_s[300:] == pytest.approx(50.0 + device_s[300:], abs=1e-6)
-    assert clock.drift_ppm == pytest.approx(0.0, abs=1.0)
-
-
-def test_device_clock_returns_no_time_before_its_lower_limit() -> None:
-    clock = DeviceClock(floor_s=0.01, not_before_s=7.5)
-    assert 7.5 < clock.to_host_s(1.0, arrival_s=7.4) < 7.501
-    assert clock.to_host_s(2.0, arrival_s=8.4) == pytest.approx(8.39)
-
-
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000), drift=st.floats(-0.005, 0.005))
 def test_device_clock_times_are_ordered_and_not_after_arrival(seed: int, drift: float) -> None:
     rng = np.random.default_rng(seed)

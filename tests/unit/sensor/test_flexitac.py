@@ -101,22 +101,6 @@ def test_flexitac_frames_of_another_size_are_read_or_named(rows: int, cols: int)
     assert known in wrong.fault
 
 
-@pytest.mark.parametrize(
-    ("pixels", "words"),
-    [(64, "64 pixels, such as 2 x 32 or 8 x 8,"), (385, "a matrix of 385 pixels, if each")],
-)
-def test_flexitac_unknown_size_names_matrices_that_are_possible(pixels: int, words: str) -> None:
-    decoder = FlexitacDecoder(rows=12)
-    assert not feed_in_chunks(decoder, b"".join(frames_of(1, pixels, count=40)))
-    assert words in decoder.fault
-
-
-def test_flexitac_single_frame_is_no_wrong_size() -> None:
-    decoder = FlexitacDecoder(rows=12)
-    assert not decoder.feed(frames_of(12, 32, count=1)[0])
-    assert "if the board sends rarely, set wait_s" in decoder.fault
-
-
 def test_flexitac_steady_pixels_with_a_marker_do_not_shift_the_frame() -> None:
     """Without a change of these pixels it is uncertain where a frame starts."""
     sent = [data[:52] + b"\xaa\x55" + data[54:] for data in frames_of(12, 32, count=30)]

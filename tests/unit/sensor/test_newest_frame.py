@@ -111,7 +111,8 @@ def test_port_keeps_the_newest_frame_while_no_program_reads() -> None:
         age_s = clock.now_s() - frame.time_s
         lines = [array.read(timeout_s=1.0).counts[0, 0] for _ in range(100)]
         array.close()
-    assert age_s < 0.1
+    # Without the newest frame, it would be a second old.
+    assert age_s < 0.5
     assert frame.skipped > 150
     assert (np.diff(lines) % 1000 == 1).all()
     assert array.counters.dropped == 0

@@ -9,12 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.factories import make_sheet_law
+from tests.factories import WEIGHTS, make_sheet_law
 from tests.unit.dashboard.test_live import SOURCE
 from tests.unit.dashboard.test_live import frames as page_frames
 
 from palpate.cli.live_reading import LiveReading
-from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
 from palpate.dashboard.live import Live
@@ -25,9 +24,8 @@ from palpate.foxglove.channels import encode_force
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
-from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
-from palpate.terminal_table import make_console
+from palpate.sensor.calibration import BlockPairs, Calibration, RestValues
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -36,13 +34,6 @@ PRESSED, REST = np.full((4, 2), 600), np.full((4, 2), 300)
 SATURATED, OPEN = PRESSED.copy(), PRESSED.copy()
 SATURATED[1, 0], OPEN[1, 0] = 1023, 0
 REST_OHM = pixel_resistance_ohm(REST, layout=RIGID_LAYOUT)
-WEIGHTS = ForcePairs(
-    run=(0, 0, 0),
-    since_move_s=(20.0,) * 3,
-    excess=(13.0, 42.0, 112.0),
-    relative_percent=(-60.0, -80.0, -90.0),
-    force_n=(1.5, 4.0, 9.0),
-)
 
 
 def weights_law() -> ForceLaw:
@@ -150,48 +141,6 @@ def test_force_source_without_layout_keeps_no_bad_pixel(
     if math.isnan(bad):
         other.step(0.3, broken)
         assert source.step(0.5, good).value == pytest.approx(other.step(0.5, good).value, rel=0.02)
-
-
-def test_pixel_that_hardly_conducts_at_rest_is_no_lost_reading() -> None:
-    rest_ohm = np.full((4, 2), 2e6)
-    ohm = np.full((4, 2), 5e3)
-    ohm[0, 0] = np.inf
-    assert not SampleReader(RIGID_LAYOUT, rest_ohm).read_ohm(ohm).has_lost
-    assert SampleReader(RIGID_LAYOUT, REST_OHM).read_ohm(ohm).has_lost
-
-
-def test_lasting_saturation_enters_the_history() -> None:
-    """The fall from a long saturation counts, that from a single frame does not."""
-    good, clipped = np.full((2, 2), 3.0), np.full((2, 2), 300.0)
-
-    def force_after(saturated: int) -> float:
-        follower = make_follower()
-        for frame in range(40 + saturated):
-            is_clipped = frame >= 40
-            follower.step(0.02 * frame, clipped if is_clipped else good, saturated=is_clipped)
-        return follower.step(0.02 * (40 + saturated), good).value
-
-    assert force_after(1) == pytest.approx(force_after(0), rel=0.01)
-    assert abs(math.log(force_after(30) / force_after(0))) > 0.05
-
-
-def test_sample_ignores_pixels_without_a_rest_value() -> None:
-    rest_ohm = REST_OHM.copy()
-    rest_ohm[1, 0] = np.nan
-    found = SampleReader(RIGID_LAYOUT, rest_ohm).read_counts(SATURATED)
-    assert not found.has_saturated
-    assert np.isnan(found.excess[1, 0])
-    assert SampleReader(RIGID_LAYOUT, REST_OHM).read_counts(SATURATED).has_saturated
-
-
-def test_live_view_shows_a_bound_with_its_reason() -> None:
-    live = make_live(REST_OHM)
-    view = LiveView(live)
-    for frame in as_frames([REST, PRESSED, SATURATED]):
-        view.add(frame)
-    assert view.render(make_console(width=80)) is not None
-    assert live.force_n is not None
-    assert live.force_n.text(digits=1).startswith("at least")
 
 
 def test_foxglove_message_of_a_bound_has_no_null() -> None:

@@ -72,13 +72,6 @@ def test_pixel_resistance_with_held_lines_is_nan_only_in_the_column_of_a_short()
     assert found[:, 1] == pytest.approx(pixels()[:, 1], rel=1e-4)
 
 
-def test_pixel_resistance_beyond_the_range_is_zero_or_infinite() -> None:
-    below = counts_of(np.full((4, 2), 50.0))
-    assert not pixel_resistance_ohm(below, layout=layout("isolated", line_ohm=70.0)).any()
-    opened = pixel_resistance_ohm(np.zeros((4, 2)), layout=layout("floating", line_ohm=10.0))
-    assert np.isinf(opened).all()
-
-
 def test_pixel_resistance_for_counts_of_another_layout_raises() -> None:
     with pytest.raises(ValueError, match=r"not frames of layout rigid-2x2 \(4 x 2\)"):
         pixel_resistance_ohm(np.zeros((2, 4)), layout=RIGID_LAYOUT)

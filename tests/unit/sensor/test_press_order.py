@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.findings import Finding
 from palpate.sensor.press_order import PressMonitor, order_findings
 
@@ -80,21 +80,3 @@ def test_press_check_reports_an_unresponsive_pixel_as_silent() -> None:
     assert summarize(press_all(lambda pixel: pixel, unresponsive=(2, 1))) == [
         ("silent", "R2 C1", "did not respond when pressed")
     ]
-
-
-def test_press_monitor_does_not_request_dead_pixels() -> None:
-    rest_ohm = REST_OHM.copy()
-    rest_ohm[0, 0], rest_ohm[1, 1] = np.inf, 0.0
-    assert press_all(lambda pixel: pixel, rest_ohm=rest_ohm) == []
-    assert PressMonitor(rest_ohm).next_pixel == (0, 1)
-
-
-@pytest.mark.parametrize("seen", [0, 1])
-def test_press_monitor_finished_early_reports_the_remaining_pixels_as_silent(seen: int) -> None:
-    monitor = PressMonitor(np.full((1, 2), 1e3))
-    for k in range(20 * seen):
-        monitor.add_frame(0.1 * k, np.array([[300.0, 1e3]]))
-    monitor.finish()
-    layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
-    silent = [found.where for found in order_findings(monitor.presses, layout=layout)]
-    assert silent == ["R0 C0", "R0 C1"][seen:]

@@ -137,23 +137,6 @@ def test_unmix_floating_names_bad_pixels_and_solves_the_others(
     assert unmixed[others] == pytest.approx(pixels[others], rel=0.01)
 
 
-def test_unmix_held_returns_nan_for_impossible_readings() -> None:
-    unmixed = unmix_held([[[10.0], [10.0]], [[5000.0], [5000.0]]], reference_ohm=1000.0)
-    assert np.isnan(unmixed[1]).tolist() == [[False], [False]]
-    assert np.isnan(unmixed[0]).all()
-
-
-def test_unmix_floating_with_a_short_pixel_solves_the_other_pixels() -> None:
-    pixels = random_pixels((4, 2))
-    pixels[1, 1] = 1e-9
-    readings = floating_readings_ohm(pixels)
-    readings[1, 1] = 0.0
-    unmixed = unmix_floating(readings)
-    others = np.arange(8).reshape(4, 2) != 3
-    assert unmixed[1, 1] == 0.0
-    assert unmixed[others] == pytest.approx(pixels[others], rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("solve", "ohm", "message"),
     [

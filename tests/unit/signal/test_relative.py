@@ -10,12 +10,10 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import (
     SampleReader,
-    change_of_excess,
-    excess_of_change,
     relative_change_percent,
 )
-from palpate.signal.relative import largest_change, mean_change, total_excess
-from palpate.signal.transient import find_hold_window, find_peak
+from palpate.signal.relative import mean_change, total_excess
+from palpate.signal.transient import find_hold_window
 
 PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
 PAD = ArrayLayout(name="pad", rows=2, cols=2, finger_of_row=(0, 0))
@@ -84,41 +82,9 @@ def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:
     assert total_excess(excess) == pytest.approx(3.0, abs=0.02)
 
 
-def test_excess_conductance_is_consistent_with_relative_change() -> None:
-    pixels = SampleReader(PAD, PIXELS).read_ohm(PIXELS * np.array([[0.1, 0.5], [0.9, 1.2]]))
-    np.testing.assert_allclose(1 / (1 + pixels.excess), 1 + pixels.change_percent / 100)
-    np.testing.assert_allclose(excess_of_change(pixels.change_percent), pixels.excess)
-    np.testing.assert_allclose(change_of_excess(pixels.excess), pixels.change_percent)
-    assert np.isfinite(excess_of_change(-100.0))
-
-
-def test_sums_over_only_nan_pixels_are_nan() -> None:
-    nothing = np.full((2, 2), np.nan)
-    assert all(np.isnan(f(nothing)) for f in (mean_change, largest_change, total_excess))
-
-
-@pytest.mark.parametrize(
-    ("values", "peak"),
-    [
-        ([0.0, 4.0, 9.0, -3.0, -20.0], 2),
-        ([5.0, 1.0, 3.0, 20.0], 1),
-        ([9.0, 5.0, 3.0, 2.9, 3.05], 0),
-    ],
-    ids=["falling", "rising", "noise at the end"],
-)
-def test_find_peak_is_where_the_hold_begins_to_settle(values: list[float], peak: int) -> None:
-    assert find_peak(values) == peak
-
-
 def test_find_hold_window_starts_the_wait_after_the_peak_of_each_hold() -> None:
     time_s = np.arange(10) / 10
     values = np.stack([-time_s, np.where(time_s < 0.2, 0, 1 - time_s)])
     window = find_hold_window(time_s, values, wait_s=0.5)
     assert window.peak_s.tolist() == [0.0, 0.2]
     assert window.first.tolist() == [5, 7]
-
-
-def test_find_hold_window_includes_a_sample_at_the_end_of_the_wait_despite_rounding() -> None:
-    assert 0.1 + 0.2 > 0.3
-    window = find_hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
-    assert window.first.tolist() == [3]

@@ -11,7 +11,6 @@ from palpate.twin.crate import (
     UNTRAINED_KINDS,
     CrateTable,
     draw_crate,
-    draw_mixed_crate,
 )
 from palpate.twin.world import OPEN_MM
 
@@ -27,16 +26,6 @@ def test_crate_item_sizes_are_within_kind_range_and_gripper_opening() -> None:
         assert max(sides) * item.mean.size_mm < OPEN_MM - 3
         assert item.is_trained == (kind in TRAINED_KINDS)
         assert item.mean.yield_n <= item.mean.rupture_n
-
-
-def test_draw_mixed_crate_is_reproducible_and_mixed() -> None:
-    crate = draw_mixed_crate(24, seed=3, unknown_fraction=0.25)
-    assert crate == draw_mixed_crate(24, seed=3, unknown_fraction=0.25)
-    assert sum(not item.is_trained for item in crate) == 6
-    assert len({item.item_id for item in crate}) == 24
-    assert [item.kind for item in crate] != [
-        item.kind for item in draw_mixed_crate(24, seed=4, unknown_fraction=0.25)
-    ]
 
 
 def test_crate_table_place_opens_gripper_and_drops_old_frames() -> None:

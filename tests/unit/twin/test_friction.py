@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from tests.factories import draw
 
@@ -40,22 +39,3 @@ def test_opening_after_lift_puts_object_down() -> None:
     world.drive(74.0, rate=20.0)
     world.force_n(6.0)
     assert not world.has_dropped
-
-
-def test_sliding_object_moves_load_between_pixels() -> None:
-    world = make_gripped_world(1.5)
-    before = world.pixel_resistance_ohm(3.0)
-    carried_n = 2 * 0.5 * world.force_n(3.0)
-    world.lift(more_n=1.01 * carried_n - 100.0 * N_PER_G)
-    after = world.pixel_resistance_ohm(3.0 + 0.06)
-    assert world.force_n(3.061) > 0
-    assert np.abs(after / before - 1).max() > 0.01
-
-
-def test_opening_within_backlash_preserves_grip_force() -> None:
-    world = make_gripped_world(2.0)
-    held_n = world.force_n(30.0)
-    world.drive(world.drive_value(30.0) + 0.9 * world.backlash_mm, rate=20.0, time_s=30.0)
-    assert world.force_n(31.0) == pytest.approx(held_n, rel=0.01)
-    world.drive(world.drive_value(31.0) + 0.5, rate=20.0, time_s=31.0)
-    assert world.force_n(32.0) < 0.9 * held_n

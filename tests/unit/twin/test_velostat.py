@@ -10,7 +10,6 @@ from palpate.twin.velostat import (
     FAMILIES,
     SETTLED_S,
     Creep,
-    Environment,
     Sheet,
     draw_sheet,
     two_mode_creep,
@@ -54,26 +53,3 @@ def test_two_mode_creep_matches_fit_to_table_1() -> None:
 
     expected = 1 - remaining(time_s) + remaining(np.array([20.0]))
     np.testing.assert_allclose(step_response(creep, time_s), expected, atol=6e-4)
-
-
-def test_sheet_has_threshold_saturation_and_hysteresis() -> None:
-    one, gain = sheet(), np.ones(1)
-    at = [one.static_excess(np.array([n]), gain=gain).item() for n in (0.5 * one.threshold_n, 1e4)]
-    assert at[0] == 0.0
-    assert 0.9 * one.saturation < at[1] <= one.saturation
-    followed = one.follow(np.array([2.0]), np.array([2.0 / (1 + 0.5 * one.hysteresis)]))
-    assert followed.item() == 2.0
-    assert one.follow(np.array([2.0]), np.array([1.0])).item() == pytest.approx(1 + one.hysteresis)
-    assert one.follow(np.array([2.0]), np.array([3.0])).item() == 3.0
-
-
-def test_sheet_depends_on_warmth_use_and_suction() -> None:
-    one = sheet()
-    assert one.rest_factor(Environment()) == 1.0
-    assert one.rest_factor(Environment(temperature_c=30.0)) < 1.0
-    fresh, used = one.gain_factor(Environment()), one.gain_factor(Environment(cycles=5000))
-    assert fresh == pytest.approx(1.0 + one.break_in)
-    assert used == pytest.approx(np.exp(5 * one.gain_per_1000_cycles), abs=1e-3)
-    factors = [one.rest_factor(Environment(suction_kpa=kpa)) for kpa in (0.0, 10.0, 1e3)]
-    assert np.all(np.diff(factors) > 0)
-    assert factors[-1] == pytest.approx(1.0 / (1.0 - one.lift_fraction))

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from palpate.gripper.interface import GripperState
 from palpate.recording import Event, LoadCells, RecordingInfo, RecordingWriter
@@ -48,8 +47,3 @@ def write_recording(
         for message in messages:
             writer.add(message)
     return path
-
-
-@pytest.fixture
-def recorded(tmp_path: Path) -> Path:
-    return write_recording(tmp_path / "run.mcap", MESSAGES)
