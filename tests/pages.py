@@ -41,7 +41,11 @@ def run_line(line: str) -> int:
         return run(build_app(), arguments, name="palpate")
     assert program == "python", f"no idea how to run {line!r}"
     sys.argv = arguments
-    runpy.run_path(str(ROOT / arguments[0]), run_name="__main__")
+    script = ROOT / arguments[0]
+    # As `python FILE` does, so that a script finds its neighbours.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(script.parent))
+        runpy.run_path(str(script), run_name="__main__")
     return 0
 
 
