@@ -47,6 +47,14 @@ def test_make_demo_prints_numbers_and_draws_picture(
     assert (tmp_path / "out" / "demo.png").stat().st_size > 10_000
 
 
+def test_readme_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    exec(block, {})
+    printed = capsys.readouterr().out
+    assert printed.count("N, ") == 5
+    assert printed.rstrip().endswith("held")
+
+
 def test_readme_verbs_and_links_exist() -> None:
     assert set(re.findall(r"(?:`|\n|&& )palpate ([a-z]+)", README)) <= VERBS.keys()
     links = re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)
