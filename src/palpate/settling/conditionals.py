@@ -233,5 +233,5 @@ def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     later = values[:, 2:]
     square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
     square *= square
-    variance, late = (square @ averages).T
+    variance, late = square.dot(averages).T
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

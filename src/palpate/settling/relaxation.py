@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -96,8 +96,10 @@ class Relaxation:
         status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
         quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
         after_s = horizon_s - SETTLED_WINDOW_S / 2
-        for rows, columns, positive in _group_holds(values):
-            times, samples = time_s[columns], values[rows[:, None], columns]
+        has_steps = np.logical_and.reduce(values[:, 1:] != values[:, :-1], axis=1)
+        [repeating] = (~has_steps).nonzero()
+        for rows, columns, positive in _group_holds(values, repeating):
+            times, samples = time_s[columns], values.take(rows, axis=0)[:, columns]
             last = samples[:, -1:]
             # Changes are relative to the last sample, which keeps a constant hold exact.
             change = np.log(samples / last) if positive else samples - last
@@ -124,7 +126,9 @@ class Relaxation:
                 ends[:, rows] = last.T * np.exp(np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG))
             else:
                 ends[:, rows] = last.T + found
-        low, value, high = _widen_to_resolution(ends, values)
+        low, value, high = _widen_to_resolution(
+            ends, values, repeating if time_s.size > 1 else range(len(values))
+        )
         return SettledEstimate(
             value=value,
             low=low,
@@ -150,77 +154,95 @@ def _forecast(
 
     `beyond`: number of e-folds of time from the latest proven horizon to the horizon.
     """
-    since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
+    since_s = window.since_s
+    span = np.maximum.reduce(used, axis=1) - np.minimum.reduce(used, axis=1)
     if since_s.size < 2:
         return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
-    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
-    differences = binned[:, :-1] - binned[:, -1:]
+    binned = np.add.reduceat(used, forms.starts, axis=1)
+    binned /= forms.count
+    last = binned[:, -1]
+    differences = binned[:, :-1] - last[:, None]
     noise = estimate_noise(forms.noise_weights, used)
-    mixture = compute_posterior(forms, differences, noise=noise)
+    recent = -forms.pace * differences[:, forms.pace_from]
+    mixture = compute_posterior(forms, differences, noise=noise, recent=recent)
     change = compute_quantiles(mixture, quantile)
     largest_change = _MAX_CHANGE * span
     shrinking = largest_change / np.maximum(np.maximum(np.abs(change[1]), largest_change), _TINY)
     change *= shrinking
-    recent = -forms.pace * differences[:, forms.pace_from]
     low_pace, high_pace = _PROVEN_PACE
-    is_unproven = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
-    is_limited = shrinking < 1
     min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
     is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
-    is_wide = _is_wide(binned[:, -1] + change, span=span, positive=positive) | is_short
     excursion = np.abs(binned - binned[:, :1])
-    largest = excursion.max(axis=1)
-    has_returned = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
-    is_ok = ~(is_unproven | is_limited | is_wide | has_returned)
-    # A later line takes precedence.
-    status = np.array([Status.UNPROVEN if beyond else Status.OK] * len(used), dtype=object)
-    status[is_unproven] = Status.UNPROVEN
-    status[is_limited] = Status.FELL_BACK
-    status[is_wide] = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
-    status[has_returned] = Status.NOT_SETTLING
+    largest = np.maximum.reduce(excursion, axis=1)
+    # In order of precedence.
+    statuses = (
+        Status.NOT_SETTLING,
+        Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT,
+        Status.FELL_BACK,
+        Status.UNPROVEN,
+        Status.UNPROVEN if beyond else Status.OK,
+    )
+    applies = np.zeros((len(statuses), len(used)), dtype=np.bool_)
+    applies[0] = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
+    applies[1] = is_short or _is_wide(change, span=span, positive=positive)
+    applies[2] = shrinking < 1
+    applies[3] = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
+    applies[-1] = True
+    chosen = applies.argmax(axis=0)
+    status = np.array(statuses, dtype=object).take(chosen)
+    is_doubtful = chosen < len(statuses) - 1
     # The line is straighter for readings than for their logarithms.
     line = (np.exp(used) if positive else used) @ forms.log_law
     if positive:
         line = np.log(np.maximum(line, _MIN_LINE))
-    line = np.minimum(np.maximum(line - binned[:, -1], -largest_change), largest_change)
-    is_moved = ~is_ok
+    line = np.minimum(np.maximum(line - last, -largest_change), largest_change)
+    gap = is_doubtful * _LINE_SHARE * (line - change[1])
+    side = np.abs(change - change[1])
+    side += np.abs(gap)
+    side *= _SIGNS * (1 + beyond)
     if since_s[-1] > _EARLY_S:
-        is_moved &= mixture.exponential_probability() < _DECISIVE
-    gap = _LINE_SHARE * (line - change[1])
-    side = (np.abs(change - change[1]) + ~is_ok * np.abs(gap)) * (1 + beyond)
-    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
+        gap *= mixture.exponential_probability() < _DECISIVE
+    side += last + change[1] + gap
+    return side, status
 
 
 def _group_holds(
-    values: FloatArray,
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], bool]]:
-    """Yield groups of holds, the samples to use, and whether their logarithm is used."""
-    smallest, largest = values.min(axis=1), values.max(axis=1)
-    positive = (smallest > 0) & (smallest > _MIN_RATIO * largest)
-    changed = values[:, 1:] != values[:, :-1]
-    # A reading that changes twice in a row is updated at every sample.
-    is_current = (changed[:, 1:] & changed[:, :-1]).any(axis=1)
-    groups: dict[bytes, list[int]] = {}
-    for row in np.flatnonzero(~is_current).tolist():
-        groups.setdefault(find_updates(values[row]).tobytes(), []).append(row)
-    all_samples = np.arange(values.shape[1])
-    grids = [(np.flatnonzero(is_current), all_samples)]
-    grids += [(np.array(rows), np.frombuffer(key, dtype=np.intp)) for key, rows in groups.items()]
-    for rows, columns in grids:
-        for sign in (True, False):
-            if (group := rows[positive[rows] == sign]).size:
-                yield group, columns, sign
+    values: FloatArray, repeating: NDArray[np.intp]
+) -> Iterator[tuple[NDArray[np.intp], slice | NDArray[np.intp], bool]]:
+    """Yield groups of holds, the samples to use, and whether their logarithm is used.
+
+    `repeating`: holds in which a sample equals the one before.
+    """
+    # True only for positive samples: no negative value is above a fraction of a larger one.
+    positive = np.minimum.reduce(values, axis=1) > _MIN_RATIO * np.maximum.reduce(values, axis=1)
+    group = positive.astype(np.intp)
+    grids: list[slice | NDArray[np.intp]] = [slice(None)]
+    if repeating.size:
+        is_changed = np.diff(values[repeating], axis=1) != 0
+        # A reading that changes twice in a row is updated at every sample.
+        is_current = (is_changed[:, 1:] & is_changed[:, :-1]).any(axis=1)
+        numbers: dict[bytes, int] = {}
+        for row in repeating[~is_current].tolist():
+            updates = find_updates(values[row])
+            number = numbers.setdefault(updates.tobytes(), len(grids))
+            if number == len(grids):
+                grids.append(updates)
+            group[row] += 2 * number
+    for number in dict.fromkeys(group.tolist()):
+        yield (group == number).nonzero()[0], grids[number // 2], number % 2 == 1
 
 
-def _widen_to_resolution(ends: FloatArray, values: FloatArray) -> FloatArray:
+def _widen_to_resolution(
+    ends: FloatArray, values: FloatArray, rows: Iterable[int]
+) -> FloatArray:
     """Widen intervals that are narrower than a step of the readings.
 
-    The step is the smallest between two samples, or the last decimal of a constant reading. Holds
-    whose samples all differ have noise of more than a step.
+    The step is the smallest between two samples, or the last decimal of a constant reading.
+
+    `rows`: holds to consider. If all samples of a hold differ, its noise is more than a step.
     """
-    repeats = (values[:, 1:] == values[:, :-1]).any(axis=1) | (values.shape[1] < 2)
-    for row in repeats.nonzero()[0]:
+    for row in rows:
         samples, (low, value, high) = values[row], ends[:, row]
         steps = np.abs(np.diff(samples))
         half = (float(steps[steps > 0].min()) if steps.any() else _last_decimal(samples[-1])) / 2

@@ -69,8 +69,18 @@ class SettledEstimate:
         """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
-        names = ("value", "low", "high", "window_s", "status")
-        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+        parts: Any = (self.value, self.low, self.high, self.window_s, self.status)
+        value, low, high, window_s, status = (part[index] for part in parts)
+        return SettledEstimate(
+            value=value,
+            low=low,
+            high=high,
+            level=self.level,
+            horizon_s=self.horizon_s,
+            window_s=window_s,
+            method=self.method,
+            status=status,
+        )
 
 
 def make_point_estimate(
