@@ -33,7 +33,7 @@ _EARLY_S = 2.0
 _MAX_HALF_WIDTH = 0.2
 #: Ratio of the settling rate per e-fold of time to the rate in the last e-fold. For 97 % of 217
 #: holds of five real materials it is in this range from 2.5 s on (study `settled`).
-_PROVEN_PACE = (0.6, 1.8)
+_PROVEN_PACE = np.array([[0.6], [1.8]])
 #: Latest horizon at which the shapes were compared with real materials, seconds. For a later one
 #: each side of the interval grows by the number of e-folds of time beyond it.
 _PROVEN_HORIZON_S = 20.0
@@ -103,29 +103,30 @@ class Relaxation:
             last = samples[:, -1:]
             # Changes are relative to the last sample, which keeps a constant hold exact.
             change = np.log(samples / last) if positive else samples - last
-            found = np.empty((3, rows.size))
             if times[-1] >= after_s:
-                found[:] = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
+                ends[:, rows] = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
                 status[rows] = Status.OK
                 status[rows[np.ptp(change, axis=1) == 0]] = Status.NOT_SETTLING
                 window_s[rows] = times[-1] - times[0]
             else:
                 for window in find_windows(times, change, positive=positive):
-                    window_s[rows[window.rows]] = window.since_s[-1] - window.since_s[0]
-                    for start in range(0, window.rows.size, _BATCH_SIZE):
-                        batch = window.rows[start : start + _BATCH_SIZE]
-                        found[:, batch], status[rows[batch]] = _forecast(
+                    chosen = rows.take(window.rows)
+                    window_s[chosen] = window.since_s[-1] - window.since_s[0]
+                    for start in range(0, chosen.size, _BATCH_SIZE):
+                        batch = slice(start, start + _BATCH_SIZE)
+                        ends[:, chosen[batch]], status[chosen[batch]] = _forecast(
                             window,
-                            change[batch, window.first :],
+                            change.take(window.rows[batch], axis=0)[:, window.first :],
                             positive=positive,
                             after_s=after_s - float(times[window.origin]),
                             quantile=quantile,
                             beyond=max(0.0, math.log(horizon_s / _PROVEN_HORIZON_S)),
                         )
             if positive:
-                ends[:, rows] = last.T * np.exp(np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG))
+                limited = np.minimum(np.maximum(ends[:, rows], -_MAX_LOG), _MAX_LOG)
+                ends[:, rows] = last.T * np.exp(limited)
             else:
-                ends[:, rows] = last.T + found
+                ends[:, rows] += last.T
         low, value, high = _widen_to_resolution(
             ends, values, repeating if time_s.size > 1 else range(len(values))
         )
@@ -170,7 +171,7 @@ def _forecast(
     largest_change = _MAX_CHANGE * span
     shrinking = largest_change / np.maximum(np.maximum(np.abs(change[1]), largest_change), _TINY)
     change *= shrinking
-    low_pace, high_pace = _PROVEN_PACE
+    below, above = change[1] - _PROVEN_PACE * recent
     min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
     is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
     excursion = np.abs(binned - binned[:, :1])
@@ -187,24 +188,24 @@ def _forecast(
     applies[0] = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
     applies[1] = is_short or _is_wide(change, span=span, positive=positive)
     applies[2] = shrinking < 1
-    applies[3] = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
+    applies[3] = below * above > 0
     applies[-1] = True
     chosen = applies.argmax(axis=0)
     status = np.array(statuses, dtype=object).take(chosen)
     is_doubtful = chosen < len(statuses) - 1
     # The line is straighter for readings than for their logarithms.
-    line = (np.exp(used) if positive else used) @ forms.log_law
+    line = (np.exp(used) if positive else used).dot(forms.log_law)
     if positive:
         line = np.log(np.maximum(line, _MIN_LINE))
     line = np.minimum(np.maximum(line - last, -largest_change), largest_change)
     gap = is_doubtful * _LINE_SHARE * (line - change[1])
-    side = np.abs(change - change[1])
-    side += np.abs(gap)
-    side *= _SIGNS * (1 + beyond)
+    ends = change - change[1]
+    ends += _SIGNS * np.abs(gap)
+    ends *= 1 + beyond
     if since_s[-1] > _EARLY_S:
         gap *= mixture.exponential_probability() < _DECISIVE
-    side += last + change[1] + gap
-    return side, status
+    ends += last + change[1] + gap
+    return ends, status
 
 
 def _group_holds(
