@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dtrtri
 
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import log_law_weights
-from palpate.settling.shapes import LOOSE, N_CURVES, NOISE, WALK, curve_values
+from palpate.settling.shapes import LOOSE, NOISE, WALK, curve_values
 from palpate.signal.transient import WAIT_S
 
 #: Prior scale of the change of ln R from 0.3 to 20 s, and its degrees of freedom. Sheets and soft
@@ -33,6 +33,8 @@ _LOOSE_RATE = -1 / np.geomspace(0.1, 100.0, 10)
 _MIN_LINE_SAMPLES = 3
 #: Keeps covariances positive definite if bins are close together.
 _JITTER = 1e-9
+#: Keeps the unexplained squares of a constant hold positive.
+_TINY = float(np.finfo(float).tiny)
 
 N_DEVIATIONS = NOISE.size
 #: Variances of the deviations, shape (n_deviations, 3).
@@ -124,30 +126,25 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     degrees = m + noise_samples + scaled * SCALE_DEGREES
     log_handicap = noise_samples * _LOG_NOISE + np.log(square) / 2
     log_handicap += np.add.reduce(np.log(diagonal[:, :m]), axis=1)[:, None]
-    log_handicap -= log_handicap.min()
-    log_handicap *= 2 / degrees
-    handicap = np.exp(log_handicap)
+    handicap = np.exp((log_handicap - log_handicap.min()) * (2 / degrees))
     root_handicap = np.sqrt(handicap)
     back = inverse[:, :m, :m].transpose(0, 2, 1)
-    projection = np.empty((m, N_DEVIATIONS * (m + N_CURVES + 1)))
-    parts = projection[:, :-N_DEVIATIONS]
-    parts[:, : N_DEVIATIONS * m].reshape(m, N_DEVIATIONS, m)[:] = back.transpose(1, 0, 2)
     along = back @ (along * (root_handicap / root)[:, None])
-    parts[:, N_DEVIATIONS * m :].reshape(m, N_DEVIATIONS, N_CURVES)[:] = along.transpose(1, 0, 2)
-    projection[:, -N_DEVIATIONS:] = (-spread * inverse[:, m, :m]).T
+    by_bin = (part.transpose(1, 0, 2).reshape(m, -1) for part in (back, along))
+    ahead = -spread * inverse[:, m, :m]
     pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
     pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
         starts=starts,
         count=count,
         noise_weights=weigh_noise(samples_s),
-        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + float(np.finfo(float).tiny),
-        noise_squares=noise_samples / NOISE**2,
+        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + _TINY,
+        noise_squares=noise_samples / _VARIANCES[:, 0],
         degrees=degrees,
-        projection=projection,
+        projection=np.concatenate((*by_bin, ahead.T), axis=1),
         handicap=handicap,
         step=(step / root_handicap).ravel(),
-        variance=((spread**2 + step**2) / (handicap * max(degrees - 2, 1))).ravel(),
+        variance=((spread * spread + step * step) / (handicap * max(degrees - 2, 1))).ravel(),
         pace_from=pace_from,
         pace=float(pace),
         log_law=_line_weights(samples_s, after_s=after_s),

@@ -14,7 +14,7 @@ from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 #: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
 #: change at the recent rate per e-fold of time.
 MODEL_ERROR = 0.12
-#: Shape (n_components,). Deviation of each component, and whether its curve is a single exponential.
+#: Shape (n_components,). Deviation of each component, and whether its curve is one exponential.
 _DEVIATION = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
 _IS_EXPONENTIAL = np.tile(IS_EXPONENTIAL, N_DEVIATIONS)
 #: Components with less than this fraction of the largest weight are ignored.
@@ -82,10 +82,8 @@ def compute_posterior(
     weight /= np.add.reduceat(weight, first).take(hold)
     forecast = products[:, -N_DEVIATIONS:].take(N_DEVIATIONS * hold + _DEVIATION.take(component))
     forecast += forms.step.take(component) * along.take(selected)
-    variance = recent.take(hold)
-    variance *= variance
-    variance += forecast * forecast
-    variance *= MODEL_ERROR**2
+    recent = recent.take(hold)
+    variance = MODEL_ERROR**2 * (forecast * forecast + recent * recent)
     variance += unexplained * forms.variance.take(component)
     return Mixture(
         first=first,
@@ -134,7 +132,4 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     slope = _GAPS / np.maximum(known[1:] - known[:-1], _RAREST)
     step = (target - known[before, holds]) * slope[before, holds]
     step = np.minimum(np.maximum(step, -_MAX_STEP), _MAX_STEP)
-    step += _POINTS.take(before)
-    step *= spread
-    step += mean
-    return np.asarray(step)
+    return np.asarray(mean + spread * (_POINTS.take(before) + step))

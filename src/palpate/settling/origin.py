@@ -52,10 +52,13 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
     >>> float(time_s[window.origin].round(2)), float(time_s[window.first].round(2))
     (0.95, 1.3)
     """
-    smallest, largest = np.minimum.reduce(values, axis=1), np.maximum.reduce(values, axis=1)
+    rows, last = np.arange(len(values)), values[:, -1]
+    top, bottom = values.argmax(axis=1), values.argmin(axis=1)
+    largest, smallest = values[rows, top], values[rows, bottom]
+    peak = select_peak(top, bottom, fall=largest - last, rise=last - smallest)
     baseline_end = _find_baseline_end(time_s, values, smallest=smallest, largest=largest)
-    origin = np.maximum(select_peak(values, smallest=smallest, largest=largest), baseline_end)
-    rows, origin_s = np.arange(len(values)), time_s[origin]
+    origin = np.maximum(peak, baseline_end)
+    origin_s = time_s[origin]
     start = values[rows, origin]
     soon = time_s.searchsorted(origin_s + _CONTACT_S, side="right") - 1
     jump = np.abs(start - values[rows, soon])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,7 +20,7 @@ from palpate.settling.origin import Window, find_updates, find_windows
 from palpate.settling.result import SettledEstimate
 
 #: Holds per batch, which limits the memory.
-_BATCH_SIZE = 512
+_BATCH_SIZE = 1024
 #: With samples over a shorter time than this the prediction depends only on the prior.
 _MIN_DURATION_S = 0.3
 #: With fewer samples noise cannot be distinguished from change.
@@ -96,8 +96,9 @@ class Relaxation:
         status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
         quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
         after_s = horizon_s - SETTLED_WINDOW_S / 2
-        has_steps = np.logical_and.reduce(values[:, 1:] != values[:, :-1], axis=1)
-        [repeating] = (~has_steps).nonzero()
+        # Readings that repeat have a resolution or an update rate; so may a single reading.
+        is_changed, several = values[:, 1:] != values[:, :-1], time_s.size > 1
+        [repeating] = (~np.logical_and.reduce(is_changed, axis=1, initial=several)).nonzero()
         for rows, columns, positive in _group_holds(values, repeating):
             times, samples = time_s[columns], values.take(rows, axis=0)[:, columns]
             last = samples[:, -1:]
@@ -116,7 +117,8 @@ class Relaxation:
                         batch = slice(start, start + _BATCH_SIZE)
                         ends[:, chosen[batch]], status[chosen[batch]] = _forecast(
                             window,
-                            change.take(window.rows[batch], axis=0)[:, window.first :],
+                            # This order of the axes is faster: operations run along the holds.
+                            np.asfortranarray(change[window.rows[batch], window.first :]),
                             positive=positive,
                             after_s=after_s - float(times[window.origin]),
                             quantile=quantile,
@@ -127,9 +129,7 @@ class Relaxation:
                 ends[:, rows] = last.T * np.exp(limited)
             else:
                 ends[:, rows] += last.T
-        low, value, high = _widen_to_resolution(
-            ends, values, repeating if time_s.size > 1 else range(len(values))
-        )
+        low, value, high = _widen_to_resolution(ends, values, repeating)
         return SettledEstimate(
             value=value,
             low=low,
@@ -160,8 +160,7 @@ def _forecast(
     if since_s.size < 2:
         return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
-    binned = np.add.reduceat(used, forms.starts, axis=1)
-    binned /= forms.count
+    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
     last = binned[:, -1]
     differences = binned[:, :-1] - last[:, None]
     noise = estimate_noise(forms.noise_weights, used)
@@ -199,13 +198,10 @@ def _forecast(
         line = np.log(np.maximum(line, _MIN_LINE))
     line = np.minimum(np.maximum(line - last, -largest_change), largest_change)
     gap = is_doubtful * _LINE_SHARE * (line - change[1])
-    ends = change - change[1]
-    ends += _SIGNS * np.abs(gap)
-    ends *= 1 + beyond
+    sides = (change - change[1] + _SIGNS * np.abs(gap)) * (1 + beyond)
     if since_s[-1] > _EARLY_S:
         gap *= mixture.exponential_probability() < _DECISIVE
-    ends += last + change[1] + gap
-    return ends, status
+    return last + change[1] + gap + sides, status
 
 
 def _group_holds(
@@ -235,7 +231,7 @@ def _group_holds(
 
 
 def _widen_to_resolution(
-    ends: FloatArray, values: FloatArray, rows: Iterable[int]
+    ends: FloatArray, values: FloatArray, rows: NDArray[np.intp]
 ) -> FloatArray:
     """Widen intervals that are narrower than a step of the readings.
 

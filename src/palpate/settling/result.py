@@ -69,18 +69,8 @@ class SettledEstimate:
         """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
-        parts: Any = (self.value, self.low, self.high, self.window_s, self.status)
-        value, low, high, window_s, status = (part[index] for part in parts)
-        return SettledEstimate(
-            value=value,
-            low=low,
-            high=high,
-            level=self.level,
-            horizon_s=self.horizon_s,
-            window_s=window_s,
-            method=self.method,
-            status=status,
-        )
+        names = ("value", "low", "high", "window_s", "status")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
 def make_point_estimate(

@@ -57,16 +57,22 @@ def find_peak(values: ArrayLike) -> NDArray[np.intp]:
     [1, 1]
     """
     samples = np.asarray(values, dtype=np.float64)
-    smallest, largest = np.minimum.reduce(samples, axis=-1), np.maximum.reduce(samples, axis=-1)
-    return select_peak(samples, smallest=smallest, largest=largest)
+    last = samples[..., -1]
+    return select_peak(
+        samples.argmax(axis=-1),
+        samples.argmin(axis=-1),
+        fall=np.maximum.reduce(samples, axis=-1) - last,
+        rise=last - np.minimum.reduce(samples, axis=-1),
+    )
 
 
 def select_peak(
-    samples: FloatArray, *, smallest: FloatArray, largest: FloatArray
+    top: NDArray[np.intp], bottom: NDArray[np.intp], *, fall: FloatArray, rise: FloatArray
 ) -> NDArray[np.intp]:
-    """Return the index of the peak if the extremes are known; see `find_peak`."""
-    top, bottom, last = samples.argmax(axis=-1), samples.argmin(axis=-1), samples[..., -1]
-    fall, rise = largest - last, last - smallest
+    """Select the peak from the indices of the largest and the smallest sample; see `find_peak`.
+
+    `fall`, `rise`: changes from the largest and from the smallest sample to the last sample.
+    """
     is_top = (fall > rise) | ((fall == rise) & (top < bottom))
     return np.where(is_top, top, bottom)
 
