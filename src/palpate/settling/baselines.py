@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -108,5 +107,5 @@ def log_law_weights(since_s: FloatArray, *, after_s: float, from_s: float) -> Fl
     log_time = np.log(since_s + from_s)
     middle = np.add.reduce(log_time) / log_time.size
     centred = log_time - middle
-    distance = math.log(after_s + from_s) - middle
+    distance = np.log(after_s + from_s) - middle
     return np.asarray(1 / centred.size + centred * (distance / centred.dot(centred)))

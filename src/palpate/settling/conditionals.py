@@ -31,10 +31,9 @@ WALK_FROM_S = 0.2
 _LOOSE_RATE = -1 / np.geomspace(0.1, 100.0, 10)
 #: Fewest samples of the log law's line after the wait; with fewer it is drawn through all samples.
 _MIN_LINE_SAMPLES = 3
-#: Keeps covariances positive definite if bins are close together.
-_JITTER = 1e-9
-#: Keeps the unexplained squares of a constant hold positive.
-_TINY = float(np.finfo(float).tiny)
+#: Keep covariances positive definite if bins are close together, and the unexplained squares of a
+#: constant hold positive.
+_JITTER, _TINY = 1e-9, float(np.finfo(float).tiny)
 
 N_DEVIATIONS = NOISE.size
 #: Variances of the deviations, shape (n_deviations, 3).
@@ -61,7 +60,7 @@ class Conditionals(NamedTuple):
 
     #: Shape (m + 1,). First sample of each bin, and number of samples in it.
     starts: NDArray[np.intp]
-    count: FloatArray
+    sizes: FloatArray
     #: Weights for `estimate_noise`.
     noise_weights: NoiseWeights
     #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
@@ -136,7 +135,7 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
         starts=starts,
-        count=count,
+        sizes=count,
         noise_weights=weigh_noise(samples_s),
         prior_squares=scaled * SCALE_DEGREES * SCALE**2 + _TINY,
         noise_squares=noise_samples / _VARIANCES[:, 0],
@@ -166,7 +165,7 @@ def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArra
     np.dot(decays, decays.T, out=loose)
     covariances = _VARIANCES.dot(parts.reshape(3, -1))
     covariances[:, :: m + 2] += _JITTER
-    return covariances.reshape(N_DEVIATIONS, m + 1, m + 1)
+    return np.asarray(covariances.reshape(N_DEVIATIONS, m + 1, m + 1))
 
 
 def _line_weights(samples_s: FloatArray, *, after_s: float) -> FloatArray:

@@ -73,8 +73,7 @@ def compute_posterior(
     smallest = np.maximum(np.minimum.reduce(residual, axis=1), 1e-12 * squares[:, 0])
     limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
     [selected] = (residual <= limit[:, None]).ravel().nonzero()
-    hold = selected // _DEVIATION.size
-    component = selected - _DEVIATION.size * hold
+    hold, component = np.divmod(selected, residual.shape[1])
     first = hold.searchsorted(np.arange(holds))
     smallest = smallest.take(hold)
     unexplained = np.maximum(residual.take(selected), smallest)
@@ -82,16 +81,14 @@ def compute_posterior(
     weight /= np.add.reduceat(weight, first).take(hold)
     forecast = products[:, -N_DEVIATIONS:].take(N_DEVIATIONS * hold + _DEVIATION.take(component))
     forecast += forms.step.take(component) * along.take(selected)
-    recent = recent.take(hold)
-    variance = MODEL_ERROR**2 * (forecast * forecast + recent * recent)
-    variance += unexplained * forms.variance.take(component)
+    model_variance = MODEL_ERROR**2 * (forecast**2 + np.square(recent).take(hold))
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(variance),
-        is_exponential=_IS_EXPONENTIAL.take(component),
+        deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
+        is_exponential=_IS_EXPONENTIAL[component],
     )
 
 

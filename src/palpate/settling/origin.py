@@ -57,31 +57,22 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
     largest, smallest = values[rows, top], values[rows, bottom]
     peak = select_peak(top, bottom, fall=largest - last, rise=last - smallest)
     baseline_end = _find_baseline_end(time_s, values, smallest=smallest, largest=largest)
-    origin = np.maximum(peak, baseline_end)
-    origin_s = time_s[origin]
-    start = values[rows, origin]
-    soon = time_s.searchsorted(origin_s + _CONTACT_S, side="right") - 1
-    jump = np.abs(start - values[rows, soon])
-    min_jump = _CONTACT_LOG
-    if not positive:
-        min_jump = _CONTACT_FRACTION * np.maximum(largest - start, start - smallest)
-    has_contact = (jump > min_jump) | (baseline_end > 0)
-    begin = origin
-    if has_contact.any():
-        later = time_s.searchsorted(origin_s + _RINGING_S - 1e-9)
+    origins = np.maximum(peak, baseline_end)
+    for origin in dict.fromkeys(origins.tolist()):
+        [rows] = (origins == origin).nonzero()
+        zero_s, start = time_s[origin], values[rows, origin]
+        soon = time_s.searchsorted(zero_s + _CONTACT_S, side="right") - 1
+        min_jump = _CONTACT_LOG
+        if not positive:
+            min_jump = _CONTACT_FRACTION * np.maximum(largest[rows] - start, start - smallest[rows])
+        has_contact = (np.abs(start - values[rows, soon]) > min_jump) | (baseline_end[rows] > 0)
+        later = int(time_s.searchsorted(zero_s + _RINGING_S - 1e-9))
         # The ringing is only skipped if there are enough samples after it.
-        rest_s = time_s[-1] - time_s[np.minimum(later, time_s.size - 1)]
-        has_enough = (later + _MIN_SAMPLES <= time_s.size) & (rest_s >= _MIN_DURATION_S)
-        begin = np.where(has_contact & has_enough, later, origin)
-    keys = origin * time_s.size + begin
-    for key in dict.fromkeys(keys.tolist()):
-        key_origin, first = divmod(key, time_s.size)
-        yield Window(
-            rows=(keys == key).nonzero()[0],
-            since_s=time_s[first:] - time_s[key_origin],
-            origin=key_origin,
-            first=first,
-        )
+        if time_s.size < later + _MIN_SAMPLES or time_s[-1] - time_s[later] < _MIN_DURATION_S:
+            later = origin
+        for first, part in ((later, rows[has_contact]), (origin, rows[~has_contact])):
+            if part.size:
+                yield Window(rows=part, since_s=time_s[first:] - zero_s, origin=origin, first=first)
 
 
 def _find_baseline_end(

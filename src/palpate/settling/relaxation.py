@@ -129,7 +129,8 @@ class Relaxation:
                 ends[:, rows] = last.T * np.exp(limited)
             else:
                 ends[:, rows] += last.T
-        low, value, high = _widen_to_resolution(ends, values, repeating)
+        _widen_to_resolution(ends, values, repeating)
+        low, value, high = ends
         return SettledEstimate(
             value=value,
             low=low,
@@ -160,7 +161,7 @@ def _forecast(
     if since_s.size < 2:
         return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
-    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
+    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.sizes
     last = binned[:, -1]
     differences = binned[:, :-1] - last[:, None]
     noise = estimate_noise(forms.noise_weights, used)
@@ -175,29 +176,23 @@ def _forecast(
     is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
     excursion = np.abs(binned - binned[:, :1])
     largest = np.maximum.reduce(excursion, axis=1)
-    # In order of precedence.
-    statuses = (
-        Status.NOT_SETTLING,
-        Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT,
-        Status.FELL_BACK,
-        Status.UNPROVEN,
-        Status.UNPROVEN if beyond else Status.OK,
-    )
-    applies = np.zeros((len(statuses), len(used)), dtype=np.bool_)
+    wide = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
+    otherwise = Status.UNPROVEN if beyond else Status.OK
+    # In order of precedence; the last applies always.
+    statuses = (Status.NOT_SETTLING, wide, Status.FELL_BACK, Status.UNPROVEN, otherwise)
+    applies = np.ones((len(statuses), len(used)), dtype=np.bool_)
     applies[0] = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
     applies[1] = is_short or _is_wide(change, span=span, positive=positive)
     applies[2] = shrinking < 1
     applies[3] = below * above > 0
-    applies[-1] = True
     chosen = applies.argmax(axis=0)
     status = np.array(statuses, dtype=object).take(chosen)
-    is_doubtful = chosen < len(statuses) - 1
     # The line is straighter for readings than for their logarithms.
     line = (np.exp(used) if positive else used).dot(forms.log_law)
     if positive:
         line = np.log(np.maximum(line, _MIN_LINE))
     line = np.minimum(np.maximum(line - last, -largest_change), largest_change)
-    gap = is_doubtful * _LINE_SHARE * (line - change[1])
+    gap = (chosen < len(statuses) - 1) * _LINE_SHARE * (line - change[1])
     sides = (change - change[1] + _SIGNS * np.abs(gap)) * (1 + beyond)
     if since_s[-1] > _EARLY_S:
         gap *= mixture.exponential_probability() < _DECISIVE
@@ -214,26 +209,20 @@ def _group_holds(
     # True only for positive samples: no negative value is above a fraction of a larger one.
     positive = np.minimum.reduce(values, axis=1) > _MIN_RATIO * np.maximum.reduce(values, axis=1)
     group = positive.astype(np.intp)
-    grids: list[slice | NDArray[np.intp]] = [slice(None)]
     if repeating.size:
         is_changed = np.diff(values[repeating], axis=1) != 0
         # A reading that changes twice in a row is updated at every sample.
         is_current = (is_changed[:, 1:] & is_changed[:, :-1]).any(axis=1)
-        numbers: dict[bytes, int] = {}
+        first_rows: dict[bytes, int] = {}
         for row in repeating[~is_current].tolist():
-            updates = find_updates(values[row])
-            number = numbers.setdefault(updates.tobytes(), len(grids))
-            if number == len(grids):
-                grids.append(updates)
-            group[row] += 2 * number
+            group[row] += 2 + 2 * first_rows.setdefault(find_updates(values[row]).tobytes(), row)
     for number in dict.fromkeys(group.tolist()):
-        yield (group == number).nonzero()[0], grids[number // 2], number % 2 == 1
+        columns = find_updates(values[number // 2 - 1]) if number > 1 else slice(None)
+        yield (group == number).nonzero()[0], columns, number % 2 == 1
 
 
-def _widen_to_resolution(
-    ends: FloatArray, values: FloatArray, rows: NDArray[np.intp]
-) -> FloatArray:
-    """Widen intervals that are narrower than a step of the readings.
+def _widen_to_resolution(ends: FloatArray, values: FloatArray, rows: NDArray[np.intp]) -> None:
+    """Widen intervals in place that are narrower than a step of the readings.
 
     The step is the smallest between two samples, or the last decimal of a constant reading.
 
@@ -246,7 +235,6 @@ def _widen_to_resolution(
         if samples.min() > 0:
             half = min(half, value / 2)
         ends[:, row] = min(low, value - half), value, max(high, value + half)
-    return ends
 
 
 def _last_decimal(reading: float) -> float:
