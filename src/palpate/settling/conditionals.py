@@ -15,7 +15,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtri
 
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import log_law_weights
@@ -112,7 +111,7 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     covariances = _covariances(count, points_s=points_s, log_time=log_time)
     # The factor includes the horizon: its last row is the horizon conditional on the samples.
     factor = np.linalg.cholesky(covariances)
-    inverse = np.array([dtrtri(triangle, lower=1)[0] for triangle in factor])
+    inverse: FloatArray = np.linalg.inv(factor)
     diagonal = factor.diagonal(axis1=1, axis2=2)
     spread = diagonal[:, m:]
     whitened = inverse @ curves

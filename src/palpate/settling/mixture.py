@@ -63,7 +63,7 @@ def compute_posterior(
     holds, m = differences.shape
     products = differences.dot(forms.projection)
     whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
-    squares = np.vecdot(whitened, whitened)
+    squares = np.einsum("hkm,hkm->hk", whitened, whitened)
     squares += noise[:, None] * forms.noise_squares + forms.prior_squares
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
