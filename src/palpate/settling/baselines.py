@@ -105,7 +105,7 @@ def log_law_weights(since_s: FloatArray, *, after_s: float, from_s: float) -> Fl
     `from_s`: t_0.
     """
     log_time = np.log(since_s + from_s)
-    middle = log_time.mean()
+    middle = np.add.reduce(log_time) / log_time.size
     centred = log_time - middle
     distance = np.log(after_s + from_s) - middle
-    return np.asarray(1 / centred.size + centred * distance / (centred @ centred))
+    return np.asarray(1 / centred.size + centred * (distance / centred.dot(centred)))

@@ -10,9 +10,8 @@ prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, sec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +30,13 @@ WALK_FROM_S = 0.2
 _LOOSE_RATE = -1 / np.geomspace(0.1, 100.0, 10)
 #: Fewest samples of the log law's line after the wait; with fewer it is drawn through all samples.
 _MIN_LINE_SAMPLES = 3
-#: Keeps covariances positive definite if bins are close together.
-_JITTER = 1e-9
+#: Keep covariances positive definite if bins are close together, and the unexplained squares of a
+#: constant hold positive.
+_JITTER, _TINY = 1e-9, float(np.finfo(float).tiny)
 
 N_DEVIATIONS = NOISE.size
-#: Variances of the deviations, shape (n_deviations, 1, 1).
-_NOISE_VARIANCE, _WALK_VARIANCE, _LOOSE_VARIANCE = (
-    np.square(deviation)[:, None, None] for deviation in (NOISE, WALK, LOOSE)
-)
+#: Variances of the deviations, shape (n_deviations, 3).
+_VARIANCES = np.square(np.stack((NOISE, WALK, LOOSE), axis=1))
 _LOG_NOISE = np.log(NOISE)[:, None]
 
 #: Maximum number of bins; more bins do not improve the prediction.
@@ -56,13 +54,12 @@ CONTACT_SCATTER = 10.0
 NoiseWeights: TypeAlias = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Conditionals:
+class Conditionals(NamedTuple):
     """The components evaluated on one grid; m is the number of differences."""
 
     #: Shape (m + 1,). First sample of each bin, and number of samples in it.
     starts: NDArray[np.intp]
-    count: FloatArray
+    sizes: FloatArray
     #: Weights for `estimate_noise`.
     noise_weights: NoiseWeights
     #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
@@ -119,33 +116,33 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     spread = diagonal[:, m:]
     whitened = inverse @ curves
     along = whitened[:, :m]
-    square = 1 + np.square(along).sum(axis=1)
+    square = 1 + np.add.reduce(along * along, axis=1)
     root = np.sqrt(square)
     step = spread * whitened[:, m] / root
     # Adjacent deviations share samples, so that about half of them are independent.
     noise_samples = min(max(samples_s.size - 2, 0) / 2, MAX_NOISE_SAMPLES)
     degrees = m + noise_samples + scaled * SCALE_DEGREES
     log_handicap = noise_samples * _LOG_NOISE + np.log(square) / 2
-    log_handicap += np.log(diagonal[:, :m]).sum(axis=1)[:, None]
+    log_handicap += np.add.reduce(np.log(diagonal[:, :m]), axis=1)[:, None]
     handicap = np.exp((log_handicap - log_handicap.min()) * (2 / degrees))
     root_handicap = np.sqrt(handicap)
     back = inverse[:, :m, :m].transpose(0, 2, 1)
     along = back @ (along * (root_handicap / root)[:, None])
-    by_bin = (part.transpose(1, 0, 2) for part in (back, along))
+    by_bin = (part.transpose(1, 0, 2).reshape(m, -1) for part in (back, along))
     ahead = -spread * inverse[:, m, :m]
     pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
     pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
         starts=starts,
-        count=count,
+        sizes=count,
         noise_weights=weigh_noise(samples_s),
-        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + float(np.finfo(float).tiny),
-        noise_squares=noise_samples / NOISE**2,
+        prior_squares=scaled * SCALE_DEGREES * SCALE**2 + _TINY,
+        noise_squares=noise_samples / _VARIANCES[:, 0],
         degrees=degrees,
-        projection=np.concatenate([part.reshape(m, -1) for part in (*by_bin, ahead.T)], axis=1),
+        projection=np.concatenate((*by_bin, ahead.T), axis=1),
         handicap=handicap,
         step=(step / root_handicap).ravel(),
-        variance=((spread**2 + step**2) / (handicap * max(degrees - 2, 1))).ravel(),
+        variance=((spread * spread + step * step) / (handicap * max(degrees - 2, 1))).ravel(),
         pace_from=pace_from,
         pace=float(pace),
         log_law=_line_weights(samples_s, after_s=after_s),
@@ -155,18 +152,19 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
 def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArray) -> FloatArray:
     """Return covariances of (other bins, value at horizon) minus the last bin, for scale 1."""
     m = count.size - 1
-    noise = np.full((m + 1, m + 1), 1 / count[m])
-    noise.flat[: -1 : m + 2] += 1 / count[:m]
+    noise, walk, loose = parts = np.empty((3, m + 1, m + 1))
+    noise[:] = 1 / count[m]
+    noise.reshape(-1)[: -1 : m + 2] += 1 / count[:m]
     distance = np.abs(log_time[:-1] - log_time[-1])
-    walk = np.minimum(distance[:, None], distance)
+    np.minimum(distance[:, None], distance, out=walk)
     # The walk before the last bin and the walk after it are independent.
     walk[m, :m] = walk[:m, m] = 0.0
     decays = np.exp(points_s[:, None] * _LOOSE_RATE)
     decays = decays[:-1] - decays[-1]
-    loose = decays @ decays.T
-    covariances = _NOISE_VARIANCE * noise + _WALK_VARIANCE * walk + _LOOSE_VARIANCE * loose
-    covariances.reshape(N_DEVIATIONS, -1)[:, :: m + 2] += _JITTER
-    return np.asarray(covariances)
+    np.dot(decays, decays.T, out=loose)
+    covariances = _VARIANCES.dot(parts.reshape(3, -1))
+    covariances[:, :: m + 2] += _JITTER
+    return np.asarray(covariances.reshape(N_DEVIATIONS, m + 1, m + 1))
 
 
 def _line_weights(samples_s: FloatArray, *, after_s: float) -> FloatArray:
@@ -191,12 +189,14 @@ def log_bins(time_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArr
     [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
     """
     log_time = np.log(time_s + LINEAR_BELOW_S)
-    starts = np.arange(min(time_s.size, MAX_BINS))
+    edges = np.arange(min(time_s.size, MAX_BINS) + 1)
     if time_s.size > MAX_BINS:
         width = (log_time[-1] - log_time[0]) / MAX_BINS
-        starts = log_time.searchsorted(log_time[0] + width * starts)
-        starts = starts[np.append(starts[1:] > starts[:-1], True)]
-    count = np.append(starts[1:], time_s.size) - starts.astype(np.float64)
+        edges = log_time.searchsorted(log_time[0] + width * edges)
+        edges[-1] = time_s.size
+    size = edges[1:] - edges[:-1]
+    [filled] = size.nonzero()
+    starts, count = edges.take(filled), size.take(filled).astype(np.float64)
     # The curves are nearly straight in log time, so that a bin's time is its mean log time.
     mean = np.add.reduceat(log_time, starts) / count
     return starts, count, np.exp(mean) - LINEAR_BELOW_S
@@ -210,10 +210,9 @@ def weigh_noise(time_s: FloatArray) -> NoiseWeights:
     """
     earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
     count = earlier.size
-    is_late = np.arange(count) >= count // 2
-    averages = np.stack(
-        (np.full(count, 1 / max(count, 1)), is_late / max(is_late.sum(), 1)), axis=1
-    )
+    averages = np.zeros((count, 2))
+    averages[:, 0] = 1 / max(count, 1)
+    averages[count // 2 :, 1] = 1 / max(count - count // 2, 1)
     averages /= (2 - 2 * earlier * (1 - earlier))[:, None]
     return earlier, averages
 
@@ -233,5 +232,5 @@ def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     later = values[:, 2:]
     square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
     square *= square
-    variance, late = (square @ averages).T
+    variance, late = square.dot(averages).T
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,14 @@ from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 #: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
 #: change at the recent rate per e-fold of time.
 MODEL_ERROR = 0.12
+#: Shape (n_components,). Deviation of each component, and whether its curve is one exponential.
+_DEVIATION = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
+_IS_EXPONENTIAL = np.tile(IS_EXPONENTIAL, N_DEVIATIONS)
 #: Components with less than this fraction of the largest weight are ignored.
 MIN_WEIGHT = 1e-3
 #: Points at which the distribution is evaluated, standard deviations from the mean.
 _POINTS = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])
+_GAPS = np.diff(_POINTS)[:, None]
 #: A component is approximated by a logistic distribution. This is half of the inverse of its scale
 #: at a standard deviation of 1.
 _STEEPNESS = np.pi / np.sqrt(12.0)
@@ -27,8 +31,7 @@ _RAREST, _TINY = 1e-9, float(np.finfo(float).tiny)
 _MAX_STEP = 6.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mixture:
+class Mixture(NamedTuple):
     """Components with relevant weight, grouped by hold, and their forecasts."""
 
     #: Shape (n_holds,). Index of the first component of each hold.
@@ -49,15 +52,16 @@ class Mixture:
 
 
 def compute_posterior(
-    forms: Conditionals, differences: FloatArray, *, noise: FloatArray
+    forms: Conditionals, differences: FloatArray, *, noise: FloatArray, recent: FloatArray
 ) -> Mixture:
     """Compute the posterior weights of the components for holds on one grid.
 
     `differences`, shape (n_holds, m): differences of the bins to the last bin.
     `noise`, shape (n_holds,): noise variance of one sample.
+    `recent`, shape (n_holds,): change from the last bin to the horizon at the recent rate.
     """
     holds, m = differences.shape
-    products = differences @ forms.projection
+    products = differences.dot(forms.projection)
     whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
     squares += noise[:, None] * forms.noise_squares + forms.prior_squares
@@ -65,29 +69,26 @@ def compute_posterior(
     # squares selects the components without a logarithm.
     along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]
     residual = (squares[:, :, None] * forms.handicap).reshape(holds, -1)
-    residual -= np.square(along)
-    smallest = np.maximum(residual.min(axis=1), 1e-12 * squares[:, 0])
+    residual -= along * along
+    smallest = np.maximum(np.minimum.reduce(residual, axis=1), 1e-12 * squares[:, 0])
     limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
     [selected] = (residual <= limit[:, None]).ravel().nonzero()
     hold, component = np.divmod(selected, residual.shape[1])
-    deviation, curve = np.divmod(component, N_CURVES)
     first = hold.searchsorted(np.arange(holds))
     smallest = smallest.take(hold)
     unexplained = np.maximum(residual.take(selected), smallest)
     weight = (smallest / unexplained) ** (forms.degrees / 2)
     weight /= np.add.reduceat(weight, first).take(hold)
-    end = (hold + 1) * products.shape[1] - N_DEVIATIONS
-    forecast = products.take(end + deviation)
-    forecast += forms.step.take(component) * products.take(end - residual.shape[1] + component)
-    recent = forms.pace * differences[:, forms.pace_from].take(hold)
-    model_variance = MODEL_ERROR**2 * (forecast**2 + recent**2)
+    forecast = products[:, -N_DEVIATIONS:].take(N_DEVIATIONS * hold + _DEVIATION.take(component))
+    forecast += forms.step.take(component) * along.take(selected)
+    model_variance = MODEL_ERROR**2 * (forecast**2 + np.square(recent).take(hold))
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
         deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
-        is_exponential=IS_EXPONENTIAL[curve],
+        is_exponential=_IS_EXPONENTIAL[component],
     )
 
 
@@ -111,10 +112,11 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     """
     first, hold, weight = mixture.first, mixture.hold, mixture.weight
     mean = np.add.reduceat(weight * mixture.forecast, first)
-    offset = mixture.forecast - mean[hold]
-    spread = np.sqrt(np.add.reduceat(weight * (mixture.deviation**2 + offset**2), first))
+    offset = mixture.forecast - mean.take(hold)
+    square = mixture.deviation * mixture.deviation + offset * offset
+    spread = np.sqrt(np.add.reduceat(weight * square, first))
     steepness = _STEEPNESS / np.maximum(mixture.deviation, _TINY)
-    cdf = _POINTS[:, None] * (spread[hold] * steepness)
+    cdf = _POINTS[:, None] * (spread.take(hold) * steepness)
     cdf -= offset * steepness
     np.tanh(cdf, out=cdf)
     cdf *= weight
@@ -122,9 +124,9 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     known = np.add.reduceat(cdf, first, axis=1)
     known = np.arctanh(np.minimum(np.maximum(known, _RAREST - 1), 1 - _RAREST))
     target = np.arctanh(2 * probabilities - 1)[:, None]
-    after = 1 + (known[1:-1, None] < target).sum(axis=0)
-    holds, before = np.arange(mean.size), after - 1
-    low, start = known[before, holds], _POINTS[before]
-    slope = (_POINTS[after] - start) / np.maximum(known[after, holds] - low, _RAREST)
-    step = np.minimum(np.maximum((target - low) * slope, -_MAX_STEP), _MAX_STEP)
-    return np.asarray(mean + spread * (start + step))
+    before = np.add.reduce(known[1:-1, None] < target, axis=0)
+    holds = np.arange(mean.size)
+    slope = _GAPS / np.maximum(known[1:] - known[:-1], _RAREST)
+    step = (target - known[before, holds]) * slope[before, holds]
+    step = np.minimum(np.maximum(step, -_MAX_STEP), _MAX_STEP)
+    return np.asarray(mean + spread * (_POINTS.take(before) + step))

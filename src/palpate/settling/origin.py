@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.signal.transient import find_peak
+from palpate.signal.transient import select_peak
 
 #: A baseline is within this fraction of the total change for at least this time (s) and number of
 #: samples. The change then reaches the larger fraction within three quarters of the baseline's
@@ -26,8 +26,7 @@ _MIN_SAMPLES, _MIN_DURATION_S = 4, 0.25
 _MIN_RUNS = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Window:
+class Window(NamedTuple):
     """Holds with the same origin and the same samples to use."""
 
     #: Indices of the holds.
@@ -53,47 +52,49 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
     >>> float(time_s[window.origin].round(2)), float(time_s[window.first].round(2))
     (0.95, 1.3)
     """
-    baseline_end = _find_baseline_end(time_s, values)
-    origin = np.maximum(find_peak(values), baseline_end)
-    rows, origin_s = np.arange(len(values)), time_s[origin]
-    start = values[rows, origin]
-    soon = time_s.searchsorted(origin_s + _CONTACT_S, side="right") - 1
-    jump = np.abs(start - values[rows, soon])
-    min_jump = _CONTACT_LOG
-    if not positive:
-        min_jump = _CONTACT_FRACTION * np.abs(values - start[:, None]).max(axis=1)
-    has_contact = (jump > min_jump) | (baseline_end > 0)
-    begin = origin
-    if has_contact.any():
-        later = time_s.searchsorted(origin_s + _RINGING_S - 1e-9)
+    rows, last = np.arange(len(values)), values[:, -1]
+    top, bottom = values.argmax(axis=1), values.argmin(axis=1)
+    largest, smallest = values[rows, top], values[rows, bottom]
+    peak = select_peak(top, bottom, fall=largest - last, rise=last - smallest)
+    baseline_end = _find_baseline_end(time_s, values, smallest=smallest, largest=largest)
+    origins = np.maximum(peak, baseline_end)
+    for origin in dict.fromkeys(origins.tolist()):
+        [rows] = (origins == origin).nonzero()
+        zero_s, start = time_s[origin], values[rows, origin]
+        soon = time_s.searchsorted(zero_s + _CONTACT_S, side="right") - 1
+        min_jump = _CONTACT_LOG
+        if not positive:
+            min_jump = _CONTACT_FRACTION * np.maximum(largest[rows] - start, start - smallest[rows])
+        has_contact = (np.abs(start - values[rows, soon]) > min_jump) | (baseline_end[rows] > 0)
+        later = int(time_s.searchsorted(zero_s + _RINGING_S - 1e-9))
         # The ringing is only skipped if there are enough samples after it.
-        rest_s = time_s[-1] - time_s[np.minimum(later, time_s.size - 1)]
-        has_enough = (later + _MIN_SAMPLES <= time_s.size) & (rest_s >= _MIN_DURATION_S)
-        begin = np.where(has_contact & has_enough, later, origin)
-    keys = origin * time_s.size + begin
-    for key in dict.fromkeys(keys.tolist()):
-        key_origin, first = divmod(key, time_s.size)
-        yield Window(
-            rows=(keys == key).nonzero()[0],
-            since_s=time_s[first:] - time_s[key_origin],
-            origin=key_origin,
-            first=first,
-        )
+        if time_s.size < later + _MIN_SAMPLES or time_s[-1] - time_s[later] < _MIN_DURATION_S:
+            later = origin
+        for first, part in ((later, rows[has_contact]), (origin, rows[~has_contact])):
+            if part.size:
+                yield Window(rows=part, since_s=time_s[first:] - zero_s, origin=origin, first=first)
 
 
-def _find_baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
+def _find_baseline_end(
+    time_s: FloatArray, values: FloatArray, *, smallest: FloatArray, largest: FloatArray
+) -> NDArray[np.intp]:
     """Return the last sample of a flat initial baseline; 0 if there is none."""
     min_end = max(int((time_s - time_s[0]).searchsorted(_FLAT_S)), _FLAT_SAMPLES - 1)
-    change = np.abs(values - values[:, :1])
-    total = change.max(axis=1, keepdims=True)
-    if min_end >= time_s.size or (change[:, min_end] > _FLAT * total[:, 0]).all():
-        return np.zeros(len(values), dtype=np.intp)
-    # -1 for a constant hold, which never leaves the baseline.
-    flat = (change > _FLAT * total).argmax(axis=1) - 1
-    departed = (change > _DEPARTED * total).argmax(axis=1)
-    duration_s = time_s[flat] - time_s[0]
-    is_sudden = (time_s[departed] - time_s[flat] <= _SUDDEN * duration_s) | (departed == flat + 1)
-    end: NDArray[np.intp] = np.where((flat >= min_end) & is_sudden, flat, 0)
+    end = np.zeros(len(values), dtype=np.intp)
+    if min_end >= time_s.size:
+        return end
+    first = values[:, 0]
+    total = np.maximum(largest - first, first - smallest)
+    [rows] = (np.abs(values[:, min_end] - first) <= _FLAT * total).nonzero()
+    if rows.size:
+        change, total = np.abs(values[rows] - first[rows, None]), total[rows, None]
+        # -1 for a constant hold, which never leaves the baseline.
+        flat = (change > _FLAT * total).argmax(axis=1) - 1
+        departed = (change > _DEPARTED * total).argmax(axis=1)
+        duration_s = time_s[flat] - time_s[0]
+        is_sudden = time_s[departed] - time_s[flat] <= _SUDDEN * duration_s
+        is_sudden |= departed == flat + 1
+        end[rows] = np.where((flat >= min_end) & is_sudden, flat, 0)
     return end
 
 

@@ -20,7 +20,7 @@ from palpate.settling.origin import Window, find_updates, find_windows
 from palpate.settling.result import SettledEstimate
 
 #: Holds per batch, which limits the memory.
-_BATCH_SIZE = 512
+_BATCH_SIZE = 1024
 #: With samples over a shorter time than this the prediction depends only on the prior.
 _MIN_DURATION_S = 0.3
 #: With fewer samples noise cannot be distinguished from change.
@@ -33,7 +33,7 @@ _EARLY_S = 2.0
 _MAX_HALF_WIDTH = 0.2
 #: Ratio of the settling rate per e-fold of time to the rate in the last e-fold. For 97 % of 217
 #: holds of five real materials it is in this range from 2.5 s on (study `settled`).
-_PROVEN_PACE = (0.6, 1.8)
+_PROVEN_PACE = np.array([[0.6], [1.8]])
 #: Latest horizon at which the shapes were compared with real materials, seconds. For a later one
 #: each side of the interval grows by the number of e-folds of time beyond it.
 _PROVEN_HORIZON_S = 20.0
@@ -96,35 +96,41 @@ class Relaxation:
         status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
         quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
         after_s = horizon_s - SETTLED_WINDOW_S / 2
-        for rows, columns, positive in _group_holds(values):
-            times, samples = time_s[columns], values[rows[:, None], columns]
+        # Readings that repeat have a resolution or an update rate; so may a single reading.
+        is_changed, several = values[:, 1:] != values[:, :-1], time_s.size > 1
+        [repeating] = (~np.logical_and.reduce(is_changed, axis=1, initial=several)).nonzero()
+        for rows, columns, positive in _group_holds(values, repeating):
+            times, samples = time_s[columns], values.take(rows, axis=0)[:, columns]
             last = samples[:, -1:]
             # Changes are relative to the last sample, which keeps a constant hold exact.
             change = np.log(samples / last) if positive else samples - last
-            found = np.empty((3, rows.size))
             if times[-1] >= after_s:
-                found[:] = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
+                ends[:, rows] = _average_end(times, change, horizon_s=horizon_s, quantile=quantile)
                 status[rows] = Status.OK
                 status[rows[np.ptp(change, axis=1) == 0]] = Status.NOT_SETTLING
                 window_s[rows] = times[-1] - times[0]
             else:
                 for window in find_windows(times, change, positive=positive):
-                    window_s[rows[window.rows]] = window.since_s[-1] - window.since_s[0]
-                    for start in range(0, window.rows.size, _BATCH_SIZE):
-                        batch = window.rows[start : start + _BATCH_SIZE]
-                        found[:, batch], status[rows[batch]] = _forecast(
+                    chosen = rows.take(window.rows)
+                    window_s[chosen] = window.since_s[-1] - window.since_s[0]
+                    for start in range(0, chosen.size, _BATCH_SIZE):
+                        batch = slice(start, start + _BATCH_SIZE)
+                        ends[:, chosen[batch]], status[chosen[batch]] = _forecast(
                             window,
-                            change[batch, window.first :],
+                            # This order of the axes is faster: operations run along the holds.
+                            np.asfortranarray(change[window.rows[batch], window.first :]),
                             positive=positive,
                             after_s=after_s - float(times[window.origin]),
                             quantile=quantile,
                             beyond=max(0.0, math.log(horizon_s / _PROVEN_HORIZON_S)),
                         )
             if positive:
-                ends[:, rows] = last.T * np.exp(np.minimum(np.maximum(found, -_MAX_LOG), _MAX_LOG))
+                limited = np.minimum(np.maximum(ends[:, rows], -_MAX_LOG), _MAX_LOG)
+                ends[:, rows] = last.T * np.exp(limited)
             else:
-                ends[:, rows] = last.T + found
-        low, value, high = _widen_to_resolution(ends, values)
+                ends[:, rows] += last.T
+        _widen_to_resolution(ends, values, repeating)
+        low, value, high = ends
         return SettledEstimate(
             value=value,
             low=low,
@@ -150,84 +156,85 @@ def _forecast(
 
     `beyond`: number of e-folds of time from the latest proven horizon to the horizon.
     """
-    since_s, span = window.since_s, used.max(axis=1) - used.min(axis=1)
+    since_s = window.since_s
+    span = np.maximum.reduce(used, axis=1) - np.minimum.reduce(used, axis=1)
     if since_s.size < 2:
         return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
     forms = compute_conditionals(since_s, after_s=after_s, scaled=positive)
-    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.count
-    differences = binned[:, :-1] - binned[:, -1:]
+    binned = np.add.reduceat(used, forms.starts, axis=1) / forms.sizes
+    last = binned[:, -1]
+    differences = binned[:, :-1] - last[:, None]
     noise = estimate_noise(forms.noise_weights, used)
-    mixture = compute_posterior(forms, differences, noise=noise)
+    recent = -forms.pace * differences[:, forms.pace_from]
+    mixture = compute_posterior(forms, differences, noise=noise, recent=recent)
     change = compute_quantiles(mixture, quantile)
     largest_change = _MAX_CHANGE * span
     shrinking = largest_change / np.maximum(np.maximum(np.abs(change[1]), largest_change), _TINY)
     change *= shrinking
-    recent = -forms.pace * differences[:, forms.pace_from]
-    low_pace, high_pace = _PROVEN_PACE
-    is_unproven = (change[1] - low_pace * recent) * (change[1] - high_pace * recent) > 0
-    is_limited = shrinking < 1
+    below, above = change[1] - _PROVEN_PACE * recent
     min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
     is_short = bool(since_s[-1] < min_duration_s) or since_s.size < _MIN_SAMPLES
-    is_wide = _is_wide(binned[:, -1] + change, span=span, positive=positive) | is_short
     excursion = np.abs(binned - binned[:, :1])
-    largest = excursion.max(axis=1)
-    has_returned = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
-    is_ok = ~(is_unproven | is_limited | is_wide | has_returned)
-    # A later line takes precedence.
-    status = np.array([Status.UNPROVEN if beyond else Status.OK] * len(used), dtype=object)
-    status[is_unproven] = Status.UNPROVEN
-    status[is_limited] = Status.FELL_BACK
-    status[is_wide] = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
-    status[has_returned] = Status.NOT_SETTLING
+    largest = np.maximum.reduce(excursion, axis=1)
+    wide = Status.TOO_SHORT if is_short or since_s[-1] <= _EARLY_S else Status.MISFIT
+    otherwise = Status.UNPROVEN if beyond else Status.OK
+    # In order of precedence; the last applies always.
+    statuses = (Status.NOT_SETTLING, wide, Status.FELL_BACK, Status.UNPROVEN, otherwise)
+    applies = np.ones((len(statuses), len(used)), dtype=np.bool_)
+    applies[0] = (largest - excursion[:, -1] > _MAX_RETURN * largest) | (span == 0)
+    applies[1] = is_short or _is_wide(change, span=span, positive=positive)
+    applies[2] = shrinking < 1
+    applies[3] = below * above > 0
+    chosen = applies.argmax(axis=0)
+    status = np.array(statuses, dtype=object).take(chosen)
     # The line is straighter for readings than for their logarithms.
-    line = (np.exp(used) if positive else used) @ forms.log_law
+    line = (np.exp(used) if positive else used).dot(forms.log_law)
     if positive:
         line = np.log(np.maximum(line, _MIN_LINE))
-    line = np.minimum(np.maximum(line - binned[:, -1], -largest_change), largest_change)
-    is_moved = ~is_ok
+    line = np.minimum(np.maximum(line - last, -largest_change), largest_change)
+    gap = (chosen < len(statuses) - 1) * _LINE_SHARE * (line - change[1])
+    sides = (change - change[1] + _SIGNS * np.abs(gap)) * (1 + beyond)
     if since_s[-1] > _EARLY_S:
-        is_moved &= mixture.exponential_probability() < _DECISIVE
-    gap = _LINE_SHARE * (line - change[1])
-    side = (np.abs(change - change[1]) + ~is_ok * np.abs(gap)) * (1 + beyond)
-    return binned[:, -1] + change[1] + is_moved * gap + _SIGNS * side, status
+        gap *= mixture.exponential_probability() < _DECISIVE
+    return last + change[1] + gap + sides, status
 
 
 def _group_holds(
-    values: FloatArray,
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], bool]]:
-    """Yield groups of holds, the samples to use, and whether their logarithm is used."""
-    smallest, largest = values.min(axis=1), values.max(axis=1)
-    positive = (smallest > 0) & (smallest > _MIN_RATIO * largest)
-    changed = values[:, 1:] != values[:, :-1]
-    # A reading that changes twice in a row is updated at every sample.
-    is_current = (changed[:, 1:] & changed[:, :-1]).any(axis=1)
-    groups: dict[bytes, list[int]] = {}
-    for row in np.flatnonzero(~is_current).tolist():
-        groups.setdefault(find_updates(values[row]).tobytes(), []).append(row)
-    all_samples = np.arange(values.shape[1])
-    grids = [(np.flatnonzero(is_current), all_samples)]
-    grids += [(np.array(rows), np.frombuffer(key, dtype=np.intp)) for key, rows in groups.items()]
-    for rows, columns in grids:
-        for sign in (True, False):
-            if (group := rows[positive[rows] == sign]).size:
-                yield group, columns, sign
+    values: FloatArray, repeating: NDArray[np.intp]
+) -> Iterator[tuple[NDArray[np.intp], slice | NDArray[np.intp], bool]]:
+    """Yield groups of holds, the samples to use, and whether their logarithm is used.
 
-
-def _widen_to_resolution(ends: FloatArray, values: FloatArray) -> FloatArray:
-    """Widen intervals that are narrower than a step of the readings.
-
-    The step is the smallest between two samples, or the last decimal of a constant reading. Holds
-    whose samples all differ have noise of more than a step.
+    `repeating`: holds in which a sample equals the one before.
     """
-    repeats = (values[:, 1:] == values[:, :-1]).any(axis=1) | (values.shape[1] < 2)
-    for row in repeats.nonzero()[0]:
+    # True only for positive samples: no negative value is above a fraction of a larger one.
+    positive = np.minimum.reduce(values, axis=1) > _MIN_RATIO * np.maximum.reduce(values, axis=1)
+    group = positive.astype(np.intp)
+    if repeating.size:
+        is_changed = np.diff(values[repeating], axis=1) != 0
+        # A reading that changes twice in a row is updated at every sample.
+        is_current = (is_changed[:, 1:] & is_changed[:, :-1]).any(axis=1)
+        first_rows: dict[bytes, int] = {}
+        for row in repeating[~is_current].tolist():
+            group[row] += 2 + 2 * first_rows.setdefault(find_updates(values[row]).tobytes(), row)
+    for number in dict.fromkeys(group.tolist()):
+        columns = find_updates(values[number // 2 - 1]) if number > 1 else slice(None)
+        yield (group == number).nonzero()[0], columns, number % 2 == 1
+
+
+def _widen_to_resolution(ends: FloatArray, values: FloatArray, rows: NDArray[np.intp]) -> None:
+    """Widen intervals in place that are narrower than a step of the readings.
+
+    The step is the smallest between two samples, or the last decimal of a constant reading.
+
+    `rows`: holds to consider. If all samples of a hold differ, its noise is more than a step.
+    """
+    for row in rows:
         samples, (low, value, high) = values[row], ends[:, row]
         steps = np.abs(np.diff(samples))
         half = (float(steps[steps > 0].min()) if steps.any() else _last_decimal(samples[-1])) / 2
         if samples.min() > 0:
             half = min(half, value / 2)
         ends[:, row] = min(low, value - half), value, max(high, value + half)
-    return ends
 
 
 def _last_decimal(reading: float) -> float:

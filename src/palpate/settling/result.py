@@ -70,7 +70,7 @@ class SettledEstimate:
         if not isinstance(self.value, np.ndarray):
             return self
         names = ("value", "low", "high", "window_s", "status")
-        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
 def make_point_estimate(

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import FloatArray
+
 #: The paper's t_a: right after the peak a process faster than the fitted process dominates
 #: (section 2.2).
 WAIT_S = 0.5
@@ -55,14 +57,24 @@ def find_peak(values: ArrayLike) -> NDArray[np.intp]:
     [1, 1]
     """
     samples = np.asarray(values, dtype=np.float64)
-    top, bottom = samples.argmax(axis=-1), samples.argmin(axis=-1)
     last = samples[..., -1]
-    fall = np.maximum.reduce(samples, axis=-1) - last
-    rise = last - np.minimum.reduce(samples, axis=-1)
-    later, earlier = np.maximum(top, bottom), np.minimum(top, bottom)
-    is_earlier = (top <= bottom) == (fall >= rise)
-    peak: NDArray[np.intp] = np.where(is_earlier | (fall == rise), earlier, later)
-    return peak
+    return select_peak(
+        samples.argmax(axis=-1),
+        samples.argmin(axis=-1),
+        fall=np.maximum.reduce(samples, axis=-1) - last,
+        rise=last - np.minimum.reduce(samples, axis=-1),
+    )
+
+
+def select_peak(
+    top: NDArray[np.intp], bottom: NDArray[np.intp], *, fall: FloatArray, rise: FloatArray
+) -> NDArray[np.intp]:
+    """Select the peak from the indices of the largest and the smallest sample; see `find_peak`.
+
+    `fall`, `rise`: changes from the largest and from the smallest sample to the last sample.
+    """
+    is_top = (fall > rise) | ((fall == rise) & (top < bottom))
+    return np.where(is_top, top, bottom)
 
 
 def find_hold_window(time_s: ArrayLike, values: ArrayLike, *, wait_s: float = WAIT_S) -> HoldWindow:
