@@ -21,6 +21,7 @@ OUTCOME_NUMBERS = {outcome.value: number for number, outcome in enumerate(Outcom
 def list_measurements(document: GraspDocument | None) -> list[float]:
     """Return value, low and high of each measurement; NaN for unknown numbers.
 
+    >>> from palpate.grasp.result import GraspResult
     >>> size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     >>> held = GraspDocument(result=GraspResult(outcome=Outcome.HELD, size_mm=size))
     >>> list_measurements(held)[:4], len(list_measurements(None))

@@ -18,6 +18,7 @@ from palpate.rig import Rig
 from palpate.sensor.calibration import ForcePairs
 
 TIMEOUT_S = 20.0
+pytestmark = pytest.mark.slow
 
 
 class Rack:
