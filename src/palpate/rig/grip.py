@@ -8,6 +8,7 @@ import threading
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation
+from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
@@ -37,7 +38,6 @@ class Grip:
         self._failure: BaseException | None = None
         #: Whether the recording's error was raised, which `release` and `stop` do once.
         self._is_loss_told = False
-        self._is_real_time = False
         self._reading: Reading | None = None
         self._frame = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="palpate-grip", daemon=True)
@@ -174,5 +174,6 @@ class Grip:
     def _update_hold(self, grasp_state: GraspState) -> None:
         if grasp_state.estimate.rest_ohm is not None:
             self._reader.rest_ohm = grasp_state.estimate.rest_ohm
-        if self._job.known.is_set() and self._paced is not None and not self._is_real_time:
-            self._paced.speed, self._is_real_time = 1.0, True
+        is_first = grasp_state.phase is Phase.HOLD and not self._job.known.is_set()
+        if self._paced is not None and is_first:
+            self._paced.speed = 1.0

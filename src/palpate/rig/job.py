@@ -157,7 +157,8 @@ class GraspJob:
             gripper=self._rig.gripper,
             clock=self._rig.clock,
             subscribers=[*([] if recorder is None else [recorder]), *subscribers],
-            watchers=[self._follow, *watchers],
+            # Last, so that the others have seen the hold before anybody waits for `known`.
+            watchers=[*watchers, self._follow],
             requests=self.requests,
         )
         if recorder is not None:
