@@ -88,9 +88,10 @@ class ForceGuard:
                 raise InputError(f"{name} {value:g}: must be above 0")
         if gripper is None and isinstance(source.gripper, NoGripper):
             raise InputError(NO_GRIPPER)
-        # A simulated sensor has a frame at any time, and the guard would read without end.
-        paced = PacedArray(source.array, speed=1.0) if source.is_simulated else source.array
-        self._rig = replace(source, array=paced)
+        self._rig = source
+        if source.is_simulated:
+            # Its sensor has a frame at any time, and the guard would read without end.
+            self._rig = replace(source, array=PacedArray(source.array, speed=1.0))
         self._limit_n, self._stale_s = limit_n, stale_s
         self._gripper = source.gripper if gripper is None else gripper
         if not self._rig.has_force:
