@@ -64,7 +64,7 @@ def main() -> None:
         list(add_recordings(Archive(root, create=True), [path]))
         adding_s = time.perf_counter() - started_s
         archived = sum(f.stat().st_size for f in root.rglob("*.parquet")) / count
-    follow = force_now(calibration.force)
+    follow = force_now(calibration)
     started_s = time.perf_counter()
     reader = SampleReader(array.layout, calibration.rest.ohm)
     for frame in frames:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.estimate.sheet_law import N_SHARED, SheetLaw
+from palpate.estimate.sheet_states import compute_states
 from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -36,10 +37,10 @@ def make_grasp(item_id: str = "A17", **known: Any) -> Grasp:
     return Grasp(item_id=item_id, **(usual | {"outcome": Outcome.HELD} | known))
 
 
-def touch(reading: float, *, percent: float = -20.0, time_s: float = 1.0) -> Touch:
-    """Return a reading of the sheet while both fingers change alike."""
+def touch(sheet_n: float, *, percent: float = -20.0, time_s: float = 1.0) -> Touch:
+    """Return a force of the sheet while both fingers change alike."""
     return Touch(
-        time_s=time_s, finger_percent=(percent, percent), relative_percent=percent, reading=reading
+        time_s=time_s, finger_percent=(percent, percent), relative_percent=percent, sheet_n=sheet_n
     )
 
 
@@ -85,3 +86,15 @@ def make_sheet_law(pixels: int) -> SheetLaw:
         noise=0.05,
         floor_n=0.01,
     )
+
+
+def fit_even_sheet(pixels: int, *, force_n: np.ndarray, scatter: float) -> SheetLaw:
+    """Return the law of a sheet without lag whose excess, summed over pixels, is twice the force.
+
+    `scatter`: of ln force, alternately up and down.
+    """
+    each_n = np.append(0.0, np.repeat(force_n, 2))
+    time_s = np.cumsum(np.append(0.0, np.tile([0.42, 20.0], force_n.size)))
+    states = compute_states(time_s, np.outer(2.0 * each_n / pixels, np.ones(pixels)))
+    signs = (-1.0) ** np.arange(each_n.size)
+    return SheetLaw.fit([(states, each_n * np.exp(sd * signs)) for sd in (scatter, -scatter) * 2])

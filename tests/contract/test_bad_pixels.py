@@ -66,7 +66,7 @@ def read_in_grasp(plan: Plan) -> Consumer:
             state = GripperState(time_s=frame.time_s, width_mm=50.0, moving=False)
             estimate.update(Observation(frame=frame, gripper=state), plan=plan)
         assert np.isfinite([touch.strongest_percent for touch in estimate.touches]).all()
-        return [touch.reading for touch in estimate.touches]
+        return [touch.sheet_n for touch in estimate.touches]
 
     return read
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from tests.commands import Command
 
-from palpate.calibrate.laws import HORIZON_S, placements_of
+from palpate.calibrate.laws import contacts_of, sheet_law_of
 from palpate.cli import calibrate_force
 from palpate.clock import ManualClock
-from palpate.estimate.pixel_law import fit_laws
 from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration
@@ -123,11 +122,9 @@ def test_guided_force_calibration_with_load_cells_measures_newtons(
     assert "half_interval_percent" not in document
     made = Calibration.load(tmp_path / "pad.json")
     assert made.origin == "hardware"
-    reading, early, settled = fit_laws(placements_of(made.force))
-    settled_then = np.isclose(made.force.since_move_s, HORIZON_S)
-    excess = reading.reading(np.array(made.force.pixel_excess)[:, None, :])
-    estimated_n = np.where(settled_then, settled.force_n(excess).value, early.force_n(excess).value)
-    true_n = np.array(made.force.force_n)
+    law, contacts = sheet_law_of(made), contacts_of(made.force)
+    estimated_n = np.concatenate([law.read(states).force_n for states, _ in contacts])
+    true_n = np.concatenate([force_n for _, force_n in contacts])
     firm = true_n > 1.0
     assert np.count_nonzero(firm) >= 8
     assert np.median(np.abs(np.log(estimated_n[firm] / true_n[firm]))) < 0.2

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.factories import fit_even_sheet
 
 from palpate.estimate.compliance import Compliance
-from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.controller import GraspController
 from palpate.grasp.estimator import Observation
@@ -20,22 +20,18 @@ from palpate.grasp.safety import SafetyLimits, largest_step
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.settling.baselines import Recorded
 
 LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)
 LAYOUT = ArrayLayout(name="two", rows=2, cols=1, finger_of_row=(0, 1))
 FORCE = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
-LAW = PowerForceLaw.fit(2 * FORCE, force_n=FORCE * np.exp([0.1, -0.1] * 3))
 COMPLIANCE = Compliance.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
 PLAN = Plan(
     layout=LAYOUT,
     rest_ohm=np.full((2, 1), 9000.0),
-    settled_law=LAW,
-    early_law=LAW,
+    law=fit_even_sheet(LAYOUT.pixels, force_n=FORCE, scatter=0.1),
     compliance=COMPLIANCE,
     steepest_n=COMPLIANCE.stiffest_n_per_mm,
     gripper=LIMITS,
-    settling=Recorded(),
     longest_s=30.0,
 )
 

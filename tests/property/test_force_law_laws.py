@@ -5,11 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.force_law import ForceLaw
 
 
@@ -81,16 +79,3 @@ def test_force_law_interval_includes_every_given_force(known: list[tuple[float, 
     for excess, force_n in known:
         answer = law.force(excess)
         assert answer.low <= force_n <= answer.high
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(st.integers(0, 10_000), st.floats(0.01, 100.0))
-def test_static_law_scales_with_force_and_ignores_order(seed: int, factor: float) -> None:
-    rng = np.random.default_rng(seed)
-    force = np.geomspace(0.5, 10, 10)
-    excess = force**1.3 * np.exp(0.1 * rng.standard_normal(10))
-    shuffled = rng.permutation(10)
-    one = PowerForceLaw.fit(excess, force_n=force).force_n(excess).value
-    other = PowerForceLaw.fit(excess[shuffled], force_n=factor * force[shuffled])
-    assert other.force_n(excess).value == pytest.approx(factor * one, rel=0.02)

@@ -145,12 +145,12 @@ def recalibrate(
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
-    from palpate.calibrate.laws import laws_of
+    from palpate.calibrate.laws import sheet_law_of
     from palpate.sensor.calibration import Calibration
     from palpate_archive.evaluating import create_recalibrate_job
 
     # Refuse an invalid calibration here instead of in every worker.
-    laws_of(Calibration.load(calibration).force)
+    sheet_law_of(Calibration.load(calibration))
     _work_on(archive, create_recalibrate_job(calibration.read_text()), to=to, quiet=quiet)
 
 

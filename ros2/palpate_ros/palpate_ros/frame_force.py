@@ -20,7 +20,7 @@ class FrameForce:
     def __init__(self, calibration: Calibration) -> None:
         self._follower: ForceSource | None = None
         with suppress(CalibrationError):
-            self._follower = force_now(calibration.force)
+            self._follower = force_now(calibration)
 
     def limits_n(self, sample: Sample) -> tuple[float, ...]:
         """Return force, lower and upper limit; empty without a law or a readable pixel.

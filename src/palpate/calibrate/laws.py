@@ -9,15 +9,17 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw, StaticLaw
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.pixel_law import PixelReading, PlacementReadings, fit_laws
-from palpate.estimate.sheet_creep import SheetCreep
 from palpate.estimate.sheet_follower import SheetFollower
 from palpate.estimate.sheet_law import SheetLaw
 from palpate.estimate.sheet_states import States, compute_states
-from palpate.estimate.weights_check import score_held_out_loads, score_held_out_placements
+from palpate.estimate.weights_check import (
+    FEWEST_PLACEMENTS,
+    REPORTED_N,
+    score_held_out_loads,
+    score_placements,
+)
 from palpate.sensor.calibration import Calibration, ForcePairs
 
 #: Wait from a movement to the reading of a step. The calibration and the grasp must wait equally
@@ -30,35 +32,35 @@ HORIZON_S = 20.0
 _STEP_S = 0.05
 
 
-class ForceLaws(NamedTuple):
-    """Force laws of a grasp.
-
-    `reading`: converts pixels to the input of `early` and `settled`.
-    `early`, `settled`: force soon after a movement, and settled force.
-    """
-
-    reading: PixelReading
-    early: StaticLaw
-    settled: StaticLaw
-
-
-def laws_of(pairs: ForcePairs) -> ForceLaws:
-    """Return the early and settled force laws, by pixel if the calibration has pixel data.
+def sheet_law_of(calibration: Calibration) -> SheetLaw:
+    """Return the force law of a grasp: the stored one, or one fitted to the pairs of an older file.
 
     Raises
     ------
     CalibrationError
         If the calibration has no force readings at the times that a grasp needs.
     """
-    read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
-    if not pairs.pixel_excess:
-        early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
-        return ForceLaws(PixelReading.sum_pixels(), early, settled)
-    return ForceLaws(*fit_laws(placements_of(pairs)))
+    stored = calibration.force_law
+    if (stored.get("law"), stored.get("version")) == (SheetLaw.name, SheetLaw.version):
+        return SheetLaw.from_dict(stored)
+    return fit_sheet_law(calibration.force)
 
 
-def force_law_of(pairs: ForcePairs) -> SheetLaw | ForceLaw:
-    """Return the law of the force at any time, from the pairs of a calibration.
+def fit_sheet_law(pairs: ForcePairs) -> SheetLaw:
+    """Fit the force law to the pairs of a calibration with a load cell.
+
+    Raises
+    ------
+    CalibrationError
+        As `sheet_law_of`.
+    """
+    for since_move_s in (DWELL_S, HORIZON_S):
+        pairs_at(pairs, since_move_s=since_move_s)
+    return SheetLaw.fit(contacts_of(pairs))
+
+
+def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
+    """Return the law of the force at any time of a calibration.
 
     Dead weights yield settled readings only. The law is then `ForceLaw`, whose prior for the lag of
     a sheet is derived from other sensors.
@@ -66,13 +68,12 @@ def force_law_of(pairs: ForcePairs) -> SheetLaw | ForceLaw:
     Raises
     ------
     CalibrationError
-        As `laws_of`.
+        As `sheet_law_of`.
     """
+    pairs = calibration.force
     if is_made_by_weights(pairs):
         return ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n)
-    for since_move_s in (DWELL_S, HORIZON_S):
-        pairs_at(pairs, since_move_s=since_move_s)
-    return SheetLaw.fit(contacts_of(pairs))
+    return sheet_law_of(calibration)
 
 
 def follow_force(law: SheetLaw | ForceLaw) -> ForceSource:
@@ -80,15 +81,15 @@ def follow_force(law: SheetLaw | ForceLaw) -> ForceSource:
     return SheetFollower(law) if isinstance(law, SheetLaw) else ForceFollower(law)
 
 
-def force_now(pairs: ForcePairs) -> ForceSource:
+def force_now(calibration: Calibration) -> ForceSource:
     """Return a tracker that estimates force from frames alone with the law of a calibration.
 
     Raises
     ------
     CalibrationError
-        As `laws_of`.
+        As `sheet_law_of`.
     """
-    return follow_force(force_law_of(pairs))
+    return follow_force(force_law_of(calibration))
 
 
 def contacts_of(pairs: ForcePairs) -> list[tuple[States, FloatArray]]:
@@ -118,22 +119,37 @@ def is_made_by_weights(pairs: ForcePairs) -> bool:
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
 
 
-def placements_of(pairs: ForcePairs) -> PlacementReadings:
-    """Return the training readings of the laws of a grasp, by placement."""
-    since_s = np.array(pairs.since_move_s)
-    used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
-    return PlacementReadings(
-        run=np.array(pairs.run, dtype=float)[used],
-        pixel_excess=np.array(pairs.pixel_excess)[used],
-        force_n=np.array(pairs.force_n)[used],
-        early=np.isclose(since_s, DWELL_S)[used],
+class HeldOut(NamedTuple):
+    """Readings of a calibration, each predicted by the law of the other placements; shape (n,)."""
+
+    run: FloatArray
+    value_n: FloatArray
+    force_n: FloatArray
+    since_move_s: FloatArray
+
+
+def predict_held_out(pairs: ForcePairs) -> HeldOut:
+    """Predict the forces of each placement with the law of all others.
+
+    Raises `CalibrationError` as `SheetLaw.fit`.
+    """
+    contacts, run = contacts_of(pairs), np.array(pairs.run, dtype=float)
+    order = np.argsort(run, kind="stable")
+    others = SheetLaw.fit_others(contacts)
+    # The first state is the rest before the placement.
+    read = [law.read(states).force_n[1:] for law, (states, _) in zip(others, contacts, strict=True)]
+    return HeldOut(
+        run=run[order],
+        value_n=np.concatenate(read),
+        force_n=np.array(pairs.force_n)[order],
+        since_move_s=np.array(pairs.since_move_s)[order],
     )
 
 
 def add_force_law(recorded: Calibration) -> Calibration:
     """Return the calibration with its force law and the expected error on a new placement.
 
-    Dead weights yield a `palpate.ForceLaw`; a load cell yields a law of settled readings.
+    Dead weights yield a `palpate.ForceLaw`; a load cell yields the law of the sheet.
 
     Raises
     ------
@@ -141,17 +157,29 @@ def add_force_law(recorded: Calibration) -> Calibration:
         If the force pairs are insufficient for a law.
     """
     pairs = recorded.force
-    settled = np.isclose(pairs.since_move_s, HORIZON_S)
-    excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
     held_out: dict[str, Any] = {"of": "settled force"}
     if is_made_by_weights(pairs):
+        settled = np.isclose(pairs.since_move_s, HORIZON_S)
+        excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
         known = ForceLaw.fit(list(excess), force_n=force_n)
         held_out["error_percent"] = score_held_out_loads(excess, force_n=force_n)
         return replace(recorded, force_law=known.as_dict(), held_out=held_out)
-    errors = score_held_out_placements(placements_of(pairs))
-    held_out |= {"error_percent": errors["settled"], "early_error_percent": errors["early"]}
-    law = PowerForceLaw.fit(excess, force_n=force_n)
+    law = fit_sheet_law(pairs)
+    for name, since_move_s in (("error_percent", HORIZON_S), ("early_error_percent", DWELL_S)):
+        held_out[name] = score_held_out_placements(pairs, since_move_s=since_move_s)
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)
+
+
+def score_held_out_placements(pairs: ForcePairs, *, since_move_s: float) -> dict[str, float | None]:
+    """Return the median errors on held-out placements near 1, 5 and 10 N, percent.
+
+    `since_move_s`: age of the readings. None with too few placements, or if no reading is near.
+    """
+    if len(set(pairs.run)) < FEWEST_PLACEMENTS:
+        return dict.fromkeys(REPORTED_N)
+    found = predict_held_out(pairs)
+    mine = np.isclose(found.since_move_s, since_move_s)
+    return score_placements(found.value_n[mine], force_n=found.force_n[mine], run=found.run[mine])
 
 
 def pairs_at(pairs: ForcePairs, *, since_move_s: float) -> tuple[FloatArray, FloatArray]:
@@ -180,13 +208,3 @@ def pairs_at(pairs: ForcePairs, *, since_move_s: float) -> tuple[FloatArray, Flo
             f"{read} s); calibrate the force again"
         )
     return np.array(pairs.excess)[chosen], np.array(pairs.force_n)[chosen]
-
-
-def fit_creep(pairs: ForcePairs, reading: PixelReading) -> SheetCreep | None:
-    """Fit the sheet's creep from the last step to the end of each hold."""
-    since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
-    excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
-    seen = reading.reading(excess.reshape(since_s.size, 1, -1))
-    held = np.flatnonzero(np.isclose(since_s[1:], HORIZON_S) & np.isclose(since_s[:-1], DWELL_S))
-    held = held[run[held] == run[held + 1]]
-    return SheetCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)

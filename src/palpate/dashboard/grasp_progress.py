@@ -27,7 +27,7 @@ def force_law(calibration: Calibration | None) -> SheetLaw | ForceLaw | None:
     if calibration is None:
         return None
     try:
-        return force_law_of(calibration.force)
+        return force_law_of(calibration)
     except CalibrationError:
         return None
 
@@ -121,7 +121,7 @@ def grasp_progress_of(
         foreseen = forecast(thinned.estimate, plan=plan)
         thinned.set_settled_force(foreseen, plan=plan)
         would_answer = thinned.result
-        settled, settled_n = foreseen.relative_percent, would_answer.force_n
+        settled, settled_n = foreseen, would_answer.force_n
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s

@@ -6,6 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,19 +29,45 @@ SPREAD_N = (1.5, 4.0, 9.0)
 _READINGS = np.geomspace(0.2, 2e4, 400)
 
 
-class ForceSource(ABC):
-    """Converts frames to the present force.
+T = TypeVar("T")
 
-    A frame without a readable pixel is not measured. With a saturated pixel, or one that has lost
-    its reading, the force is a lower bound. A single saturated frame may be a disturbance: it
-    enters the history only if the next frame is saturated too, so that the force of the next good
-    frame is right.
+
+class HistoryFollower(ABC, Generic[T]):
+    """Follows frames whose meaning depends on earlier ones.
+
+    A single saturated frame may be a disturbance: it enters the history only if the next frame is
+    saturated too, so that the next good frame is read right.
     """
 
     def __init__(self) -> None:
         #: The single saturated frame before this one, and whether more than one was saturated.
         self._single: tuple[float, FloatArray] | None = None
         self._stays_saturated = False
+
+    def follow(self, time_s: float, excess: FloatArray, *, saturated: bool = False) -> T:
+        """Process a frame, NaN for pixels without a reading, and return what it shows."""
+        if not saturated:
+            self._single, self._stays_saturated = None, False
+            return self._follow(time_s, excess)
+        if self._stays_saturated or self._single is not None:
+            if self._single is not None:
+                self._follow(*self._single)
+            self._single, self._stays_saturated = None, True
+            return self._follow(time_s, excess)
+        self._single = (time_s, excess)
+        return copy.deepcopy(self)._follow(time_s, excess)
+
+    @abstractmethod
+    def _follow(self, time_s: float, excess: FloatArray) -> T:
+        """Add a frame to the history and return what it shows."""
+
+
+class ForceSource(HistoryFollower[Measurement]):
+    """Converts frames to the present force.
+
+    A frame without a readable pixel is not measured. With a saturated pixel, or one that has lost
+    its reading, the force is a lower bound.
+    """
 
     def step(
         self, time_s: float, excess: ArrayLike, *, saturated: bool = False, lost: bool = False
@@ -66,29 +93,16 @@ class ForceSource(ABC):
                 status=Status.NOT_MEASURED,
                 reason="no pixel has a reading",
             )
-        if not saturated:
-            self._single, self._stays_saturated = None, False
-            force = self._follow(time_s, grid)
-            if lost:
-                force = replace(force, status=Status.AT_LEAST, reason="a pixel has no reading")
-            return force
-        if self._stays_saturated or self._single is not None:
-            if self._single is not None:
-                self._follow(*self._single)
-            self._single, self._stays_saturated = None, True
-            force = self._follow(time_s, grid)
-        else:
-            self._single = (time_s, grid)
-            force = copy.deepcopy(self)._follow(time_s, grid)
-        return replace(force, status=Status.AT_LEAST, reason="a pixel is saturated")
+        force = self.follow(time_s, grid, saturated=saturated)
+        if saturated:
+            return replace(force, status=Status.AT_LEAST, reason="a pixel is saturated")
+        if lost:
+            return replace(force, status=Status.AT_LEAST, reason="a pixel has no reading")
+        return force
 
     @abstractmethod
     def split_n(self, excess: FloatArray) -> FloatArray:
         """Return each pixel's part of the force, up to a common factor, in the frame's shape."""
-
-    @abstractmethod
-    def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
-        """Add a frame, NaN for pixels without a reading, and return its force."""
 
 
 class TouchDetector:

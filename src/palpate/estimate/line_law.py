@@ -2,22 +2,90 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import (
-    ForceEstimate,
-    check_pairs,
-    law_as_dict,
-    law_sd,
-    require_pairs,
-)
 from palpate.sensor.calibration import ForcePairs
+
+#: Fewest calibration pairs for an estimate of the scatter.
+MIN_PAIRS = 4
+#: Smallest ratio of largest to smallest load for an estimate of the slope.
+MIN_LOAD_RATIO = 1.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceEstimate:
+    """Forces with intervals, newtons; arrays of the shape of the readings.
+
+    Attributes
+    ----------
+    value, low, high : ndarray
+        Force and the ends of its prediction interval, never below 0.
+    in_range : ndarray of bool
+        Whether the reading is within the range of the calibration. Outside it, the value is an
+        extrapolation.
+    level : float
+        Nominal coverage of the interval.
+    """
+
+    value: FloatArray
+    low: FloatArray
+    high: FloatArray
+    in_range: NDArray[np.bool_]
+    level: float
+
+
+def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return readings and forces as finite float arrays of equal length."""
+    x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise ValueError(f"readings and forces must have equal shapes, not {x.shape} and {y.shape}")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise CalibrationError("force calibration: a reading or force is not a finite number")
+    return x, y
+
+
+def require_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the pairs unchanged; raise `CalibrationError` for too few, or a single load."""
+    if len(x) < MIN_PAIRS:
+        raise CalibrationError(
+            f"force calibration: {len(x)} usable pairs, at least {MIN_PAIRS} needed; add loads"
+        )
+    if y.max() < MIN_LOAD_RATIO * max(y.min(), 0.0) or np.ptp(y) == 0:
+        raise CalibrationError(
+            f"force calibration: the load hardly changes ({y.min():g} to {y.max():g} N); "
+            "use loads over the whole range"
+        )
+    return x, y
+
+
+def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -> FloatArray:
+    """Return the standard deviation of a prediction, from coefficients and scatter.
+
+    `gradient`, shape (..., coefficients): gradient with respect to the coefficients.
+    `covariance`, shape (coefficients, coefficients): covariance of the coefficients.
+    `residual_sd`: scatter of the calibration about the law.
+
+    >>> law_sd(np.array([[1.0, 2.0]]), covariance=np.eye(2), residual_sd=2.0).tolist()
+    [3.0]
+    """
+    known = np.einsum("...i,ij,...j->...", gradient, np.asarray(covariance), gradient)
+    return np.asarray(np.sqrt(residual_sd**2 + known))
+
+
+def law_as_dict(law: Any) -> dict[str, Any]:
+    """Return a law's name and numbers as plain values for a calibration file."""
+    return {"law": law.name, **{name: _as_list(value) for name, value in asdict(law).items()}}
+
+
+def _as_list(value: Any) -> Any:
+    return [_as_list(part) for part in value] if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +96,17 @@ class LineForceLaw:
     ----------
     coefficients : tuple of float
         Slope (N/%, negative: resistance falls under load) and intercept (N).
-    covariance, range, residual_sd, pairs
-        As in `PowerForceLaw`; the range in percent, the scatter in newtons.
+    covariance : tuple of tuple of float, shape (2, 2)
+        Covariance of the coefficients.
+    range : tuple of float
+        Smallest and largest relative change of the calibration, percent.
+    residual_sd : float
+        Scatter about the line, newtons.
+    pairs : int
+        Calibration pairs.
     """
 
     name: ClassVar[str] = "line"
-    reads: ClassVar[str] = "relative_percent"
 
     coefficients: tuple[float, float]
     covariance: tuple[tuple[float, ...], ...]

@@ -2,17 +2,83 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force_follower import ForceSource, TouchDetector
+from palpate.estimate.force_follower import ForceSource, HistoryFollower, TouchDetector
+from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.estimate.gain import Gain
 from palpate.estimate.sheet_law import SheetLaw
-from palpate.estimate.sheet_states import SheetHistory
+from palpate.estimate.sheet_states import SheetHistory, States
 from palpate.measurement import Measurement
 
 #: Largest excess conductance of any pixel of an empty hand, from offset and noise at rest.
 _EMPTY_EXCESS = 0.03
+
+
+class SheetReader(HistoryFollower["FrameForce"]):
+    """Reads the force at every frame of one contact after another, by the law of a sheet.
+
+    >>> from palpate.estimate.sheet_states import compute_states
+    >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
+    >>> law = SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
+    >>> reader = SheetReader(law)
+    >>> frames = (0.0, np.zeros(1)), (1.0, np.full(1, 2.0))
+    >>> [round(reader.follow(*frame).force_n, 1) for frame in frames]
+    [0.0, 2.1]
+    """
+
+    def __init__(self, law: SheetLaw) -> None:
+        super().__init__()
+        self.law = law
+        self._history = SheetHistory()
+        #: The last frame.
+        self.excess = np.empty(0)
+        self._states: States | None = None
+
+    def _follow(self, time_s: float, excess: FloatArray) -> FrameForce:
+        self.excess = excess
+        seen = self.law.select_pixels(self.excess.ravel())
+        self._states = self._history.step(time_s, seen)
+        found = self.law.read(self._states)
+        return FrameForce(
+            force_n=float(found.force_n[0]),
+            log_sd=float(found.log_sd[0]),
+            is_beyond=bool(found.is_beyond[0]),
+        )
+
+    def settle(self, *, log_n: float = 0.0) -> FloatArray:
+        """Return the excess of the last frame once its creep has ended, in the frame's shape.
+
+        The force changes by the factor exp(log_n). A law of the sum applies to each pixel alike.
+
+        >>> from palpate.estimate.sheet_states import compute_states
+        >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
+        >>> reader = SheetReader(
+        ...     SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
+        ... )
+        >>> _, force = reader.follow(0.0, np.zeros(2)), reader.follow(1.0, np.array([2.0, 3.0]))
+        >>> bool((reader.settle() > 1.9).all())
+        True
+        """
+        assert self._states is not None
+        seen = self.law.select_pixels(self.excess.ravel())
+        now = np.exp(self._states.log_x[0]) - CONTACT_EXCESS
+        later = self.law.settle(self._states, log_n=log_n)[0]
+        if self.law.pixels == 1:
+            factor = later / now if now > 0 else 1.0
+            return np.asarray(self.excess * factor)
+        return np.asarray((seen + later - now).reshape(self.excess.shape))
+
+
+class FrameForce(NamedTuple):
+    """Force of one frame by the law of a sheet; see `SheetForce`."""
+
+    force_n: float
+    log_sd: float
+    is_beyond: bool
 
 
 class SheetFollower(ForceSource):
@@ -38,20 +104,22 @@ class SheetFollower(ForceSource):
         self.gain: Gain | None = None
         self._law, self._level = law, level
         self._threshold_n = law.threshold_n(level=level)
-        self._history, self._touch = SheetHistory(), TouchDetector()
+        self._reader, self._touch = SheetReader(law), TouchDetector()
 
     def split_n(self, excess: FloatArray) -> FloatArray:
         return self._law.parts_n(excess)
 
     def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
-        seen = np.nansum(excess, keepdims=True) if self._law.pixels == 1 else excess
-        states = self._history.step(time_s, seen)
+        found = self._reader.follow(time_s, excess)
         touched = self._touch.step(excess)
         if not touched and float(np.nanmax(excess, initial=0.0)) < _EMPTY_EXCESS:
             value, low, high = 0.0, 0.0, self._threshold_n
         else:
-            found = self._law.force_n(states, gain=self.gain, level=self._level)
-            value, low, high = (float(one[0]) for one in found)
+            value, log_sd = found.force_n, found.log_sd
+            if self.gain is not None:
+                value, log_sd = value * self.gain.factor, self.gain.log_sd
+            ends = self._law.interval_n(value, log_sd=log_sd, level=self._level)
+            low, high = float(ends[0]), float(ends[1])
             if not touched:
                 low, high = 0.0, max(high, self._threshold_n)
         return Measurement(value=value, low=low, high=high, unit="n", level=self._level)

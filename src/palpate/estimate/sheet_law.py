@@ -11,13 +11,15 @@ ln F is linear in w for one pixel, and nearly so for several: a calibration is a
 update with all its readings. A contact deviates from its sheet by a common gain and by gains of its
 pixels; how much, the placements of the calibration tell (expectation maximisation). The interval
 includes the remaining covariance of w, the deviation of a contact, and the scatter. The errors of
-each placement, by a law of the others, widen it where the law does not fit.
+each placement, by a law of the others, scale it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +27,14 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_states import CONTACT_EXCESS
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_states import N_LAGS, N_PLAYS, ONSET_EXCESS, States, compute_states
+from palpate.estimate.sheet_states import (
+    N_LAGS,
+    N_PLAYS,
+    ONSET_EXCESS,
+    States,
+    build_settled_states,
+    compute_states,
+)
 from palpate.measurement import find_spread, half_width_sds
 
 #: Weights of the constant, the reading and its curve; and all weights but the gains of the pixels.
@@ -69,6 +77,17 @@ _FAST_LAGS = 2
 _PLAYS, _PLAYS_MEAN = np.array([0.08, 0.11, 0.19]), 1.0 / 3.0
 
 
+class SheetForce(NamedTuple):
+    """Forces by the law of a sheet, each of shape (n,)."""
+
+    #: Force, newtons.
+    force_n: FloatArray
+    #: Standard deviation of ln force: of the law, the contact and the scatter.
+    log_sd: FloatArray
+    #: Whether a pixel reads more than in the calibration.
+    is_beyond: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SheetLaw:
     """The force law of a calibrated sheet in a new contact.
@@ -86,8 +105,8 @@ class SheetLaw:
     floor_n : float
         Scatter of weak forces, newtons.
     misfit : float
-        Factor of the standard deviation of ln force, at least 1, from contacts that a law of the
-        others did not see.
+        Factor of the standard deviation of ln force, from contacts that a law of the others did
+        not see.
 
     Examples
     --------
@@ -100,6 +119,10 @@ class SheetLaw:
     >>> bool(low[1] < 5.0 < high[1])
     True
     """
+
+    #: Name and version in calibration files.
+    name: ClassVar[str] = "sheet"
+    version: ClassVar[int] = 1
 
     mean: FloatArray
     covariance: FloatArray
@@ -126,8 +149,12 @@ class SheetLaw:
         law = cls._fit(usable)
         if len(usable) < _FEWEST_CONTACTS:
             return law
-        others = [cls._fit([*usable[:k], *usable[k + 1 :]]) for k in range(len(usable))]
-        return law._with_scatter(others, usable)
+        return law._with_scatter(cls.fit_others(usable), usable)
+
+    @classmethod
+    def fit_others(cls, contacts: Sequence[tuple[States, FloatArray]]) -> list[SheetLaw]:
+        """Return for each contact a law of all others, without its misfit."""
+        return [cls._fit([*contacts[:k], *contacts[k + 1 :]]) for k in range(len(contacts))]
 
     @classmethod
     def _fit(cls, usable: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
@@ -192,39 +219,123 @@ class SheetLaw:
         self, others: Sequence[SheetLaw], contacts: Sequence[tuple[States, FloatArray]]
     ) -> SheetLaw:
         """Return the law with the errors of each contact by the law of the others."""
-        log_errors, errors_n = list[FloatArray](), list[FloatArray]()
+        squares, errors_n = list[float](), list[FloatArray]()
         for other, (states, force_n) in zip(others, contacts, strict=True):
             used = _select(states, force_n)
-            log_n, variance = (each[used] for each in other._predict(states, gain=None))
+            log_n, variance = (each[used] for each in other._predict(states))
             value_n, true_n = np.exp(log_n), force_n[used]
             firm = value_n > _FIRM_N
-            log_errors.append((np.log(true_n / value_n) / np.sqrt(variance))[firm])
+            if firm.any():
+                # Readings of one contact err alike, so each contact counts once.
+                squares.append(float(np.mean((np.log(true_n) - log_n)[firm] ** 2 / variance[firm])))
             errors_n.append((true_n - value_n)[~firm])
-        log_error, error_n = np.concatenate(log_errors), np.concatenate(errors_n)
-        misfit = find_spread(log_error) if log_error.size else 1.0
+        error_n = np.concatenate(errors_n)
         floor_n = find_spread(error_n) if error_n.size else 0.0
-        return replace(self, misfit=max(misfit, 1.0), floor_n=max(floor_n, self.floor_n))
+        misfit = math.sqrt(np.mean(squares)) if squares else 1.0
+        return replace(self, misfit=misfit, floor_n=max(floor_n, self.floor_n))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for a calibration file; the inverse of `from_dict`.
+
+        Of the covariance, the lower triangle is enough.
+        """
+        rows, cols = np.tril_indices(len(self.mean))
+        return {
+            "law": self.name,
+            "version": self.version,
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance[rows, cols].tolist(),
+            "contact": self.contact.tolist(),
+            "reach": self.reach,
+            "noise": self.noise,
+            "floor_n": self.floor_n,
+            "misfit": self.misfit,
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> SheetLaw:
+        """Return the law from the output of `as_dict`.
+
+        Raises `CalibrationError` for a missing or invalid value.
+        """
+        try:
+            mean, contact = (np.array(stored[name], dtype=float) for name in ("mean", "contact"))
+            covariance = np.zeros((mean.size, mean.size))
+            rows, cols = np.tril_indices(mean.size)
+            if len(stored["covariance"]) != rows.size:
+                raise ValueError(f"{len(stored['covariance'])} covariances of {mean.size} weights")
+            covariance[rows, cols] = stored["covariance"]
+            covariance = np.tril(covariance, -1).T + covariance
+            scalars = {
+                name: float(stored[name]) for name in ("reach", "noise", "floor_n", "misfit")
+            }
+            numbers = np.concatenate([mean, contact, covariance.ravel(), list(scalars.values())])
+            if mean.size <= N_SHARED or mean.shape != contact.shape:
+                raise ValueError(f"{mean.size} weights and {contact.size} variances")
+            if not np.isfinite(numbers).all():
+                raise ValueError("a number is not finite")
+        except (KeyError, TypeError, ValueError) as error:
+            raise CalibrationError(f"force law: {error}; calibrate the force again") from error
+        return cls(mean=mean, covariance=covariance, contact=contact, **scalars)
 
     @property
     def pixels(self) -> int:
         """Number of pixels of the calibration; 1 if it has their sum only."""
         return len(self.mean) - N_SHARED
 
-    def force_n(
-        self, states: States, *, gain: Gain | None = None, level: float = 0.9
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return force, and the ends of its interval, newtons, each of shape (n,).
-
-        `gain`: of this contact relative to the sheet, if known.
-        """
-        log_n, variance = self._predict(states, gain=gain)
+    def read(self, states: States) -> SheetForce:
+        """Return the force at each frame of a new contact."""
+        log_n, variance = self._predict(states)
         trust = _GRIPS_SD**2 / (_GRIPS_SD**2 + variance)
-        value = np.exp(_GRIPS_LOG_N + trust * (log_n - _GRIPS_LOG_N))
-        quantile = half_width_sds(level)
-        half = np.minimum(quantile * self.misfit * np.sqrt(trust * variance), _MOST_HALF_WIDTH)
+        return SheetForce(
+            force_n=np.exp(_GRIPS_LOG_N + trust * (log_n - _GRIPS_LOG_N)),
+            log_sd=self.misfit * np.sqrt(trust * variance),
+            is_beyond=states.log_x.max(axis=1) > self.reach,
+        )
+
+    def read_settled(self, excess: ArrayLike) -> SheetForce:
+        """Return the force at settled readings, shape (n, rows, cols) or (n, pixels)."""
+        frames = np.asarray(excess, dtype=float)
+        return self.read(build_settled_states(self.select_pixels(frames.reshape(len(frames), -1))))
+
+    def select_pixels(self, excess: FloatArray) -> FloatArray:
+        """Return the readings that the law has weights for: of each pixel, or their sum.
+
+        `excess`, shape (..., pixels); NaN counts as 0.
+        """
+        return np.nansum(excess, axis=-1, keepdims=True) if self.pixels == 1 else excess
+
+    def interval_n(
+        self, force_n: ArrayLike, *, log_sd: ArrayLike, level: float = 0.9
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the intervals of forces with a standard deviation of ln force.
+
+        The scatter of weak forces, in newtons, is added.
+        """
+        value, quantile = np.asarray(force_n, dtype=float), half_width_sds(level)
+        half = np.minimum(quantile * np.asarray(log_sd, dtype=float), _MOST_HALF_WIDTH)
         floor_n = quantile * self.floor_n
         low = value - np.hypot(value * np.expm1(-half), floor_n)
-        return value, np.maximum(low, 0.0), value + np.hypot(value * np.expm1(half), floor_n)
+        high = value + np.hypot(value * np.expm1(half), floor_n)
+        return np.maximum(low, 0.0), high
+
+    def force_n(
+        self, states: States, *, level: float = 0.9
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return force, and the ends of its interval, newtons, each of shape (n,)."""
+        found = self.read(states)
+        return found.force_n, *self.interval_n(found.force_n, log_sd=found.log_sd, level=level)
+
+    def settle(self, states: States, *, log_n: float = 0.0) -> FloatArray:
+        """Return the excess of each pixel once its creep has ended, shape (n, pixels).
+
+        The force stays, or changes by the factor exp(log_n): the reading l at which
+        b l + q p(l) = b l_i + q p(l_i) + sum_k c_k r_i (v_i - v_ik) + log_n, with the slope at l_i.
+        """
+        inside = np.clip(states.log_x, 0.0, self.reach)
+        slope = np.maximum(self.mean[1] + 2.0 * self.mean[2] * inside, _LEAST_SLOPE)
+        creep = states.lag @ self.mean[_STATIC : _STATIC + N_LAGS]
+        return np.asarray(np.exp(states.log_x + (creep + log_n) / slope) - CONTACT_EXCESS)
 
     def threshold_n(self, *, level: float = 0.9) -> float:
         """Return the detection threshold: a force this large would have touched a pixel.
@@ -244,17 +355,15 @@ class SheetLaw:
         grid = np.asarray(excess, dtype=float)
         if self.pixels == 1:
             return np.asarray(np.maximum(np.nan_to_num(grid), 0.0))
-        states = compute_states([0.0], grid.ravel()[None])
+        states = build_settled_states(grid.ravel()[None])
         log_n, _, share = evaluate(self.mean, states, reach=self.reach)
         return np.asarray(np.exp(log_n[0]) * share[0]).reshape(grid.shape)
 
-    def _predict(self, states: States, *, gain: Gain | None) -> tuple[FloatArray, FloatArray]:
+    def _predict(self, states: States) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of ln force."""
         log_n, jacobian, _ = evaluate(self.mean, states, reach=self.reach)
         spread = np.einsum("ni,ij,nj->n", jacobian, self.covariance, jacobian)
-        if gain is None:
-            return log_n, spread + jacobian**2 @ self.contact + self.noise**2
-        return log_n + gain.log_mean, spread + gain.log_sd**2 + self.noise**2
+        return log_n, spread + jacobian**2 @ self.contact + self.noise**2
 
 
 def evaluate(

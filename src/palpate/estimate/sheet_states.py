@@ -7,7 +7,7 @@ v_i = ln(1 + x_i):
     l_i  = ln(x_i + 0.1)                                      reading
     r_i (v_i - v_ik),  r_i = (1 + x_i) / (x_i + 0.3)          lag behind copy k
     u_j  = min(fall of ln(sum x + 0.1) from its maximum, width_j) / width_j     play
-    s_i  = touch of the pixel relative to the most touched one, 0 to 1
+    s_i  = touch of the pixel relative to the most touched one, times that of the sheet, 0 to 1
 
 v_ik is a low-passed copy of v_i with time constant k: creep is linear in v, and ln force is steep
 in v at small readings. A play is 0 while the reading rises and 1 once it fell by its width
@@ -33,7 +33,7 @@ N_LAGS, N_PLAYS = _TAU_S.size, PLAY_WIDTHS.size
 _NOISE_EXCESS, ONSET_EXCESS = 0.004, 0.02
 #: Excess below which ln force is steep in v.
 _STEEP_EXCESS = 0.3
-#: Touch of a pixel without any reading, so that the touches of an empty hand have a ratio.
+#: Touch of a pixel without any reading, so that the force of an empty hand has a logarithm.
 _LEAST_TOUCH = 1e-6
 
 
@@ -74,7 +74,8 @@ class SheetHistory:
         `excess`, shape (pixels,) or (rows, cols): NaN for pixels without a reading.
         Raises `ValueError` if time runs backwards.
         """
-        log_x, touch, v, steepness, total = _read(np.asarray(excess, dtype=float).ravel())
+        log_x, touch, v, steepness, log_sum = _read(np.asarray(excess, dtype=float).ravel())
+        total = float(log_sum)
         if self._time_s is None:
             self._copies = np.repeat(v[:, None], N_LAGS, axis=1)
             self._upper = np.full(N_PLAYS, total)
@@ -103,13 +104,36 @@ def compute_states(time_s: ArrayLike, excess: ArrayLike) -> States:
     )
 
 
-def _read(excess: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
-    """Return reading, touch, v, and steepness of each pixel, and ln of the sum."""
+def build_settled_states(excess: ArrayLike) -> States:
+    """Return the states of settled readings: without lag, and not unloading.
+
+    `excess`, shape (n, pixels) or (n, rows, cols).
+
+    >>> build_settled_states([[0.9, 0.0]]).lag.any().item()
+    False
+    """
+    frames = np.asarray(excess, dtype=float)
+    log_x, touch, v, _, _ = _read(frames.reshape(len(frames), -1))
+    return States(
+        log_x=log_x,
+        lag=np.zeros((*v.shape, N_LAGS)),
+        touch=touch,
+        play=np.zeros((len(v), N_PLAYS)),
+    )
+
+
+def _read(excess: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return reading, touch, v, and steepness of each pixel, and ln of the sum.
+
+    `excess`, shape (..., pixels).
+    """
     v = np.log1p(np.maximum(np.nan_to_num(excess), 0.0))
     # Many pixels at rest would otherwise add up to a touch.
-    x = np.maximum(np.expm1(v) - (_NOISE_EXCESS if v.size > 1 else 0.0), 0.0)
+    x = np.maximum(np.expm1(v) - (_NOISE_EXCESS if v.shape[-1] > 1 else 0.0), 0.0)
     log_x = np.log(x + CONTACT_EXCESS)
     touch = _LEAST_TOUCH - np.expm1(-x / ONSET_EXCESS)
     steepness = (1.0 + x) / (x + _STEEP_EXCESS)
-    total = float(np.log(x.sum() + CONTACT_EXCESS))
-    return log_x, touch / touch.max(), v, steepness, total
+    total = np.asarray(np.log(x.sum(axis=-1) + CONTACT_EXCESS))
+    of_sheet = _LEAST_TOUCH - np.expm1(-x.sum(axis=-1, keepdims=True) / ONSET_EXCESS)
+    touch *= of_sheet / touch.max(axis=-1, keepdims=True)
+    return log_x, touch, v, steepness, total

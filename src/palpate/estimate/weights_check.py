@@ -9,60 +9,49 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.line_law import LineForceLaw
-from palpate.estimate.pixel_law import PlacementReadings, predict_held_out
 from palpate.sensor.calibration import ForcePairs
 
 #: Forces at which the expected error is reported, newtons, and the largest ratio of a load to such
 #: a force that counts as near.
 _AT_N = (1.0, 5.0, 10.0)
 _NEAR = 1.4
+#: Keys of these forces.
+REPORTED_N = tuple(f"{at_n:g}_n" for at_n in _AT_N)
 #: Fewest placements for cross-validation.
 FEWEST_PLACEMENTS = 3
 
 
-def score_held_out_placements(placements: PlacementReadings) -> dict[str, dict[str, float | None]]:
-    """Return the median errors of a grasp's laws on held-out placements, percent.
+def score_placements(
+    value_n: FloatArray, *, force_n: FloatArray, run: FloatArray
+) -> dict[str, float | None]:
+    """Return the median error of predicted forces near 1, 5 and 10 N, percent.
 
     A grasp is one more placement, so all placements have the same weight. Each contributes its
     readings near the force, or the nearest reading if it did not reach that force. Placements
     differ by a gain that is about the same at every force, and too few of them reach the largest
     forces.
 
-    Keys are "settled" and "early" (soon after a movement); values as in `score_held_out_loads`.
+    `value_n`, `force_n`, `run`, shape (n,): prediction, reference and placement.
     """
-    if np.unique(placements.run).size < FEWEST_PLACEMENTS:
-        nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
-        return {"settled": dict(nothing), "early": dict(nothing)}
-    read_n, force, early = predict_held_out(placements)
-    # The predictions are ordered by placement.
-    run = np.sort(placements.run)
-    log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(read_n / np.maximum(force, 1e-3) - 1)
-    return {
-        "settled": _error_of_placements(log_force[~early], error[~early], run[~early]),
-        "early": _error_of_placements(log_force[early], error[early], run[early]),
-    }
-
-
-def _error_of_placements(
-    log_force: FloatArray, error: FloatArray, run: FloatArray
-) -> dict[str, float | None]:
+    least_n = np.maximum(force_n, 1e-3)
+    log_force, error = np.log(least_n), np.abs(value_n / least_n - 1)
     found: dict[str, float | None] = {}
-    for at_n in _AT_N:
+    for name, at_n in zip(REPORTED_N, _AT_N, strict=True):
         away = np.abs(log_force - np.log(at_n))
         each = [
             np.median(error[mine & (away <= max(float(away[mine].min()), np.log(_NEAR)))])
             for mine in (run == one for one in np.unique(run))
         ]
         reached = bool((away < np.log(_NEAR)).any())
-        found[f"{at_n:g}_n"] = float(100 * np.median(each)) if reached else None
+        found[name] = float(100 * np.median(each)) if reached else None
     return found
 
 
 def _median_error_by_force(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
-    for at_n in _AT_N:
+    for name, at_n in zip(REPORTED_N, _AT_N, strict=True):
         near = np.abs(log_force - np.log(at_n)) < np.log(_NEAR)
-        found[f"{at_n:g}_n"] = float(100 * np.median(error[near])) if near.any() else None
+        found[name] = float(100 * np.median(error[near])) if near.any() else None
     return found
 
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.estimate.gain import Gain
+from palpate.grasp.answers import read_force
 from palpate.grasp.config import APPROACH, GUARDS, READING
 from palpate.grasp.estimator import ContactEstimate, Touch, closure_of
 from palpate.grasp.phases import Activity, Phase
@@ -62,6 +64,8 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.force_high_n >= plan.safety.force_ceiling_n:
         return abort_insensitive(state, plan)
     # The touch is too weak for a contact and no larger force is safe: measure at this force.
+    if estimate.contact_s is None:
+        estimate.contact_s = estimate.moved_s
     state.enter(Phase.SETTLE, event="contact")
     return None
 
@@ -238,13 +242,13 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     assert estimate.sweep is not None
     now, travel = estimate.now, estimate.closure - estimate.sweep.begin
     estimate.sweep = None
-    force = plan.early_law.force_n(now.reading, level=plan.level)
+    force = read_force(now, Gain(), plan)
     if now.weakest_percent > READING.contact_percent:
         pushes = now.strongest_percent <= READING.contact_percent
         alone = (
             pushes and now.weakest_percent > APPROACH.one_finger_fraction * now.strongest_percent
         )
-        if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
+        if alone and force.middle <= plan.no_push_n and travel > approach_step(plan):
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
         # No contact, or one finger pushing without progress: continue in small steps.
@@ -252,7 +256,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         attempt.sweep_end = estimate.closure + pushed
         state.enter(Activity.TOUCH)
         return None
-    estimate.set_force(float(force.value), float(force.high))
+    estimate.set_force(force.middle, force.high)
     attempt.sweep_contact_s = estimate.moved_s
     if now.weakest_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.record_event("contact")
@@ -292,8 +296,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)
-        left_n = float(plan.early_law.force_n(now.reading).value)
-        if left_n > GUARDS.residual_fraction * estimate.force_n:
+        if now.sheet_n > GUARDS.residual_fraction * estimate.force_n:
             state.add_fault(
                 "the sheet still reads most of the contact force after the fingers retracted; run "
                 "`palpate doctor`"
@@ -304,12 +307,11 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         time_s=now.time_s,
         finger_percent=tuple(min(percent, 0.0) for percent in now.finger_percent),
         relative_percent=min(now.relative_percent, 0.0),
-        reading=max(now.reading, 0.0),
+        sheet_n=now.sheet_n,
     )
     estimate.touches = ()
     estimate.steps = tuple(step for step in estimate.steps if step.closure < estimate.closure)
-    nothing = plan.early_law.force_n(0.0, level=plan.level)
-    estimate.set_force(0.0, float(nothing.high))
+    estimate.set_force(0.0, plan.law.threshold_n(level=plan.level))
     return None
 
 

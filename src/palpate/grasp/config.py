@@ -120,8 +120,6 @@ class Settle:
 
     drift_sd : 0.03 to 0.1 ln, paper.
         Change of the gain since calibration, and scatter of the object's relaxation.
-    max_change_ratio : 1.5 to 3 1, guess. Largest plausible change of a reading until 20 s.
-    step_lag_sd : 0.05 to 0.2 ln, twin. Uncertainty from the sheet's lag after larger steps.
     correction_s : 0.3 to 1 s, guess. Duration of a correction.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     max_slope_drop : 2 to 8 1, guess. Largest factor by which a correction may lower the slope.
@@ -130,8 +128,6 @@ class Settle:
     """
 
     drift_sd: float = 0.05
-    max_change_ratio: float = 2.0
-    step_lag_sd: float = 0.12
     correction_s: float = 0.5
     hysteresis_sd: float = 0.15
     max_slope_drop: float = 4.0

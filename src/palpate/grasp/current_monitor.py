@@ -13,7 +13,9 @@ from collections import deque
 
 import numpy as np
 
+from palpate.estimate.gain import Gain
 from palpate.estimate.servo_force import WARMTH_SD
+from palpate.grasp.answers import read_force
 from palpate.grasp.config import CURRENT, READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
@@ -181,8 +183,8 @@ class CurrentMonitor:
             return None
         if self._plan.current is None:
             return self._check_uncalibrated(estimate)
-        force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
-        shown_n = float(np.nan_to_num(force.high))
+        now = estimate.now
+        shown_n = read_force(now, Gain(), self._plan).high
         bound_n = CURRENT.sheet_ratio * shown_n
         least_n = self._least_n(self._still, deviations=CURRENT.single_sd)
         if not self._is_checked:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray, replace_non_finite
 from palpate.estimate.gain import Gain
-from palpate.grasp.config import READING
+from palpate.estimate.sheet_follower import SheetReader
+from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.plan import Plan
 from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
@@ -47,14 +48,19 @@ class Touch:
         Mean relative change of each finger's pixels.
     relative_percent : float
         Mean relative change of all pixels.
-    reading : float
-        Input of the plan's force laws: by default the excess conductance summed over pixels.
+    sheet_n, log_sd : float
+        Grip force by the sheet's law, newtons, without the gain of this contact; standard deviation
+        of its logarithm.
+    is_beyond : bool
+        Whether a pixel reads more than in the calibration.
     """
 
     time_s: float
     finger_percent: tuple[float, ...]
     relative_percent: float
-    reading: float
+    sheet_n: float
+    log_sd: float = 0.0
+    is_beyond: bool = False
 
     @property
     def weakest_percent(self) -> float:
@@ -142,8 +148,10 @@ class ContactEstimate(HandMotion):
         Force as which the noise of these frames is read.
     touches : tuple of Touch
         Readings since the end of the last movement, the older ones thinned (`MOST_TOUCHES`).
-    strongest_reading : float
-        Largest reading since the end of the last movement.
+    strongest_n : float
+        Largest force by the sheet's law since the end of the last movement.
+    reader : SheetReader or None
+        Reads the force from the history of the pixels; None without rest values.
     frame_forces : tuple of pairs of float
         Time and grip force of the last frames, each from one frame, also during movements.
     steps : tuple of ClosingStep
@@ -163,14 +171,15 @@ class ContactEstimate(HandMotion):
     current_samples : tuple of CurrentSample
         Servo current during the closing.
     gain : Gain
-        Gain of this contact relative to the sheet's laws.
+        Gain of this contact relative to the sheet's law.
     """
 
     rest_ohm: NDArray[np.float64] | None = None
     rest_frames: tuple[NDArray[np.float64], ...] = ()
     rest_force_n: float = 0.0
     touches: tuple[Touch, ...] = ()
-    strongest_reading: float = 0.0
+    strongest_n: float = 0.0
+    reader: SheetReader | None = None
     frame_forces: tuple[tuple[float, float], ...] = ()
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
@@ -182,7 +191,7 @@ class ContactEstimate(HandMotion):
     force_high_n: float = 0.0
     damage_low_n: float = math.inf
     current_samples: tuple[CurrentSample, ...] = ()
-    gain: Gain = field(default_factory=lambda: Gain.from_calibration(law_sd=0.0))
+    gain: Gain = field(default_factory=Gain)
 
     def start_attempt(self) -> ContactEstimate:
         """Return the estimate for an attempt that starts now, with the hand open."""
@@ -209,13 +218,17 @@ class ContactEstimate(HandMotion):
         # Binary search, because a hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
         last = self.touches[-max(READING.fewest_frames, recent) :]
-        rows = np.array([(t.reading, t.relative_percent, *t.finger_percent) for t in last])
-        reading, relative_percent, *finger_percent = rows.mean(axis=0).tolist()
+        rows = np.array(
+            [(t.sheet_n, t.log_sd, t.relative_percent, *t.finger_percent) for t in last]
+        )
+        sheet_n, log_sd, relative_percent, *finger_percent = rows.mean(axis=0).tolist()
         return Touch(
             time_s=self.now_s,
             finger_percent=tuple(finger_percent),
             relative_percent=relative_percent,
-            reading=reading,
+            sheet_n=sheet_n,
+            log_sd=log_sd,
+            is_beyond=last[-1].is_beyond,
         )
 
     def set_force(self, force_n: float, high_n: float) -> None:
@@ -256,8 +269,7 @@ class ContactEstimate(HandMotion):
             ratio = _ratio_to_rest(sample.resistance_ohm, self.rest_ohm)
             self.sweep = self._update_sweep(self.sweep, ratio, gripper, plan)
         touch = self._read_touch(sample, plan)
-        force_n = math.exp(self.gain.log_mean) * read_frame_force_n(touch.reading, plan=plan)
-        frame_forces = (*self.frame_forces, (frame.time_s, force_n))
+        frame_forces = (*self.frame_forces, (frame.time_s, self.gain.factor * touch.sheet_n))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
         self.frame_forces = frame_forces[-max(recent, READING.fewest_frames) :]
         if gripper.moving:
@@ -269,8 +281,8 @@ class ContactEstimate(HandMotion):
                 )
                 self.current_samples = (*self.current_samples, pull)
             return
-        before = self.strongest_reading if self.touches else touch.reading
-        self.strongest_reading, self.touches = max(before, touch.reading), (*self.touches, touch)
+        before = self.strongest_n if self.touches else touch.sheet_n
+        self.strongest_n, self.touches = max(before, touch.sheet_n), (*self.touches, touch)
         if len(self.touches) > MOST_TOUCHES:
             half = MOST_TOUCHES // 2
             self.touches = (*self.touches[:half:2], *self.touches[half:])
@@ -281,11 +293,13 @@ class ContactEstimate(HandMotion):
         self.sent = closure_of(command.target, plan)
 
     def _read_touch(self, sample: Sample, plan: Plan) -> Touch:
-        """Return the readings of a frame, minus the sheet's residual of an earlier contact."""
+        """Return the readings of a frame; changes without the residual of an earlier contact."""
         time_s, change = sample.time_s, sample.change_percent
         fingers = replace_non_finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(replace_non_finite(mean_change(change)))
-        reading = float(plan.reading.reading(sample.excess))
+        if self.reader is None:
+            self.reader = SheetReader(plan.law)
+        force = self.reader.follow(time_s, sample.excess, saturated=sample.has_saturated)
         if self.residual is not None and self.released_s is not None:
             # Creep decays approximately as the inverse of the time since release.
             fraction = (self.residual.time_s - self.released_s) / max(
@@ -293,12 +307,13 @@ class ContactEstimate(HandMotion):
             )
             fingers = fingers - fraction * np.array(self.residual.finger_percent)
             relative_percent -= fraction * self.residual.relative_percent
-            reading -= fraction * self.residual.reading
         return Touch(
             time_s=time_s,
             finger_percent=tuple(fingers.tolist()),
             relative_percent=relative_percent,
-            reading=reading,
+            sheet_n=force.force_n,
+            log_sd=float(np.hypot(force.log_sd, SETTLE.drift_sd)),
+            is_beyond=force.is_beyond,
         )
 
     def _update_sweep(
@@ -318,15 +333,6 @@ class ContactEstimate(HandMotion):
 def _ratio_to_rest(ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
     """Return the resistances relative to rest, 1 for an open or short pixel."""
     return np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
-
-
-def read_frame_force_n(reading: float, *, plan: Plan) -> float:
-    """Return the grip force of one frame: the smaller result of the sheet's two laws.
-
-    A single frame does not show whether the load is new or settled. Too small a force delays a stop
-    slightly; too large a force would abort a good grasp.
-    """
-    return min(float(law.force_n(reading).value) for law in (plan.early_law, plan.settled_law))
 
 
 def closure_of(target: float, plan: Plan) -> float:

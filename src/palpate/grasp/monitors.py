@@ -92,10 +92,10 @@ class SlipMonitor:
             return None
         if len(estimate.touches) < 2 * READING.fewest_frames:
             return None
-        strongest_reading = estimate.strongest_reading
+        strongest_n = estimate.strongest_n
         if estimate.steps and state.correction.return_closure is None:
-            strongest_reading = max(strongest_reading, estimate.steps[-1].touch.reading)
-        if estimate.now.reading >= GUARDS.lost_fraction * strongest_reading:
+            strongest_n = max(strongest_n, estimate.steps[-1].touch.sheet_n)
+        if estimate.now.sheet_n >= GUARDS.lost_fraction * strongest_n:
             return None
         return Alarm(danger=Danger.SLIPPED, message="")
 
@@ -151,7 +151,7 @@ class ResponseMonitor:
         """
         steps, contact_s = state.estimate.steps, state.estimate.contact_s
         gripped = [
-            step.touch.reading
+            step.touch.sheet_n
             for step in steps
             if contact_s is not None
             and step.touch.time_s >= contact_s
@@ -171,8 +171,8 @@ class ResponseMonitor:
             return False
         furthest = estimate.steps[-1]
         opened = estimate.closure < furthest.closure
-        most = (1.0 + GUARDS.response_fraction) * furthest.touch.reading
-        return opened and estimate.now.reading > most
+        most = (1.0 + GUARDS.response_fraction) * furthest.touch.sheet_n
+        return opened and estimate.now.sheet_n > most
 
 
 class TimeMonitor:

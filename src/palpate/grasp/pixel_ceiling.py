@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.calibrate.laws import laws_of
+from palpate.calibrate.laws import sheet_law_of
 from palpate.errors import CalibrationError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.array import ArrayLayout
@@ -21,7 +21,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     """Return the counts of a single pixel above which a grip exceeds a force.
 
     The limit is the reading at which one pixel of each finger carries half of the finger's load,
-    according to both laws of the sheet. A load spread over more pixels reaches the limit at a
+    according to the law of the sheet. A load spread over more pixels reaches the limit at a
     larger force. The limit is therefore a backup: the host checks the force from all pixels first.
 
     Parameters
@@ -43,7 +43,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     >>> from palpate.rig.simulated import calibrate_twin
     >>> calibration = calibrate_twin(seed=1, level="lab", apart_from="strawberry")
     >>> ceiling_counts(calibration, force_n=5.0), ceiling_counts(calibration)
-    (508, 797)
+    (502, 828)
     """
     layout, divider = calibration.layout, calibration.layout.divider
     pixel = ArrayLayout(
@@ -57,7 +57,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     if divider.taxel_leg == "lower":
         return 0
     try:
-        reading, *laws = laws_of(calibration.force)
+        law = sheet_law_of(calibration)
     except CalibrationError:
         return 0
     counts = np.arange(1, divider.full_scale - 1)
@@ -67,8 +67,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
         excess = np.zeros((counts.size, *rest_ohm.shape))
         alone = SampleReader(pixel, rest_ohm[row, col]).read_counts(counts[:, None, None])
         excess[:, row, col] = np.maximum(alone.excess[:, 0, 0], 0.0)
-        grip = layout.fingers / _MAX_FRACTION * reading.reading(excess)
-        shown_n = np.min([law.force_n(grip).value for law in laws], axis=0)
+        shown_n = layout.fingers / _MAX_FRACTION * law.read_settled(excess).force_n
         if not shown_n[-1] > force_n:
             return 0
         found = max(found, int(counts[np.argmax(shown_n > force_n)]))

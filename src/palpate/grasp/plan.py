@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.force import StaticLaw
-from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.sheet_creep import SheetCreep
+from palpate.estimate.sheet_law import SheetLaw
 from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.paper import Paper
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
-from palpate.settling.result import SettlingMethod
 
 HOLD_S, LONGEST_S = 0.5, 120.0
 
@@ -33,9 +30,8 @@ class Plan:
         Layout of the sensor's frames.
     rest_ohm : ndarray, shape (rows, cols)
         Rest resistances of the calibration.
-    settled_law, early_law : StaticLaw
-        Force from the reading at the settling horizon, and from the reading `dwell_s` after a
-        movement. They differ because the sheet lags.
+    law : SheetLaw
+        Force from the readings of the sheet and their history.
     compliance : Compliance or None
         Compliance of pads, fingers and servo. None for pressure-driven fingers, whose pressure
         shows no width: without `bend`, neither size nor stiffness is measured.
@@ -43,12 +39,6 @@ class Plan:
         Upper bound of the rise of force per mm or kPa of closing, for any object.
     gripper : GripperLimits
         Drive and range. Steps and rates are in its unit: mm or kPa.
-    settling : SettlingMethod
-        Predictor of the settled value.
-    reading : PixelReading
-        Converts the excess conductance of the pixels to the input of the force laws.
-    creep : SheetCreep or None
-        Creep of this sheet after a step; None if its calibration had too few holds.
     bend : SoftFingerCompliance or None
         Closure and compliance of pressure-driven fingers, calibrated on two blocks.
     current : CurrentLaw or None
@@ -113,8 +103,6 @@ class Plan:
         Wait between attempts; a touch of the open fingers ends it.
     decide_after_s : float
         Time of the decision, from the end of the last movement.
-    correct_after_s : float
-        Earliest time of a correction, for a force clearly different from the target.
     target_tolerance : float
         Largest error of the settled force, relative to the target, without a correction.
     most_adjustments : int
@@ -129,14 +117,10 @@ class Plan:
 
     layout: ArrayLayout
     rest_ohm: NDArray[np.float64]
-    settled_law: StaticLaw
-    early_law: StaticLaw
+    law: SheetLaw
     compliance: Compliance | None
     steepest_n: float
     gripper: GripperLimits
-    settling: SettlingMethod
-    reading: PixelReading = field(default_factory=PixelReading.sum_pixels)
-    creep: SheetCreep | None = None
     bend: SoftFingerCompliance | None = None
     current: CurrentLaw | None = None
     target_force_n: float | None = None
@@ -169,8 +153,7 @@ class Plan:
     horizon_s: float = 20.0
     tries: int = 1
     wait_s: float = 2.0
-    decide_after_s: float = 0.8
-    correct_after_s: float = 0.5
+    decide_after_s: float = 0.5
     target_tolerance: float = 0.05
     most_adjustments: int = 6
     hold_s: float = HOLD_S

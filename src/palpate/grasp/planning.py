@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, fit_creep, laws_of
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, sheet_law_of
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
@@ -16,7 +16,6 @@ from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration
-from palpate.settling.relaxation import Relaxation
 
 #: Smallest valid expected size, mm (guess).
 LEAST_SIZE_MM = 1.0
@@ -91,19 +90,14 @@ def plan_grasp(
             f"expect_size_mm {expect_size_mm:g}: must be at least {LEAST_SIZE_MM:g} mm; correct or "
             "omit it"
         )
-    laws = laws_of(calibration.force)
     width = gripper.limits.drive == "width"
     fit = _fit_width_compliance if width else _fit_pressure_bend
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
-        settled_law=laws.settled,
-        early_law=laws.early,
-        reading=laws.reading,
-        creep=fit_creep(calibration.force, laws.reading),
+        law=sheet_law_of(calibration),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
-        settling=Relaxation(),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
         target_force_n=target_force_n,

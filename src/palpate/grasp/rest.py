@@ -12,7 +12,6 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.grasp.config import GUARDS
-from palpate.grasp.estimator import read_frame_force_n
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
 from palpate.sensor.rest_baseline import rest_baseline
@@ -56,7 +55,7 @@ def _read_rest_force(frames: FloatArray, rest_ohm: FloatArray, *, plan: Plan) ->
     over many pixels does not average out.
     """
     excess = SampleReader(plan.layout, rest_ohm).read_ohm(frames).excess
-    return read_frame_force_n(float(np.median(plan.reading.reading(excess))), plan=plan)
+    return float(np.median(plan.law.read_settled(excess).force_n))
 
 
 def explain_noisy_rest(rest_force_n: float, *, plan: Plan) -> str | None:
@@ -131,4 +130,4 @@ def verify_rest(state: GraspState, rest_check_from: float, *, plan: Plan) -> boo
 
 def _use_old_values(state: GraspState, reason: str, *, plan: Plan) -> None:
     state.add_fault(f"the calibration's rest values are used: {reason}")
-    state.estimate.rest_ohm = plan.rest_ohm
+    state.estimate.rest_ohm, state.estimate.reader = plan.rest_ohm, None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from palpate.estimate.closing_curve import CONTACT_SD
-from palpate.grasp.answers import floor_n, mm_per_unit, sheet_forces_n
+from palpate.grasp.answers import mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate, closure_of
 from palpate.grasp.plan import Plan
@@ -66,10 +66,10 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     """
     if plan.damage is None or not math.isinf(estimate.damage_low_n):
         return math.inf
-    force_n = sheet_forces_n(estimate.steps, estimate, plan)
+    force_n = sheet_forces_n(estimate.steps, estimate)
     weaker = np.array([step.touch.weakest_percent for step in estimate.steps])
     gripped = (weaker <= READING.contact_percent) | (force_n > plan.no_push_n)
-    loaded = gripped & (force_n > CONTACT_SD * floor_n(plan))
+    loaded = gripped & (force_n > CONTACT_SD * plan.law.floor_n)
     if not loaded.any():
         return math.inf
     soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import LAG, compute_lag, tilt_sd
+from palpate.estimate.closing_curve import tilt_sd
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.grasp.config import GUARDS, SETTLE, SQUEEZE
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 #: Fewest steps with contact to locate its start, and the largest force of the search, newtons.
 _FEWEST_TOUCHED, _MOST_N = 2, 200.0
-#: Smallest force, newtons, for the logarithm of the sheet's force.
-_MIN_FORCE_N = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +40,7 @@ def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None
     if plan.current is None or not estimate.current_samples or not estimate.steps:
         return None
     closure = np.array([step.closure for step in estimate.steps])
-    reading = np.array([step.touch.reading for step in estimate.steps])
-    force_n = _remove_lag(plan.early_law.force_n(reading).value, plan)
+    force_n = np.array([step.touch.sheet_n for step in estimate.steps])
     at = np.array([estimate.closure, *(pull.closure for pull in estimate.current_samples)])
     sheet_n = _interpolate_force(at, closure, force_n)
     if not sheet_n[0] > GUARDS.lost_fraction * sheet_n.max():
@@ -53,7 +50,7 @@ def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None
         fraction=sheet_n[1:] / sheet_n[0],
         width_mm=[plan.gripper.target(pull.closure) for pull in estimate.current_samples],
         movement=[pull.moved_s for pull in estimate.current_samples],
-        tilt_sd=tilt_sd(plan.early_law.residual_sd),
+        tilt_sd=tilt_sd(estimate.steps[-1].touch.log_sd),
     )
 
 
@@ -66,9 +63,7 @@ def _force_from_pressure(
     contact. Contact is between the last step without contact and the zero of the sheet's
     extrapolated force, which does not depend on the sheet's gain.
     """
-    force_n = plan.early_law.force_n(
-        np.array([step.touch.reading for step in estimate.steps])
-    ).value
+    force_n = np.array([step.touch.sheet_n for step in estimate.steps])
     weaker = np.array([step.touch.weakest_percent for step in estimate.steps])
     closure = np.array([step.closure for step in estimate.steps])
     touched = weaker <= plan.hint_percent
@@ -99,13 +94,6 @@ def _force_from_pressure(
     )
 
 
-def _remove_lag(force_n: FloatArray, plan: Plan) -> FloatArray:
-    """Correct the sheet's forces at the closing steps for its lag."""
-    nothing = plan.early_law.force_n(0.0, level=plan.level)
-    rising = compute_lag(force_n, weak_n=max(float(nothing.high), _MIN_FORCE_N))
-    return np.asarray(force_n * np.exp(LAG * rising))
-
-
 def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:
     """Interpolate the sheet's force between its steps, and extrapolate beyond the last."""
     found = np.interp(at, closure, force_n)
@@ -116,13 +104,11 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
     return np.asarray(found)
 
 
-def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
-    """Return the gain of this contact relative to the sheet's early law."""
-    gain = Gain.from_calibration(
-        law_sd=plan.early_law.residual_sd, additional_sd=SETTLE.step_lag_sd
-    )
-    measured = gripper_force(estimate, plan) if estimate.steps else None
-    if measured is None:
-        return gain
-    sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)
-    return gain.update(measured, sheet_n=sheet_n)
+def measure_gain(estimate: ContactEstimate, plan: Plan, *, prior: Gain) -> Gain:
+    """Return the gain of this contact relative to the sheet's law, at the last step.
+
+    `prior`: without a measurement by the gripper.
+    """
+    last = estimate.steps[-1].touch
+    measured = gripper_force(estimate, plan)
+    return prior if measured is None else prior.update(measured, sheet_n=last.sheet_n)

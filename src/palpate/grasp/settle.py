@@ -6,7 +6,7 @@ import math
 from copy import copy
 from dataclasses import replace
 
-from palpate.grasp.answers import forecast, measure_object, measure_stiffness
+from palpate.grasp.answers import forecast, measure_object, measure_stiffness, read_force
 from palpate.grasp.config import SETTLE, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -25,22 +25,16 @@ def settle(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Wait until the settled force is precise enough, or clearly misses the target."""
+    """Wait until the hand is quiet, then measure the settled force and the object."""
     estimate, correction = state.estimate, state.correction
     if estimate.still_s >= plan.dwell_s and correction.count:
         record_step(estimate, plan)
-    earliest_s = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
-    if estimate.still_s < max(earliest_s, correction.next_forecast_s):
+    if estimate.still_s < plan.decide_after_s:
         return None
-    correction.next_forecast_s = plan.decide_after_s
-    settled = forecast(estimate, plan=plan)
-    force = state.set_settled_force(settled, plan=plan)
+    force = state.set_settled_force(forecast(estimate, plan=plan), plan=plan)
     _record_on_target(state, force, plan)
-    correctable = plan.target_force_n is not None and correction.count < plan.most_adjustments
-    off_target = _has_force_deficit(force, plan) or is_above_target(force, plan)
-    if (correctable and off_target) or estimate.still_s >= plan.decide_after_s:
-        state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
-        state.enter(Activity.ADJUST)
+    state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
+    state.enter(Activity.ADJUST)
     return None
 
 
@@ -181,7 +175,7 @@ def increase_force(
     """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
     slope, longest = slope_n(trial, plan), math.inf
-    # Use the settled force, which is more accurate than that of the early law.
+    # Use the settled force, which includes the gripper's own measurement.
     trial.set_force(force.middle, force.high)
     if correction.before is not None:
         closure, force_n = correction.before
@@ -196,7 +190,7 @@ def increase_force(
     command = close_by(trial, step, plan, min_duration_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial
-        correction.count, correction.next_forecast_s = correction.count + 1, 0.0
+        correction.count += 1
         correction.before = (trial.closure, trial.force_n)
     return command
 
@@ -216,7 +210,7 @@ def reduce_force(
     fraction = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
     estimate.set_force(fraction * estimate.force_n, fraction * estimate.force_high_n)
     correction.return_closure = closure
-    correction.count, correction.next_forecast_s = correction.count + 1, 0.0
+    correction.count += 1
     return GripperCommand(target=quantize_target(opened, plan), rate=plan.squeeze_rate)
 
 
@@ -231,7 +225,6 @@ def return_from_below(state: GraspState, plan: Plan) -> GripperCommand | None:
     travel = closure - estimate.closure
     if travel < plan.smallest_step or not estimate.touches:
         return None
-    law = plan.early_law.force_n(estimate.now.reading, level=plan.level)
-    read = estimate.gain.apply_to(law)
-    estimate.set_force(float(read.value), float(read.high))
+    read = read_force(estimate.now, estimate.gain, plan)
+    estimate.set_force(read.middle, read.high)
     return GripperCommand(target=quantize_target(closure, plan), rate=travel / SETTLE.correction_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from palpate.grasp.answers import Settled, measure_settled_force
+from palpate.grasp.answers import measure_settled_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -55,15 +55,12 @@ class Correction:
         Closure and force before the last upward correction.
     return_closure : float or None
         Target closure after easing; None if the hand never eased.
-    next_forecast_s : float
-        Time at rest at which the next forecast is due.
     """
 
     activity: Activity = Activity.FORECAST
     count: int = 0
     before: tuple[float, float] | None = None
     return_closure: float | None = None
-    next_forecast_s: float = 0.0
 
 
 @dataclass(slots=True, kw_only=True)
@@ -181,15 +178,15 @@ class GraspState:
                 self.record_event("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)
 
-    def set_settled_force(self, settled: Settled, *, plan: Plan) -> Measurement:
+    def set_settled_force(self, settled_percent: Measurement, *, plan: Plan) -> Measurement:
         """Compute the settled force, store it in the result, and return it."""
         measured = gripper_force(self.estimate, plan)
-        force = measure_settled_force(settled, measured=measured, plan=plan)
+        force = measure_settled_force(self.estimate.now, measured=measured, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(
             self.result,
             decision_time_s=round(self.estimate.now_s - self.first_contact_s, 6),
-            settled_percent=settled.relative_percent,
+            settled_percent=settled_percent,
             force_n=force,
             peak_force_n=self.estimate.peak_force_n,
         )

@@ -8,14 +8,20 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.estimate.closing_curve import CONTACT_SD
-from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
+from palpate.grasp.answers import (
+    gain_of_law,
+    measure_stiffness,
+    mm_per_unit,
+    read_force,
+    sheet_forces_n,
+)
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety_filter import filter_command, quantize_target
-from palpate.grasp.servo_evidence import early_gain
+from palpate.grasp.servo_evidence import measure_gain
 from palpate.gripper.interface import GripperCommand
-from palpate.measurement import Measurement
+from palpate.measurement import Measurement, half_width_sds
 
 
 def approach_step(plan: Plan) -> float:
@@ -35,17 +41,16 @@ def approach_step(plan: Plan) -> float:
 def record_step(estimate: ContactEstimate, plan: Plan) -> None:
     """Record the force, its upper bound and the damage limit once per closing step.
 
-    A later reading in the same step is ignored, because the early law would convert its creep to
-    force. A reading after a return to a smaller closure is ignored, because the sheet retains part
-    of the earlier load.
+    One reading of each step is enough. A reading after a return to a smaller closure is ignored,
+    because the closing curve is that of a first load.
     """
     touch, last = estimate.now, estimate.steps[-1] if estimate.steps else None
     if last and (estimate.moved_s < last.touch.time_s or estimate.closure <= last.closure):
         return
     estimate.steps = (*estimate.steps, ClosingStep(closure=estimate.closure, touch=touch))
-    estimate.gain = early_gain(estimate, plan)
-    force = estimate.gain.apply_to(plan.early_law.force_n(touch.reading, level=plan.level))
-    estimate.set_force(float(force.value), float(force.high))
+    estimate.gain = measure_gain(estimate, plan, prior=gain_of_law(touch, plan))
+    force = read_force(touch, estimate.gain, plan)
+    estimate.set_force(force.middle, force.high)
     estimate.damage_low_n = _damage_low_n(estimate, plan)
 
 
@@ -63,12 +68,12 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return math.inf
-    half_width = estimate.gain.half_width(level=plan.level)
+    half_width = half_width_sds(plan.level) * estimate.gain.log_sd
     return math.exp(half_width) * plan.damage.bound_n(stiffness, kind=plan.kind)
 
 
 def force_now(estimate: ContactEstimate, plan: Plan) -> Measurement:
-    """Return the force of the last closing step, from the early law."""
+    """Return the force of the last closing step."""
     return Measurement(
         value=estimate.force_n,
         low=estimate.force_n**2 / estimate.force_high_n,
@@ -140,7 +145,7 @@ def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
     The start of the force is extrapolated with the slope. A light touch of one finger does not
     count, because it may only push.
     """
-    force_n = sheet_forces_n(estimate.steps, estimate, plan)
+    force_n = sheet_forces_n(estimate.steps, estimate)
     gripped = [_is_gripped(*pair, plan) for pair in zip(estimate.steps, force_n, strict=True)]
     if not any(gripped):
         return 0.0
@@ -170,7 +175,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     force that falls during closing, the object may be rigid.
     """
     last = estimate.steps[-3:]
-    curve = list(zip(last, sheet_forces_n(last, estimate, plan).tolist(), strict=True))
+    curve = list(zip(last, sheet_forces_n(last, estimate).tolist(), strict=True))
     if len(curve) > 1 and plan.force_step_n < curve[-1][1] < curve[-2][1]:
         return plan.steepest_n
     slopes = [
@@ -198,7 +203,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     no contact, whichever is later. Until then the other finger alone pushed the object.
     """
     steps = estimate.steps
-    loaded = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > CONTACT_SD * floor_n(plan))
+    loaded = np.flatnonzero(sheet_forces_n(steps, estimate) > CONTACT_SD * plan.law.floor_n)
     one_finger = [step.touch.weakest_percent > READING.contact_percent for step in steps]
     if not loaded.size:
         return plan.steepest_n

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import placements_of
+from palpate.calibrate.laws import HORIZON_S, predict_held_out
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.pixel_law import predict_held_out
 from palpate.estimate.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
 from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
@@ -35,11 +34,6 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
         excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
         panel.plot(force_n, excess, "o", ms=4, mec=INK, mfc="white", label="settled readings")
         law = calibration.force_law
-        if law["law"] == "power":
-            reading = np.geomspace(float(law["range"][0]), float(law["range"][1]), 100)
-            log_scale, exponent, offset = law["coefficients"]
-            force_n = offset + np.exp(log_scale + exponent * np.log(reading))
-            panel.plot(force_n, reading, color=ORANGE, lw=1.4, label="settled law")
         if law["law"] == ForceLaw.name:
             reading = np.geomspace(0.5 * min(pairs.excess), 2.0 * max(pairs.excess), 100)
             each = [ForceLaw.from_dict(law).force(one) for one in reading.tolist()]
@@ -65,8 +59,10 @@ def _residuals(calibration: Calibration) -> tuple[FloatArray, FloatArray, str]:
     """Return force, error (percent) and name of the held-out placements or loads."""
     pairs = calibration.force
     if pairs.pixel_excess and len(set(pairs.run)) >= FEWEST_PLACEMENTS:
-        read_n, force_n, early = predict_held_out(placements_of(pairs))
-        read_n, force_n, unit_name = read_n[~early], force_n[~early], "placement"
+        found = predict_held_out(pairs)
+        settled = np.isclose(found.since_move_s, HORIZON_S)
+        read_n, force_n = found.value_n[settled], found.force_n[settled]
+        unit_name = "placement"
     else:
         settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
         force_n, unit_name = np.array(pairs.force_n)[settled], "load"

@@ -11,10 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, pairs_at
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, fit_sheet_law
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.errors import DeviceError, InputError
-from palpate.estimate.force import PowerForceLaw
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import check_rate
@@ -182,7 +181,6 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         block = BlockPairs(
             **{f.name: tuple(chain(*(getattr(b, f.name) for b in both))) for f in fields(block)}
         )
-    excess, force_n = pairs_at(force, since_move_s=HORIZON_S)
     return Calibration(
         sensor_id=sensor_id,
         origin="simulated",
@@ -191,7 +189,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         force=force,
         block=block,
         current=current,
-        force_law=PowerForceLaw.fit(excess, force_n=force_n).as_dict(),
+        force_law=fit_sheet_law(force).as_dict(),
     )
 
 

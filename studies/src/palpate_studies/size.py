@@ -163,7 +163,7 @@ def list_last_steps(
         stop = stops[max(index, 0)]
         pixels = SampleReader(plan.layout, rest_ohm).read_ohm(_ohm(stop, plan))
         change, excess = pixels.change_percent, pixels.excess
-        force_n = float(plan.early_law.force_n(plan.reading.reading(excess)).value)
+        force_n = float(plan.law.read_settled(excess[None]).force_n[0])
         fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
         rows.append(
             (

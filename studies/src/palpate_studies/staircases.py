@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
-from palpate.calibrate.laws import HORIZON_S, force_now, laws_of, pairs_at
+from palpate.calibrate.laws import HORIZON_S, fit_sheet_law, follow_force, pairs_at
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
@@ -59,9 +59,10 @@ _FRAME_TIMEOUT_S = 2.0
 FrameRead: TypeAlias = tuple[float, FloatArray, float]
 #: The same for all frames of a staircase.
 Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-#: The law of settled readings; the law with memory, learned on other sensors and scaled with this
+#: The law of the sheet without its history; the law with memory, learned on other sensors and
+#: scaled with this
 #: sensor's settled readings; the law of the sheet (`live --force`); and boosted trees with the
-#: readings up to each frame and both laws of a grasp as inputs, trained on other sheets.
+#: readings up to each frame and the law without history as inputs, trained on other sheets.
 METHODS = ("settled", "memory", "now", TREES)
 #: Baselines of `now`.
 BASELINES = ("settled", "memory", TREES)
@@ -90,18 +91,15 @@ def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) 
     pairs : ForcePairs
         Pairs of the sheet's calibration.
     """
-    reading, early, settled = laws_of(pairs)
-    read = np.asarray(reading.reading(excess), dtype=float)
+    read = fit_sheet_law(pairs).read_settled(excess).force_n
     log = np.log(np.maximum(read, 1e-3))
     total = total_excess(excess)
     strongest = excess.max(axis=(1, 2)) / np.maximum(total, 0.01)
-    forces_n = [np.asarray(law.force_n(read).value) for law in (early, settled)]
     ago = [_reading_before(log, time_s, ago_s=ago_s) for ago_s in _AGO_S]
     recent = np.stack([log, *ago])
     return np.column_stack(
         [
-            *forces_n,
-            *np.log(np.maximum(forces_n, 0.01)),
+            read,
             log,
             np.log1p(np.maximum(total, 0.0)),
             strongest,
@@ -159,19 +157,20 @@ def follow_staircases(
     pairs, runs = _run_staircases(
         sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
     )
-    laws = laws_of(pairs)
+    law = fit_sheet_law(pairs)
     at_rest, known_n = pairs_at(pairs, since_move_s=HORIZON_S)
     read = at_rest > CONTACT_EXCESS
     memory = ForceLaw.fit(at_rest[read], force_n=known_n[read])
     found: dict[str, list[FollowedForce]] = {}
     for time_s, excess, force_n in runs:
-        static = laws.settled.force_n(laws.reading.reading(excess))
+        static = law.read_settled(excess)
+        ends_n = law.interval_n(static.force_n, log_sd=static.log_sd)
         answers: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike]] = {
-            "settled": (static.value, static.low, static.high)
+            "settled": (static.force_n, *ends_n)
         }
         followers: dict[str, ForceSource] = {
             "memory": ForceFollower(memory),
-            "now": force_now(pairs),
+            "now": follow_force(law),
         }
         for name, follower in followers.items():
             now = [follower.step(*one) for one in zip(time_s.tolist(), excess, strict=True)]

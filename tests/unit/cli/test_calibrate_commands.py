@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 
+from palpate.calibrate.laws import sheet_law_of
 from palpate.cli import build_app, run
 from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
 from palpate.holds import read_holds
@@ -37,7 +38,7 @@ def test_calibrate_force_file_contains_rest_and_force_readings(made: Path) -> No
     assert made.stat().st_size < 40_000
     for kind in ("error_percent", "early_error_percent"):
         assert 0 < found.held_out[kind]["5_n"] < 40
-    assert found.force_law["residual_sd"] > 0
+    assert sheet_law_of(found).noise > 0
     assert made.with_name("pad.png").stat().st_size > 10_000
 
 

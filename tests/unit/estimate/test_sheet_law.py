@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from tests.factories import make_sheet_law
 
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_follower import SheetFollower
+from palpate.estimate.sheet_follower import SheetFollower, SheetReader
 from palpate.estimate.sheet_law import SheetLaw
 from palpate.estimate.sheet_states import States, compute_states
 
@@ -28,14 +30,19 @@ def read_pixel(force_n: float, *, since_s: float, exponent: float, gain: float) 
 
 
 def calibrate(
-    seed: int, *, placements: int = 6, exponent: float = 0.8, pixels: int = 4
+    seed: int,
+    *,
+    placements: int = 6,
+    exponent: float = 0.8,
+    pixels: int = 4,
+    steps_n: tuple[float, ...] = STEPS_N,
 ) -> list[tuple[States, np.ndarray]]:
     """Return placements of a load cell, each with its own gain and share of the pixels."""
     random, found = np.random.default_rng(seed), []
     for _ in range(placements):
         gain, share = math.exp(random.normal(0.0, 0.05)), random.dirichlet(np.full(pixels, 8.0))
         time_s, excess, forces, now_s = [0.0], [np.zeros(pixels)], [0.0], 1.0
-        for force_n in STEPS_N:
+        for force_n in steps_n:
             for since_s in READ_S:
                 time_s.append(now_s + since_s)
                 excess.append(
@@ -122,3 +129,37 @@ def test_gain_of_a_contact_scales_the_force_and_replaces_the_uncertainty_of_cont
 def test_sheet_that_never_responds_is_refused() -> None:
     with pytest.raises(CalibrationError, match="no reading rises"):
         SheetLaw.fit([(compute_states([0.0, 1.0], np.zeros((2, 4))), np.array([0.0, 5.0]))])
+
+
+def test_a_stored_law_reads_as_the_fitted_one() -> None:
+    law, (states, _) = SheetLaw.fit(calibrate(4)), calibrate(5)[0]
+    stored = json.loads(json.dumps(law.as_dict()))
+    again, before = SheetLaw.from_dict(stored).read(states), law.read(states)
+    assert again.force_n == pytest.approx(before.force_n, rel=1e-12)
+    assert again.log_sd == pytest.approx(before.log_sd, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"mean": [1.0]}, {"covariance": [0.0]}, {"noise": None}, {"contact": [float("nan")] * 16}],
+)
+def test_an_invalid_stored_law_is_refused(wrong: dict[str, Any]) -> None:
+    stored = SheetLaw.fit(calibrate(4)).as_dict() | wrong
+    with pytest.raises(CalibrationError, match="calibrate the force again"):
+        SheetLaw.from_dict(stored)
+
+
+def test_settled_reading_is_foreseen_from_the_first_half_second() -> None:
+    contacts = [
+        calibrate(seed, placements=1, steps_n=(force_n,))[0]
+        for seed, force_n in enumerate(STEPS_N * 2)
+    ]
+    reader = SheetReader(SheetLaw.fit(contacts))
+    for at_s in (0.0, 0.1, 0.3, 0.5):
+        read = read_pixel(1.0, since_s=at_s, exponent=0.8, gain=1.0) if at_s else 0.0
+        reader.follow(at_s, np.full((2, 2), read))
+    soon, late = (
+        read_pixel(1.0, since_s=since_s, exponent=0.8, gain=1.0) for since_s in (0.5, 20.0)
+    )
+    assert np.abs(reader.settle() / late - 1.0).max() < 0.5 * (late / soon - 1.0)
+    assert (reader.settle(log_n=0.1) > reader.settle()).all()

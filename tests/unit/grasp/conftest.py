@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.factories import fit_even_sheet
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
-from palpate.settling.relaxation import Relaxation
 
 REST_OHM = 9000.0
 PERIOD_S = 1 / 15
@@ -119,17 +118,14 @@ def bench() -> Bench:
 @pytest.fixture(scope="session")
 def plan() -> Plan:
     force = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
-    law = PowerForceLaw.fit(2 * force, force_n=force * np.exp([0.02, -0.02] * 3))
     compliance = Compliance.fit(force, width_mm=40 - GRIPPER_MM_PER_N * force, block_mm=40.0)
     return Plan(
         layout=RIGID_LAYOUT,
         rest_ohm=np.full((4, 2), REST_OHM),
-        settled_law=law,
-        early_law=law,
+        law=fit_even_sheet(RIGID_LAYOUT.pixels, force_n=force, scatter=0.02),
         compliance=replace(compliance, residual_mm=0.02),
         steepest_n=compliance.stiffest_n_per_mm,
         gripper=Bench.limits,
-        settling=Relaxation(),
         rest_s=0.5,
     )
 

@@ -27,8 +27,8 @@ def test_strongest_reading_restarts_after_each_movement(plan: Plan, bench: Any) 
 
     def compare(grasp_state: GraspState) -> None:
         if grasp_state.estimate.touches:
-            readings = [touch.reading for touch in grasp_state.estimate.touches]
-            assert grasp_state.estimate.strongest_reading == max(readings)
+            readings = [touch.sheet_n for touch in grasp_state.estimate.touches]
+            assert grasp_state.estimate.strongest_n == max(readings)
             fallen.append(readings[0] > readings[-1])
 
     bench.grasp_until(Outcome.HELD, plan, watchers=[compare])
@@ -79,9 +79,9 @@ def test_unconfirmed_touch_is_rejected(plan: Plan, bench: Any) -> None:
 
 
 def test_grasp_with_insensitive_law_opens_the_hand(plan: Plan, bench: Any) -> None:
-    coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
+    coarse = replace(plan.law, floor_n=12.0)
     result = bench.grasp_until(
-        Outcome.FORCE_LIMIT, plan, early_law=coarse, words="calibrate the force again"
+        Outcome.FORCE_LIMIT, plan, law=coarse, words="calibrate the force again"
     )
     assert result.force_n is None
 

@@ -16,9 +16,7 @@ N_PER_MM = 2.0
 
 def touch(force_n: float) -> Touch:
     """Return the sheet's reading at a force, with twice the excess conductance."""
-    return Touch(
-        time_s=1.0, finger_percent=(-30.0, -30.0), relative_percent=-30.0, reading=2.0 * force_n
-    )
+    return Touch(time_s=1.0, finger_percent=(-30.0, -30.0), relative_percent=-30.0, sheet_n=force_n)
 
 
 def settled(force_n: float) -> Measurement:

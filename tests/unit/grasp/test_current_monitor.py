@@ -43,7 +43,10 @@ def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstima
     """Return the estimate with a sheet reading, for a resting or moving gripper."""
     percent = -2.0 * reading
     touch = Touch(
-        time_s=10.0, finger_percent=(percent, percent), relative_percent=percent, reading=reading
+        time_s=10.0,
+        finger_percent=(percent, percent),
+        relative_percent=percent,
+        sheet_n=0.5 * reading,
     )
     return ContactEstimate(
         touches=(touch,) if still else (),
@@ -361,7 +364,7 @@ def test_current_monitor_lowest_detected_force_matches_model(
     calibrated: Plan, movements: int, deviations: float
 ) -> None:
     """Highest gear friction, three readings, cold motor; at most twice the sheet's force."""
-    shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
+    shown_n = float(calibrated.law.interval_n(0.0, log_sd=0.0)[1])
     gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(3)
     least_n = (gears_ma + 2.0 * shown_n * MA_PER_N * (1.0 + 2.0 * 0.035) - GEARS_MA) / MA_PER_N
     for excess_n in (-0.02, 0.02):
@@ -400,7 +403,7 @@ def test_current_monitor_twice_the_force_of_the_sheet_is_allowed(
     ideal: Plan, excess_n: float, still_s: float, is_alarm: bool
 ) -> None:
     """The sheet's response is complete 0.3 s after a movement."""
-    shown_n = float(ideal.early_law.force_n(2.0, level=ideal.level).high)
+    shown_n = float(ideal.law.interval_n(1.0, log_sd=0.0)[1])
     current_ma = PROVEN_MA_PER_N * (CURRENT.sheet_ratio * shown_n + excess_n)
     estimate = replace(estimate_of(2.0, closure=20.0, still=True), now_s=still_s, still_since_s=0.0)
     state = report(20.0, current_ma, moving=False)

@@ -28,4 +28,4 @@ def test_estimate_in_a_long_hold_stores_a_bounded_number_of_readings_and_the_str
     assert times_s[0] == pytest.approx(0.1)
     assert times_s[-20:] == pytest.approx(0.1 * np.arange(381, 401))
     assert (np.diff(times_s) > 0).all()
-    assert estimate.strongest_reading > max(touch.reading for touch in estimate.touches)
+    assert estimate.strongest_n > max(touch.sheet_n for touch in estimate.touches)

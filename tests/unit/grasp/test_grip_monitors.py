@@ -36,7 +36,7 @@ SEEN = Observation(
 def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
     """Return a grasp with a largest reading of 1 and this present reading."""
     touches = tuple(touch(fraction, time_s=0.1 * number) for number in range(12))
-    estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest_reading=1.0)
+    estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest_n=1.0)
     return GraspState(phase=phase, estimate=estimate)
 
 
@@ -63,7 +63,7 @@ def test_slip_monitor_reading_below_fraction_raises_an_alarm_unless_opening(
 ) -> None:
     """Six frames, 0.3 s at rest, and 35 % of the largest reading, 20."""
     state = resting(touch(reading, time_s=0.2), frames=frames, still_s=still_s, phase=phase)
-    state.estimate.strongest_reading = 20.0
+    state.estimate.strongest_n = 20.0
     alarm = SlipMonitor(plan).check(SEEN, state)
     assert (alarm and alarm.danger) is (Danger.SLIPPED if is_alarm else None)
 

@@ -34,7 +34,7 @@ def test_drifted_sheet_closes_finely_until_rest_is_verified_and_detects_no_early
     rest_ohm = 1.2 * plan.rest_ohm
     wishes = {"rest_ohm": rest_ohm, "watchers": [watch], "words": DRIFTED}
     result = bench.grasp_until(Outcome.HELD, plan, **wishes)
-    assert abs(result.size_mm.value - 50.3) < 0.3
+    assert abs(result.size_mm.value - 50.3) < 0.4
     assert 0.7 * plan.step <= max(closures) <= plan.step
     assert np.diff(closures).max() <= plan.fine_step + 1e-9
 

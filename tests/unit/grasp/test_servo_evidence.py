@@ -73,14 +73,14 @@ def slow(bench: Any) -> Any:
 @pytest.mark.parametrize("gain", [0.6, 1.5])
 def test_current_corrects_the_gain_of_the_sheet(plan: Plan, slow: Any, gain: float) -> None:
     """The gain of the sheet is uncertain by a third."""
-    law, forces = replace(plan.early_law, residual_sd=0.35), list[float]()
+    law, forces = replace(plan.law, noise=0.35, misfit=1.0), list[float]()
     slow.gain = gain
 
     def at_hold(grasp_state: GraspState) -> None:
         if grasp_state.phase is Phase.HOLD:
             forces.append(slow.force_n)
 
-    wishes = {"early_law": law, "settled_law": law, "target_force_n": 4.0, "current": LAW}
+    wishes = {"law": law, "target_force_n": 4.0, "current": LAW}
     result = slow.grasp_until(Outcome.HELD, plan, watchers=[at_hold], **wishes)
     assert forces[-1] == pytest.approx(4.0, rel=0.15)
     assert result.force_n.low <= forces[-1] <= result.force_n.high

@@ -14,7 +14,7 @@ from palpate.grasp.step_size import close_by, slope_n
 
 def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
     """Return the estimate after squeeze steps with these forces."""
-    closings = closing_steps([2.0 * force for force in force_n], step_mm=step_mm)
+    closings = closing_steps(force_n, step_mm=step_mm)
     return ContactEstimate(
         steps=closings,
         contact_s=0.0,

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import SoftFingerCompliance
+from palpate.grasp.answers import sheet_forces_n
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
@@ -51,16 +52,14 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     """
     if plan.bend is None or not grasp_state.estimate.steps:
         return None
-    readings = [step.touch.reading for step in grasp_state.estimate.steps]
-    force = grasp_state.estimate.gain.apply_to(plan.early_law.force_n(readings, level=plan.level))
-    if force.value.max() < CONTACT_N:
+    estimate = grasp_state.estimate
+    force_n = sheet_forces_n(estimate.steps, estimate)
+    if force_n.max() < CONTACT_N:
         return None
-    pressure_kpa = np.array(
-        [plan.gripper.target(step.closure) for step in grasp_state.estimate.steps]
-    )
+    ends_n = plan.law.interval_n(force_n, log_sd=estimate.gain.log_sd, level=plan.level)
+    pressure_kpa = np.array([plan.gripper.target(step.closure) for step in estimate.steps])
     value, *ends = (
-        width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
-        for force_n in (force.value, force.low, force.high)
+        width_at_contact(pressure_kpa, force_n=one, bend=plan.bend) for one in (force_n, *ends_n)
     )
     width = Measurement(
         value=value,

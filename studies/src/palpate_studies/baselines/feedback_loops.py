@@ -59,8 +59,8 @@ PAPER_LINE = "the paper's line, exponential at 2.5 s"
 #: Reading time of the exponential, and its frames.
 READING_S, _FRAME_RATE_HZ = 2.5, 15
 _FRAMES = int(READING_S * _FRAME_RATE_HZ)
-#: Additional frames after a movement in the learners' inputs, the frame of the early law, and the
-#: smallest force of a law, newtons.
+#: Additional frames after a movement in the learners' inputs, the frame soon after it, and the
+#: smallest force of the law, newtons.
 _SHOWN, _EARLY, _SMALLEST_N = (2, 14, 24), 6, 0.05
 #: Learner -> method.
 LOOPS = {learner: f"{words}, as feedback at 2.5 s" for learner, words in LEARNERS.items()}
@@ -175,16 +175,13 @@ def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> Ma
 
 
 def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[float], float]:
-    """Read after a movement; return the readings and the calibrated law's settled force."""
+    """Read after a movement; return the readings and the settled force by the law."""
     ohm = read_ohm(array, seconds=READING_S, last=_FRAMES)
     ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
     pixels = SampleReader(plan.layout, rest_ohm).read_ohm(ohm)
     change, excess = pixels.change_percent, pixels.excess
-    reading = np.asarray(plan.reading.reading(excess), dtype=float)
-    early_n, law_n = (
-        max(float(law.force_n(reading[frame]).value), _SMALLEST_N)
-        for law, frame in ((plan.early_law, _EARLY), (plan.settled_law, -1))
-    )
+    reading = plan.law.read_settled(excess).force_n
+    early_n, law_n = (max(float(reading[frame]), _SMALLEST_N) for frame in (_EARLY, -1))
     mean = mean_change(change)
     risen = np.log1p(np.maximum(reading, 0.0))
     return [

@@ -1,136 +1,31 @@
-"""Static force laws: force from a settled reading, with interval and valid range.
+"""Baseline: a power law of the summed excess conductance, as usual for such sheets.
 
-The input of `PowerForceLaw` is the excess conductance G/G0 - 1 summed over pixels, which hardly
-depends on the distribution of the load.
+Its input is the excess conductance G/G0 - 1 summed over pixels, which hardly depends on the
+distribution of the load.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Protocol
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.measurement import half_width_sds
-
-#: Fewest calibration pairs for an estimate of the scatter.
-MIN_PAIRS = 4
-#: Smallest ratio of largest to smallest load for an estimate of the slope.
-MIN_LOAD_RATIO = 1.2
+from palpate.estimate.line_law import (
+    MIN_PAIRS,
+    ForceEstimate,
+    check_pairs,
+    law_sd,
+    require_pairs,
+)
 
 #: Candidates for the force below which the scatter is constant in newtons instead of percent, as
 #: multiples of the calibration's weakest force; 0 for a scatter in percent at all forces.
 _WEAK_RATIOS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-
-
-class StaticLaw(Protocol):
-    """A calibrated law from one kind of reading to force."""
-
-    #: Name in calibration files.
-    name: ClassVar[str]
-    #: Input of `force_n`: ``"excess"`` or ``"pixels"``.
-    reads: ClassVar[str]
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Smallest and largest reading of the calibration."""
-        ...
-
-    @property
-    def residual_sd(self) -> float:
-        """Scatter of ln force about the law in the calibration."""
-        ...
-
-    def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
-        """Return the force of each reading."""
-        ...
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForceEstimate:
-    """Forces with intervals, newtons; arrays of the shape of the readings.
-
-    Attributes
-    ----------
-    value, low, high : ndarray
-        Force and the ends of its prediction interval, never below 0.
-    in_range : ndarray of bool
-        Whether the reading is within the range of the calibration. Outside it, the value is an
-        extrapolation.
-    level : float
-        Nominal coverage of the interval.
-    """
-
-    value: FloatArray
-    low: FloatArray
-    high: FloatArray
-    in_range: NDArray[np.bool_]
-    level: float
-
-    @property
-    def upper_sd_n(self) -> FloatArray:
-        """Standard deviation above the force, newtons."""
-        return np.asarray((self.high - self.value) / half_width_sds(self.level))
-
-    def upper_log_sd(self, at: int) -> float:
-        """Return the standard deviation of ln force above one force, which must be positive."""
-        return float(np.log(self.high[at] / self.value[at])) / half_width_sds(self.level)
-
-
-def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return readings and forces as finite float arrays of equal length."""
-    x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise ValueError(f"readings and forces must have equal shapes, not {x.shape} and {y.shape}")
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise CalibrationError("force calibration: a reading or force is not a finite number")
-    return x, y
-
-
-def require_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the pairs unchanged; raise `CalibrationError` for too few, or a single load."""
-    if len(x) < MIN_PAIRS:
-        raise CalibrationError(
-            f"force calibration: {len(x)} usable pairs, at least {MIN_PAIRS} needed; add loads"
-        )
-    if y.max() < MIN_LOAD_RATIO * max(y.min(), 0.0) or np.ptp(y) == 0:
-        raise CalibrationError(
-            f"force calibration: the load hardly changes ({y.min():g} to {y.max():g} N); "
-            "use loads over the whole range"
-        )
-    return x, y
-
-
-def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -> FloatArray:
-    """Return the standard deviation of a prediction, from coefficients and scatter.
-
-    `gradient`, shape (..., coefficients): gradient with respect to the coefficients.
-    `covariance`, shape (coefficients, coefficients): covariance of the coefficients.
-    `residual_sd`: scatter of the calibration about the law.
-
-    >>> law_sd(np.array([[1.0, 2.0]]), covariance=np.eye(2), residual_sd=2.0).tolist()
-    [3.0]
-    """
-    known = np.einsum("...i,ij,...j->...", gradient, np.asarray(covariance), gradient)
-    return np.asarray(np.sqrt(residual_sd**2 + known))
-
-
-def law_as_dict(law: Any) -> dict[str, Any]:
-    """Return a law's name and numbers as plain values for a calibration file."""
-    return {"law": law.name, **{name: _as_list(value) for name, value in asdict(law).items()}}
-
-
-def _as_list(value: Any) -> Any:
-    return [_as_list(part) for part in value] if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,9 +51,6 @@ class PowerForceLaw:
     floor_n : float
         Scatter of weak forces, newtons.
     """
-
-    name: ClassVar[str] = "power"
-    reads: ClassVar[str] = "excess"
 
     coefficients: tuple[float, float, float]
     covariance: tuple[tuple[float, ...], ...]
@@ -247,10 +139,6 @@ class PowerForceLaw:
             in_range=(x >= self.range[0]) & (x <= self.range[1]),
             level=level,
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file."""
-        return law_as_dict(self)
 
 
 def _scatter(
