@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.estimate.gain import Gain
 from palpate.grasp.answers import read_force
-from palpate.grasp.config import APPROACH, GUARDS, READING
+from palpate.grasp.config import APPROACH, READING
 from palpate.grasp.estimator import ContactEstimate, Touch, closure_of
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
@@ -34,8 +34,6 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
         return _continue(state, plan) if measure_rest(state, plan=plan) else None
     if estimate.still_s < plan.dwell_s or not estimate.touches:
         return None
-    if estimate.released_s is not None and estimate.residual is None:
-        return _record_residual(state, plan)
     if attempt.rest_check_from is not None and not verify_rest(
         state, attempt.rest_check_from, plan=plan
     ):
@@ -81,15 +79,8 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
         start_sweep(state, plan)
         return None
     # One finger alone pushes the object to the middle; contact of the other finger follows.
-    fraction = 1.0 if touching and estimate.released_s is None else 0.5
-    step = max(fraction * approach_step(plan), plan.fine_step)
-    if plan.damage is None and not touching and estimate.fast_contact is not None:
-        # A large step is safe: the object withstood the contact at speed.
-        closure, force_n = estimate.fast_contact
-        gap = APPROACH.return_gap_fraction * force_n / plan.steepest_n
-        gap = max(gap, APPROACH.return_gap_steps * approach_step(plan))
-        step = max(step, closure - gap - estimate.closure)
-    return close_by(estimate, step, plan)
+    fraction = 1.0 if touching else 0.5
+    return close_by(estimate, max(fraction * approach_step(plan), plan.fine_step), plan)
 
 
 def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
@@ -252,7 +243,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
         # No contact, or one finger pushing without progress: continue in small steps.
-        pushed = APPROACH.max_return_steps * plan.step if pushes else 0.0
+        pushed = APPROACH.most_push_steps * plan.step if pushes else 0.0
         attempt.sweep_end = estimate.closure + pushed
         state.enter(Activity.TOUCH)
         return None
@@ -261,17 +252,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     if now.weakest_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.record_event("contact")
     state.enter(Activity.TOUCH)
-    if plan.damage is None and estimate.force_n < plan.no_push_n:
-        # A touch this light is the first step of the squeeze.
-        return None
-    estimate.fast_contact = (estimate.closure, estimate.force_n)
-    estimate.released_s, estimate.residual = estimate.now_s, None
-    return _open_by(estimate, approach_step(plan) + 0.5 * plan.step + plan.backlash, plan)
-
-
-def _open_by(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCommand:
-    target = quantize_target(max(estimate.closure - travel, 0.0), plan)
-    return GripperCommand(target=target, rate=plan.rate)
+    return None
 
 
 def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
@@ -282,37 +263,6 @@ def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
     """
     touching = np.array(now.finger_percent) <= READING.contact_percent
     return tuple(np.flatnonzero(~touching[list(plan.layout.finger_of_row)]).tolist())
-
-
-def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Record the sheet's residual reading after the fingers have retracted from a contact.
-
-    If both fingers still show a hint of contact, the hand retracts further. If the sheet still
-    reads most of the contact force at the retraction limit, the grasp ends with a sensor fault.
-    """
-    estimate, now = state.estimate, state.estimate.now
-    if now.weakest_percent <= plan.hint_percent:
-        assert state.attempt.sweep_end is not None
-        furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
-        if estimate.closure > max(furthest, plan.step):
-            return _open_by(estimate, plan.step, plan)
-        if now.sheet_n > GUARDS.residual_fraction * estimate.force_n:
-            state.add_fault(
-                "the sheet still reads most of the contact force after the fingers retracted; run "
-                "`palpate doctor`"
-            )
-            return state.release(plan, Outcome.SENSOR_LOST)
-    # Only falls in resistance are residual; rises are due to the movement, and fade.
-    estimate.residual = Touch(
-        time_s=now.time_s,
-        finger_percent=tuple(min(percent, 0.0) for percent in now.finger_percent),
-        relative_percent=min(now.relative_percent, 0.0),
-        sheet_n=now.sheet_n,
-    )
-    estimate.touches = ()
-    estimate.steps = tuple(step for step in estimate.steps if step.closure < estimate.closure)
-    estimate.set_force(0.0, plan.law.threshold_n(level=plan.level))
-    return None
 
 
 _ACTIVITIES = {

@@ -41,29 +41,23 @@ class ReadingNumbers:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """The fast approach, its stop at contact, and the return to that contact.
+    """The fast approach, and its stop at contact.
 
     overrun_steps : 1 to 3 steps, twin.
         Allowed travel from contact until the hand stops; sets the speed of a sweep.
     lookahead_frames : 1.25 to 4 frames, guess.
         How far ahead of the hand a command is, in frame periods.
     size_error_mm : 2 to 10 mm, requirement. Error of an expected size.
-    max_return_steps : 2 to 8 steps, guess.
-        Largest retreat from a contact, or advance while one finger pushes.
+    most_push_steps : 2 to 8 steps, guess. Largest advance while one finger pushes.
     one_finger_fraction : 0.1 to 0.5 1, guess.
         Below this ratio of the weaker to the stronger finger, one pushes alone.
-    return_gap_steps : 0.2 to 1 steps, twin.
-        Fine closing begins at least this far before the contact found at speed.
-    return_gap_fraction : 0.5 to 1 1, twin. The same gap, from the contact's force on a rigid block.
     """
 
     overrun_steps: float = 2.0
     lookahead_frames: float = 2.0
     size_error_mm: float = 5.0
-    max_return_steps: float = 4.0
+    most_push_steps: float = 4.0
     one_finger_fraction: float = 0.3
-    return_gap_steps: float = 0.4
-    return_gap_fraction: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +141,6 @@ class Guards:
         Force relative to the target at which a movement is stopped.
     lost_fraction : 0.2 to 0.5 1, twin.
         Fraction of the grip's reading below which the object is gone.
-    residual_fraction : 0.6 to 0.85 1, guess.
-        Fraction of the contact's force still read after opening: sheet failed.
     response_fraction : 0.005 to 0.03 1, study faults.
         Relative fall while closing, or rise while opening, that counts as wrong.
     fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
@@ -169,7 +161,6 @@ class Guards:
     pixel_factor: float = 1.6
     max_force_ratio: float = 1.25
     lost_fraction: float = 0.35
-    residual_fraction: float = 0.75
     response_fraction: float = 0.01
     fall_steps: int = 3
     one_finger_hints: float = 2.0

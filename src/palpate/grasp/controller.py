@@ -112,9 +112,7 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
         goal = SQUEEZE.near_fraction * goal_n(plan)
     else:
         goal, reason = gentle_goal(estimate, plan)
-    fast = estimate.fast_contact
-    withstood = fast is not None and estimate.closure < fast[0]
-    measures = not has_target and (reason != "gave_way" or withstood)
+    measures = not has_target and reason != "gave_way"
     few = measures and count_contact_steps(estimate, plan) < plan.fewest_steps
     if estimate.force_n < goal or few:
         command = close_by(estimate, squeeze_step(estimate, plan, goal_n=goal), plan)

@@ -160,10 +160,6 @@ class ContactEstimate(HandMotion):
         Present closing at constant speed, if any.
     contact_s : float or None
         Start of the movement that led to contact.
-    fast_contact : tuple of float or None
-        Closure and force at the end of a sweep, if the hand retracted from there.
-    released_s, residual : float and Touch, or None
-        Start of that retraction, and the sheet's residual reading after it.
     force_n, force_high_n : float
         Present grip force and its upper bound, from the last closing step.
     damage_low_n : float
@@ -184,9 +180,6 @@ class ContactEstimate(HandMotion):
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
     contact_s: float | None = None
-    fast_contact: tuple[float, float] | None = None
-    released_s: float | None = None
-    residual: Touch | None = None
     force_n: float = 0.0
     force_high_n: float = 0.0
     damage_low_n: float = math.inf
@@ -293,20 +286,13 @@ class ContactEstimate(HandMotion):
         self.sent = closure_of(command.target, plan)
 
     def _read_touch(self, sample: Sample, plan: Plan) -> Touch:
-        """Return the readings of a frame; changes without the residual of an earlier contact."""
+        """Return the readings of a frame."""
         time_s, change = sample.time_s, sample.change_percent
         fingers = replace_non_finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(replace_non_finite(mean_change(change)))
         if self.reader is None:
             self.reader = SheetReader(plan.law)
         force = self.reader.follow(time_s, sample.excess, saturated=sample.has_saturated)
-        if self.residual is not None and self.released_s is not None:
-            # Creep decays approximately as the inverse of the time since release.
-            fraction = (self.residual.time_s - self.released_s) / max(
-                time_s - self.released_s, 1e-3
-            )
-            fingers = fingers - fraction * np.array(self.residual.finger_percent)
-            relative_percent -= fraction * self.residual.relative_percent
         return Touch(
             time_s=time_s,
             finger_percent=tuple(fingers.tolist()),

@@ -121,9 +121,6 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     if plan.target_force_n is None and plan.lift_force_n is None:
         left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
         longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))
-    if estimate.fast_contact is not None:
-        # The object withstood that closure already.
-        longest = max(longest, estimate.fast_contact[0] - estimate.closure)
     wanted = max(min(rise_n / slope_high_n(estimate, plan), longest), plan.smallest_step)
     last = estimate.steps[-1]
     if estimate.moved_s > last.touch.time_s and estimate.closure <= last.closure:
@@ -170,7 +167,6 @@ def slope_high_n(estimate: ContactEstimate, plan: Plan) -> float:
 def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the slope of the force over the last steps, N per mm or kPa.
 
-    Up to the closure of a contact at speed, it is at least the slope to the force measured there.
     Rises within the noise, or starting before the grip, are ignored. Without any slope, or with a
     force that falls during closing, the object may be rigid.
     """
@@ -183,10 +179,6 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
         for (c0, f0), (c1, f1) in pairwise(curve)
         if c1.closure > c0.closure and f1 - f0 >= SQUEEZE.min_rise_n and _is_gripped(c0, f0, plan)
     ]
-    if estimate.fast_contact is not None and curve:
-        (closure, fast_n), (now, now_n) = estimate.fast_contact, curve[-1]
-        if closure > now.closure and fast_n > now_n:
-            slopes.append((fast_n - now_n) / (closure - now.closure))
     found = max(slopes) if slopes else _slope_bound_n(estimate, plan)
     return float(min(found, plan.steepest_n))
 
