@@ -38,10 +38,10 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
         state, attempt.rest_check_from, plan=plan
     ):
         return None
-    before = estimate.steps[-1].closure if estimate.steps else 0.0
+    before = estimate.steps[-1].closure if estimate.steps else None
     record_step(estimate, plan)
     if estimate.now.weakest_percent <= plan.epsilon_percent or _has_grip_force(estimate, plan):
-        if plan.gripper.drive == "width":
+        if plan.gripper.drive == "width" and before is not None:
             width_mm = plan.gripper.target(before)
             state.result = replace(state.result, previous_width_mm=width_mm)
         if estimate.contact_s is None:
@@ -248,6 +248,8 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         state.enter(Activity.TOUCH)
         return None
     estimate.set_force(force.middle, force.high)
+    if plan.law.threshold_n(level=plan.level) >= plan.safety.force_ceiling_n:
+        return abort_insensitive(state, plan)
     attempt.sweep_contact_s = estimate.moved_s
     if now.weakest_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.record_event("contact")

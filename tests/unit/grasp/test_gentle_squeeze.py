@@ -76,31 +76,26 @@ def test_gentle_squeeze_of_stiff_object_continues_until_stiffness_known(
 
 
 @pytest.mark.parametrize(
-    ("forces_n", "fast_mm", "wish", "closes"),
+    ("forces_n", "wish", "closes"),
     [
         # A soft object has deformed by 1 mm, or the target is reached.
-        ((0.0, 0.4, 0.8), None, {}, False),
-        ((0.0, 1.5, 2.0 * SQUEEZE.near_fraction), None, {"target_force_n": 2.0}, False),
-        # The object withstood more in the contact at speed.
-        ((0.0, 0.4, 0.8), 1.0, {}, True),
+        ((0.0, 0.4, 0.8), {}, False),
+        ((0.0, 1.5, 2.0 * SQUEEZE.near_fraction), {"target_force_n": 2.0}, False),
         # The force is reached, but too few steps measure the stiffness.
-        ((0.0, 1.5, 3.0), None, {"lift_force_n": 0.5}, True),
+        ((0.0, 1.5, 3.0), {"lift_force_n": 0.5}, True),
     ],
 )
 def test_squeeze_of_few_steps_continues_only_to_measure_the_stiffness(
     plan: Plan,
     forces_n: tuple[float, ...],
-    fast_mm: float | None,
     wish: dict[str, float],
     closes: bool,
 ) -> None:
-    # The sheet of these tests reads twice the force.
-    steps = closing_steps([2.0 * force_n for force_n in forces_n], step_mm=1.0)
+    steps = closing_steps(forces_n, step_mm=1.0)
     estimate = ContactEstimate(
         steps=steps,
         touches=(steps[-1].touch,),
         contact_s=0.0,
-        fast_contact=None if fast_mm is None else (steps[-1].closure + fast_mm, 0.8),
         closure=steps[-1].closure,
         sent=steps[-1].closure,
         force_n=forces_n[-1],

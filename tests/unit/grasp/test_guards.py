@@ -193,7 +193,7 @@ def test_single_long_interval_does_not_change_stale_limit(
         early = frame.sequence == 0 and first_s < PERIOD_S
         return replace(frame, time_s=frame.time_s + (PERIOD_S - first_s) * early)
 
-    bench.read, bench.lost_after_s = odd, 4.0
+    bench.read, bench.lost_after_s = odd, 2.5
     bench.grasp_until(Outcome.SENSOR_LOST, plan, words="no frame in 0.33 s")
 
 
@@ -329,8 +329,8 @@ def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench
 
 
 def test_run_grasp_timeout_opens_and_reports_a_fault(plan: Plan, bench: Any) -> None:
-    words = "the grasp did not finish within 3 s"
-    bench.grasp_until(Outcome.TIMED_OUT, plan, longest_s=3.0, hold_s=60.0, words=words)
+    words = "the grasp did not finish within 2.5 s"
+    bench.grasp_until(Outcome.TIMED_OUT, plan, longest_s=2.5, hold_s=60.0, words=words)
     assert bench.width_mm == 74.0
 
 

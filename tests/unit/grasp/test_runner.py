@@ -28,7 +28,7 @@ def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
     assert result.force_n is not None
     assert result.size_mm.low <= 50.3 <= result.size_mm.high
     assert abs(result.size_mm.value - 50.3) < 0.3
-    assert 0 < result.previous_width_mm - 50.3 <= 0.5, "the width just before contact"
+    assert result.previous_width_mm is None, "no step precedes a contact at speed"
     of_the_grasp = [m.name for m in result.moments if m.finger is None]
     assert of_the_grasp == ["contact", "gave_way", "answer", "held"]
     assert {m.finger for m in result.moments if m.name == "finger_contact"} == {0, 1}
@@ -183,7 +183,7 @@ def test_grasp_with_slow_reports_skips_frames_and_names_the_reason(plan: Plan, b
 def test_grasp_survives_a_computer_that_stalls_as_long_as_frames_arrive(
     plan: Plan, bench: Any
 ) -> None:
-    queue_frames(bench, stalls_at=60)
+    queue_frames(bench, stalls_at=30)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.frames_skipped == 7
