@@ -162,8 +162,8 @@ def delayed(bench: Any, frame: Frame) -> Frame:
         (lambda _, frame: replace(frame, time_s=math.nan), ""),
         (lambda _, frame: replace(frame, time_s=1e9), ""),
         # The next frame has the same time, or an earlier one.
-        (lambda _, frame: later(frame, PERIOD_S, when=frame.sequence == 60), "do not increase"),
-        (lambda _, frame: later(frame, 0.1, when=frame.sequence == 60), "do not increase"),
+        (lambda _, frame: later(frame, PERIOD_S, when=frame.sequence == 30), "do not increase"),
+        (lambda _, frame: later(frame, 0.1, when=frame.sequence == 30), "do not increase"),
         # Two clocks may differ by at most the limit of a stale frame.
         (lambda _, frame: later(frame, 0.2, when=frame.sequence > 30), None),
         (lambda _, frame: later(frame, 0.4, when=frame.sequence > 30), "in the future"),
