@@ -72,7 +72,7 @@ def _force_from_pressure(
     first = int(np.argmax(touched))
     slope, offset = np.polyfit(closure[touched], force_n[touched], 1)
     free = closure[first - 1] if first > 0 else closure[first] - plan.step
-    start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
+    start = min(float(-offset / slope), closure[first]) if slope > 0 else free
     travel_mm = bend.mm_per_kpa * (estimate.closure - start)
     # Stiff fingers can't measure force: no force of the search deflects them this far.
     if not 0.0 < travel_mm < float(bend.compliance.deflection_mm(_MOST_N)):
