@@ -17,9 +17,15 @@ from palpate.grasp.rest import measure_rest, verify_rest
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import quantize_target, safe_step, stop_here
 from palpate.grasp.state import Attempt, GraspState
-from palpate.grasp.step_size import approach_step, close_by, record_step, squeeze_step
+from palpate.grasp.step_size import (
+    approach_step,
+    close_by,
+    record_step,
+    squeeze_step,
+)
 from palpate.grasp.sweep import Sweep, blind_time_s
 from palpate.gripper.interface import GripperCommand
+from palpate.measurement import half_width_sds
 
 
 def approach(state: GraspState, plan: Plan) -> GripperCommand | None:
@@ -84,8 +90,15 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
-    """Return whether the force exceeds that of one finger pushing the object to the middle."""
-    return estimate.force_n > plan.no_push_n
+    """Return whether the force exceeds that of one finger pushing the object to the middle.
+
+    A contact may read more than its sheet usually does. If one finger shows nothing, the force must
+    therefore be certain.
+    """
+    now, certain_n = estimate.now, plan.no_push_n
+    if now.weakest_percent > plan.hint_percent:
+        certain_n *= math.exp(half_width_sds(plan.level) * now.log_sd)
+    return estimate.force_n > certain_n
 
 
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
