@@ -22,9 +22,8 @@ from palpate.estimate.weights_check import (
 )
 from palpate.sensor.calibration import Calibration, ForcePairs
 
-#: Wait from a movement to the reading of a step. The calibration and the grasp must wait equally
-#: long, because the sheet lags. The value is not a multiple of the frame interval at 15 Hz, so
-#: rounding does not decide which frame is the first after the wait.
+#: Wait from a movement to the reading of a step of a calibration. The value is not a multiple of
+#: the frame interval at 15 Hz, so rounding does not decide which frame is the first after the wait.
 DWELL_S = 0.42
 #: Time after which the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0

@@ -91,7 +91,9 @@ class Plan:
     rest_s, rest_frames : float and int
         Shortest time and fewest frames at rest, before the first movement, for the rest values.
     dwell_s, confirm_s : float
-        Wait after each step before its reading; further wait to confirm a contact.
+        Wait after each step before its reading, for the movement to fade; further wait to confirm a
+        contact. Neither this wait nor `decide_after_s` is a multiple of the frame interval at
+        15 Hz, so rounding does not decide which frame is the first after it.
     rate, squeeze_rate : float
         Speed of steps and of retracting before contact, and of steps after contact. The sweep has
         its own speed (`approach.start_sweep`).
@@ -146,14 +148,14 @@ class Plan:
     fewest_steps: int = 3
     rest_s: float = 0.3
     rest_frames: int = 8
-    dwell_s: float = 0.4
+    dwell_s: float = 0.3
     confirm_s: float = 0.1
     rate: float = 20.0
     squeeze_rate: float = 5.0
     horizon_s: float = 20.0
     tries: int = 1
     wait_s: float = 2.0
-    decide_after_s: float = 0.5
+    decide_after_s: float = 0.37
     target_tolerance: float = 0.05
     most_adjustments: int = 6
     hold_s: float = HOLD_S

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, sheet_law_of
+from palpate.calibrate.laws import HORIZON_S, sheet_law_of
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
@@ -98,7 +98,6 @@ def plan_grasp(
         law=sheet_law_of(calibration),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
-        dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
         target_force_n=target_force_n,
         lift_force_n=lift_force_n,
