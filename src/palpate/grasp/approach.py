@@ -261,6 +261,8 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         state.enter(Activity.TOUCH)
         return None
     estimate.set_force(force.middle, force.high)
+    if plan.law.threshold_n(level=plan.level) >= plan.safety.force_ceiling_n:
+        return abort_insensitive(state, plan)
     attempt.sweep_contact_s = estimate.moved_s
     if now.weakest_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.record_event("contact")

@@ -115,7 +115,7 @@ def test_response_monitor_three_falling_responses_in_contact_raise_an_alarm(
         # Three frames, 0.4 s at rest, and -6 % at one finger.
         (Phase.HOLD, 3, 0.4, (0.0, -6.0), True),
         (Phase.HOLD, 2, 0.4, (0.0, -6.0), False),
-        (Phase.HOLD, 3, 0.39, (0.0, -6.0), False),
+        (Phase.HOLD, 3, 0.29, (0.0, -6.0), False),
         (Phase.HOLD, 3, 0.4, (0.0, -5.9), False),
     ],
 )
