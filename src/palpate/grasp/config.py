@@ -153,9 +153,8 @@ class Guards:
         Fraction of the grip's reading below which the object is gone.
     residual_fraction : 0.6 to 0.85 1, guess.
         Fraction of the contact's force still read after opening: sheet failed.
-    response_fraction : 0.005 to 0.03 1, study faults.
-        Relative fall while closing, or rise while opening, that counts as wrong.
-    fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
+    blind_doublings : 1.2 to 2 1, study faults.
+        Travel without a rise of the reading, relative to that of the last doubling of the force.
     one_finger_hints : 1.5 to 4 hints, study faults.
         Reading, in hints of -3 %, at which one finger grips alone.
     idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
@@ -174,8 +173,7 @@ class Guards:
     max_force_ratio: float = 1.25
     lost_fraction: float = 0.35
     residual_fraction: float = 0.75
-    response_fraction: float = 0.01
-    fall_steps: int = 3
+    blind_doublings: float = 1.5
     one_finger_hints: float = 2.0
     idle_commands: int = 4
     idle_fraction: float = 0.3

@@ -144,6 +144,8 @@ class ContactEstimate(HandMotion):
         Readings since the end of the last movement, the older ones thinned (`MOST_TOUCHES`).
     strongest_reading : float
         Largest reading since the end of the last movement.
+    last : Touch or None
+        Readings of the last frame, also during a movement.
     frame_forces : tuple of pairs of float
         Time and grip force of the last frames, each from one frame, also during movements.
     steps : tuple of ClosingStep
@@ -171,6 +173,7 @@ class ContactEstimate(HandMotion):
     rest_force_n: float = 0.0
     touches: tuple[Touch, ...] = ()
     strongest_reading: float = 0.0
+    last: Touch | None = None
     frame_forces: tuple[tuple[float, float], ...] = ()
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
@@ -255,7 +258,7 @@ class ContactEstimate(HandMotion):
         if self.sweep is not None:
             ratio = _ratio_to_rest(sample.resistance_ohm, self.rest_ohm)
             self.sweep = self._update_sweep(self.sweep, ratio, gripper, plan)
-        touch = self._read_touch(sample, plan)
+        touch = self.last = self._read_touch(sample, plan)
         force_n = math.exp(self.gain.log_mean) * read_frame_force_n(touch.reading, plan=plan)
         frame_forces = (*self.frame_forces, (frame.time_s, force_n))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
