@@ -192,8 +192,9 @@ class Pixels:
     loaded_fraction : 0.3 to 0.7 1, guess. Fall of the resistance, relative to rest, that is a load.
     jump_fraction : 0.02 to 0.1 1, guess. Change of a reading within one frame that is a jump.
     max_equal_frames : 6 to 20 frames, study faults. Largest number of equal frames in a row.
-    stuck_moves : 3 to 8 moves, study faults.
-        Movements without a change after which a pixel, or all, are stuck.
+    stuck_counts : 3 to 8 counts, study faults.
+        Expected change of an unchanged pixel that is stuck; above the flicker of a converter.
+    stuck_steps : 3 to 8 steps, study faults. Travel without a change of any pixel that is a fault.
     min_spread_counts : 4 to 20 counts, study faults.
         Smallest spread of the rest values in which equal pixels are a fault.
     """
@@ -202,7 +203,8 @@ class Pixels:
     loaded_fraction: float = 0.5
     jump_fraction: float = 0.05
     max_equal_frames: int = 10
-    stuck_moves: int = 4
+    stuck_counts: int = 4
+    stuck_steps: int = 4
     min_spread_counts: int = 8
 
 

@@ -162,12 +162,18 @@ class ResponseMonitor:
             self._recent.popleft()
         loads = list(zip(*(one[2] for one in last), strict=True))
         if self._is_opening:
-            is_wrong = self._rises(loads)
+            wrong = "rises while the hand opens" if self._rises(loads) else None
         else:
             self._fingers = self._fingers or [_Finger() for _ in loads]
             self._is_gripped |= min(map(min, loads)) >= self._least
-            is_wrong = self._fails(loads, self._recent[0][1], closure, state)
-        return self._alarm() if is_wrong and is_gripping(state) and self._is_gripped else None
+            wrong = self._describe_closing(loads, self._recent[0][1], closure, state)
+        if wrong is None or not is_gripping(state) or not self._is_gripped:
+            return None
+        message = (
+            f"the reading {wrong}: the object yields, or the sheet does not show the force; run "
+            "`palpate doctor`"
+        )
+        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 
     def _follow_command(self, closure: float, state: GraspState) -> None:
         """Note a new command; an opening begins a new comparison."""
@@ -185,19 +191,21 @@ class ResponseMonitor:
         self._fingers, self._is_opening = [], opening
         self._recent.clear()
 
-    def _fails(
+    def _describe_closing(
         self, loads: list[tuple[float, ...]], began: float, closure: float, state: GraspState
-    ) -> bool:
-        """Return whether the load of a finger falls or stays while the hand closes."""
-        hidden, wrong = self._free.hidden(state), False
+    ) -> str | None:
+        """Describe the failure of a finger's load to follow the closing hand; None without one."""
+        hidden, wrong = self._free.hidden(state), None
         # Later the object relaxes.
         is_closing = state.estimate.still_s < self._plan.dwell_s
         for finger, seen in zip(self._fingers, loads, strict=True):
             finger.add(min(seen), max(seen), began=began, closure=closure, hidden=hidden)
-            wrong |= is_closing and max(seen) < finger.top - hidden - self._least
-            wrong |= finger.has_stopped_rising(
+            if is_closing and max(seen) < finger.top - hidden - self._least:
+                wrong = "falls while the hand closes"
+            elif finger.has_stopped_rising(
                 began, hidden=hidden, least=self._least, fine=self._plan.fine_step
-            )
+            ):
+                wrong = "does not rise while the hand closes"
         return wrong
 
     def _rises(self, loads: list[tuple[float, ...]]) -> bool:
@@ -205,14 +213,6 @@ class ResponseMonitor:
             return False
         pairs = zip(loads, self._before, strict=True)
         return all(min(seen) > before + self._least for seen, before in pairs)
-
-    def _alarm(self) -> Alarm:
-        message = (
-            "the reading does not follow the hand: it falls or stays while the hand closes, or "
-            "rises while it opens; the object yields, or the sheet does not show the force; run "
-            "`palpate doctor`"
-        )
-        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 
     def _reset(self) -> None:
         self._fingers, self._is_gripped, self._before = [], False, None
