@@ -156,7 +156,7 @@ class Guards:
     blind_doublings : 1.2 to 2 1, study faults.
         Travel without a rise of the reading, relative to that of the last doubling of the force.
     one_finger_hints : 1.5 to 4 hints, study faults.
-        Reading, in hints of -3 %, at which one finger grips alone.
+        Load, in hints of -3 %, at which one finger grips alone.
     idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
     idle_fraction : 0.2 to 0.5 1, guess.
         Fraction of the expected travel below which the hand did not move.

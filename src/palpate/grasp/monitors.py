@@ -9,12 +9,13 @@ pixels, servo current and gripper movements have a state, and are in separate mo
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
-from palpate.grasp.config import GUARDS, READING
+from palpate.grasp.config import APPROACH, GUARDS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -110,13 +111,15 @@ class SlipMonitor:
 class FingersMonitor:
     """Stops the hand if only one finger shows a grip, because a grip loads both.
 
-    Law: in every frame of `READING.now_s`, one finger reads more than two hints of contact, and the
-    other less than one, even without what the movement hides (`FreeMovement`).
+    Law, in each of three successive frames, with the loads of the two fingers, L = ln(rest
+    resistance / resistance), and the load that the movement may hide, H (`FreeMovement`): the
+    larger L exceeds two hints of contact, the smaller one is below one hint, and
+    (smaller L + H) / (larger L + H) < 0.3.
     """
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._free = plan, FreeMovement(plan)
-        self._frames, self._since_s = 0, 0.0
+        self._loads = deque[list[float]](maxlen=READING.fewest_frames)
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return an alarm if one finger alone shows a grip."""
@@ -124,16 +127,14 @@ class FingersMonitor:
         if touch is None:
             return None
         self._free.observe(touch, state)
-        hint, loads = -math.log1p(self._plan.hint_percent / 100.0), loads_of(touch)
-        is_alone = min(loads) + self._free.hidden(state) < hint
-        is_alone &= max(loads) > GUARDS.one_finger_hints * hint
-        if not is_alone or not is_gripping(state):
-            self._frames, self._since_s = 0, touch.time_s
+        self._loads.append(loads_of(touch))
+        weaker, stronger = max(map(min, self._loads)), min(map(max, self._loads))
+        hint, hidden = -math.log1p(self._plan.hint_percent / 100.0), self._free.hidden(state)
+        is_alone = weaker < hint and stronger > GUARDS.one_finger_hints * hint
+        is_alone &= weaker + hidden < APPROACH.one_finger_fraction * (stronger + hidden)
+        if not (is_alone and is_gripping(state) and len(self._loads) == READING.fewest_frames):
             return None
-        self._frames += 1
-        is_long = touch.time_s - self._since_s >= READING.now_s
-        if self._frames < READING.fewest_frames or not is_long:
-            return None
+        loads = self._loads[-1]
         message = (
             f"finger {int(np.argmax(loads))} measures a grip force and the other finger none; one "
             "sheet has failed, or the object is next to it; run `palpate doctor`"

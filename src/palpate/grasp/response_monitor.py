@@ -78,17 +78,12 @@ class _Finger:
         #: Upper bounds of the excess conductance, each below all later ones, with their closures.
         self._lows = list[tuple[float, float]]()
 
-    def add(
-        self, low: float, high: float, *, began: float, closure: float, hidden: float
-    ) -> None:
-        """Add the lowest and highest load of the last frames.
-
-        `began`, `closure`: closures that may have caused them, before the sheet's lag and now.
-        """
+    def add(self, low: float, high: float, *, closure: float, hidden: float) -> None:
+        """Add the lowest and highest load of the last frames, and the present closure."""
         excess = max(math.expm1(high + hidden), 0.0)
         while self._lows and self._lows[-1][0] >= excess:
             self._lows.pop()
-        self._lows.append((excess, began))
+        self._lows.append((excess, closure))
         if low > self.top:
             self.top, self.top_closure = low, closure
 
@@ -165,7 +160,11 @@ class ResponseMonitor:
             wrong = "rises while the hand opens" if self._rises(loads) else None
         else:
             self._fingers = self._fingers or [_Finger() for _ in loads]
-            self._is_gripped |= min(map(min, loads)) >= self._least
+            if not self._is_gripped and min(map(min, loads)) >= self._least:
+                self._is_gripped = True
+                # Until now one finger may have pushed the object.
+                for finger in self._fingers:
+                    finger.top = 0.0
             wrong = self._describe_closing(loads, self._recent[0][1], closure, state)
         if wrong is None or not is_gripping(state) or not self._is_gripped:
             return None
@@ -199,7 +198,7 @@ class ResponseMonitor:
         # Later the object relaxes.
         is_closing = state.estimate.still_s < self._plan.dwell_s
         for finger, seen in zip(self._fingers, loads, strict=True):
-            finger.add(min(seen), max(seen), began=began, closure=closure, hidden=hidden)
+            finger.add(min(seen), max(seen), closure=closure, hidden=hidden)
             if is_closing and max(seen) < finger.top - hidden - self._least:
                 wrong = "falls while the hand closes"
             elif finger.has_stopped_rising(
