@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -93,21 +94,21 @@ class FaultyGrasp:
     safe_s: float
 
 
-def list_cells() -> list[Cell]:
+def list_cells(*, rates_hz: Sequence[float] = RATES_HZ) -> list[Cell]:
     """Return all cells of the campaign; soft fingers have no faults of the servo current."""
     found = [
         Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed, rate_hz=rate_hz)
         for fault, phase, thing, kind, speed, rate_hz in product(
-            FAULTS, (*PHASE_ACTIVITIES, *MOVING_ACTIVITIES), OBJECTS, KINDS, SPEEDS, RATES_HZ
+            FAULTS, (*PHASE_ACTIVITIES, *MOVING_ACTIVITIES), OBJECTS, KINDS, SPEEDS, rates_hz
         )
     ]
     return [cell for cell in found if not (cell.kind == "soft" and "current" in cell.fault)]
 
 
-def sample_cells(count: int, *, seed: int) -> list[Cell]:
-    """Return a sample of the campaign in which all faults are about equally frequent."""
+def sample_cells(cells: Sequence[Cell], count: int, *, seed: int) -> list[Cell]:
+    """Return a sample of cells in which all faults are about equally frequent."""
     rng = np.random.default_rng(seed)
-    by_fault = {name: [cell for cell in list_cells() if cell.fault == name] for name in FAULTS}
+    by_fault = {name: [cell for cell in cells if cell.fault == name] for name in FAULTS}
     each = [rng.permutation(len(found)).tolist() for found in by_fault.values()]
     rounds = [
         found[order[turn]]
@@ -149,9 +150,7 @@ def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
     plan = _plan(cell.kind)
     plan = replace(plan, rate=cell.speed * plan.rate, squeeze_rate=cell.speed * plan.squeeze_rate)
     obj = draw_object(np.random.default_rng([seed, 1]), cell.thing)
-    world = World(
-        obj, seed=seed, sheet_seed=SHEET, gripper=cell.kind, frame_rate_hz=cell.rate_hz
-    )
+    world = World(obj, seed=seed, sheet_seed=SHEET, gripper=cell.kind, frame_rate_hz=cell.rate_hz)
     if cell.kind == "rigid":
         world.drive(obj.size_mm + _GAP_MM, rate=60.0)
     world.clock.sleep_s(1.0)

@@ -19,7 +19,7 @@ from palpate.grasp.monitors import (
 )
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import Danger
+from palpate.grasp.safety import Alarm, Danger
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
@@ -93,17 +93,17 @@ def test_fingers_monitor_grip_of_one_finger_alone_raises_an_alarm(
 ) -> None:
     """The hand moves all the time, at the speed of the approach."""
     plan = replace(plan, squeeze_rate=plan.rate)
-    monitor, found = FingersMonitor(plan), []
+    monitor, found = FingersMonitor(plan), list[Alarm | None]()
     for percent in [(free_percent, free_percent)] * 4 + [percents] * frames:
         at = phase if percent == percents else Phase.APPROACH
         last = replace(touch(1.0), finger_percent=percent)
-        found.append(
-            monitor.check(SEEN, GraspState(phase=at, estimate=ContactEstimate(last=last)))
-        )
+        state = GraspState(phase=at, estimate=ContactEstimate(last=last))
+        found.append(monitor.check(SEEN, state))
     assert found[:-1] == [None] * (len(found) - 1)
-    assert (found[-1] and found[-1].danger) is (Danger.SENSOR_LOST if is_alarm else None)
+    alarm = found[-1]
+    assert (alarm and alarm.danger) is (Danger.SENSOR_LOST if is_alarm else None)
     message = "finger 1 measures a grip force and the other finger none"
-    assert found[-1] is None or message in found[-1].message
+    assert alarm is None or message in alarm.message
 
 
 def test_board_monitor_tripped_ceiling_raises_force_limit_alarm() -> None:

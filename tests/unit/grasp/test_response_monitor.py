@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 from tests.factories import touch
 
@@ -35,8 +36,9 @@ class Hand:
 
     def __post_init__(self) -> None:
         self.monitor = ResponseMonitor(self.plan)
-        self.closure, self.now_s, self.still_since_s = 19.0, 0.0, 0.0
-        self.sent = 19.0
+        self.closure = self.sent = 19.0
+        self.now_s = 0.0
+        self.still_since_s: float | None = 0.0
         self.activity: Phase | Activity = Activity.TOUCH
 
     def frame(self) -> str | None:
@@ -63,12 +65,12 @@ class Hand:
             state.correction = Correction(activity=self.activity)
             state.phase = Phase.SETTLE if self.activity is Activity.EASE else Phase.APPROACH
         seen = Observation(
-            frame=Frame(time_s=self.now_s, sequence=1, counts=self.plan.rest_ohm),
+            frame=Frame(time_s=self.now_s, sequence=1, counts=np.full((4, 2), 300)),
             gripper=GripperState(time_s=self.now_s, width_mm=74.0 - self.closure),
         )
         alarm = self.monitor.check(seen, state)
         assert alarm is None or alarm.danger is Danger.UNSEEN_FORCE
-        return alarm and alarm.message
+        return None if alarm is None else alarm.message
 
     def move(self, closure: float) -> str | None:
         """Move at constant speed to a closure; return the first alarm."""
@@ -83,9 +85,7 @@ class Hand:
     def rest(self, seconds: float) -> str | None:
         """Stay; return the first alarm."""
         self.still_since_s = self.now_s
-        return next(
-            (said for _ in range(round(seconds * RATE_HZ)) if (said := self.frame())), None
-        )
+        return next((said for _ in range(round(seconds * RATE_HZ)) if (said := self.frame())), None)
 
 
 def both(excess: float) -> tuple[float, float]:
