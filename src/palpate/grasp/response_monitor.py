@@ -90,10 +90,10 @@ class _Finger:
     def has_stopped_rising(self, began: float, *, hidden: float, least: float, fine: float) -> bool:
         """Return whether the load did not rise over a travel that raises any grip force.
 
-        The force has at least doubled over the travel D from half of the largest excess conductance
-        to the largest. 1.5 D further it is 1.75 times as large for a linear object, and larger for
-        one that stiffens, whatever its stiffness. The expected rise of the load must exceed
-        twice what the movement may hide.
+        D is the travel over which the excess conductance last doubled. 1.5 D further, that of a
+        linear object and sheet is 1.75 times as large; for a sheet whose excess grows with the 0.4th
+        power of the force, 1.38 times. The latter is expected: 1 + travel / (4 D). The expected
+        rise of the load must be certain to exceed what the movement may hide.
 
         `began`: closure before the sheet's lag. `least`: rise above noise and drift. `fine`:
         shortest D, mm or kPa.
@@ -106,8 +106,8 @@ class _Finger:
         further = (began - self.top_closure) / doubling
         if further < GUARDS.blind_doublings:
             return False
-        expected = math.log1p(excess * (1.0 + 0.5 * further)) - self.top
-        return expected > 2.0 * hidden + least
+        expected = math.log1p(excess * (1.0 + 0.25 * further)) - self.top
+        return expected > hidden + least
 
 
 class ResponseMonitor:
