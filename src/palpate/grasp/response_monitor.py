@@ -128,6 +128,7 @@ class ResponseMonitor:
     def __init__(self, plan: Plan) -> None:
         self._plan, self._free = plan, FreeMovement(plan)
         self._least = -math.log1p(plan.hint_percent / 100.0)
+        self._contact = -math.log1p(READING.contact_percent / 100.0)
         self._fingers = list[_Finger]()
         #: Time, closure and loads of the last frames, as far back as the sheet's lag.
         self._recent = deque[tuple[float, float, list[float]]]()
@@ -160,7 +161,7 @@ class ResponseMonitor:
             wrong = "rises while the hand opens" if self._rises(loads) else None
         else:
             self._fingers = self._fingers or [_Finger() for _ in loads]
-            if not self._is_gripped and min(map(min, loads)) >= self._least:
+            if not self._is_gripped and min(map(min, loads)) >= self._contact:
                 self._is_gripped = True
                 # Until now one finger may have pushed the object.
                 for finger in self._fingers:
