@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.twin.world import GripperKind
 from palpate_studies.fault_devices import FAULTS
 from palpate_studies.fault_grasps import (
     KINDS,
@@ -58,11 +59,44 @@ def test_inverted_readings_end_grasp_without_damage(speed: float, seed: int) -> 
     assert found.peak_n < 5.0
 
 
+@pytest.mark.parametrize("rate_hz", [15.0, 250.0])
+@pytest.mark.parametrize("fault", ["object beside the sheet", "finger at rest", "half the reading"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_sheet_that_fails_in_the_middle_of_a_movement_ends_grasp_near_the_target(
+    kind: GripperKind, fault: str, rate_hz: float
+) -> None:
+    """At twice the speed, where one finger at rest once let soft fingers press with 8.7 N."""
+    cell = Cell(
+        fault=fault, phase="closing", thing="ball-44lbs", kind=kind, speed=2.0, rate_hz=rate_hz
+    )
+    found = run_faulty_grasp(cell, seed=77)
+    assert found.struck
+    assert found.outcome in ("sensor_lost", "slipped")
+    # The target is 4 N.
+    assert found.peak_n <= 8.0
+
+
+def test_gripper_whose_moving_flag_flickers_ends_no_grasp_with_an_error() -> None:
+    cell = Cell(
+        fault="moving flag flickers",
+        phase="approach",
+        thing="ball-44lbs",
+        kind="rigid",
+        speed=1.0,
+        rate_hz=250.0,
+    )
+    found = run_faulty_grasp(cell, seed=77)
+    assert "failed" not in found.reason
+    assert not is_unexplained(found)
+
+
 def test_sample_cells_includes_every_fault_equally() -> None:
-    chosen = sample_cells(2 * len(FAULTS), seed=3)
-    assert len(chosen) == len({(c.fault, c.phase, c.thing, c.kind, c.speed) for c in chosen})
+    cells = list_cells()
+    chosen = sample_cells(cells, 2 * len(FAULTS), seed=3)
+    assert len(chosen) == len(set(chosen))
     assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
-    assert len(sample_cells(10**6, seed=3)) == len(list_cells())
+    assert len(sample_cells(cells, 10**6, seed=3)) == len(cells)
+    assert 2 * len(list_cells(rates_hz=(250.0,))) == len(cells)
 
 
 def test_judge_row_shows_worst_case_of_fault() -> None:

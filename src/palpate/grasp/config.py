@@ -141,11 +141,10 @@ class Guards:
         Force relative to the target at which a movement is stopped.
     lost_fraction : 0.2 to 0.5 1, twin.
         Fraction of the grip's reading below which the object is gone.
-    response_fraction : 0.005 to 0.03 1, study faults.
-        Relative fall while closing, or rise while opening, that counts as wrong.
-    fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
+    blind_doublings : 1.2 to 2 1, study faults.
+        Travel without a rise of the reading, relative to that of the last doubling of the force.
     one_finger_hints : 1.5 to 4 hints, study faults.
-        Reading, in hints of -3 %, at which one finger grips alone.
+        Load, in hints of -3 %, at which one finger grips alone.
     idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
     idle_fraction : 0.2 to 0.5 1, guess.
         Fraction of the expected travel below which the hand did not move.
@@ -161,8 +160,7 @@ class Guards:
     pixel_factor: float = 1.6
     max_force_ratio: float = 1.25
     lost_fraction: float = 0.35
-    response_fraction: float = 0.01
-    fall_steps: int = 3
+    blind_doublings: float = 1.5
     one_finger_hints: float = 2.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
@@ -181,8 +179,9 @@ class Pixels:
     loaded_fraction : 0.3 to 0.7 1, guess. Fall of the resistance, relative to rest, that is a load.
     jump_fraction : 0.02 to 0.1 1, guess. Change of a reading within one frame that is a jump.
     max_equal_frames : 6 to 20 frames, study faults. Largest number of equal frames in a row.
-    stuck_moves : 3 to 8 moves, study faults.
-        Movements without a change after which a pixel, or all, are stuck.
+    stuck_counts : 3 to 8 counts, study faults.
+        Expected change of an unchanged pixel that is stuck; above the flicker of a converter.
+    stuck_steps : 3 to 8 steps, study faults. Travel without a change of any pixel that is a fault.
     min_spread_counts : 4 to 20 counts, study faults.
         Smallest spread of the rest values in which equal pixels are a fault.
     """
@@ -191,7 +190,8 @@ class Pixels:
     loaded_fraction: float = 0.5
     jump_fraction: float = 0.05
     max_equal_frames: int = 10
-    stuck_moves: int = 4
+    stuck_counts: int = 4
+    stuck_steps: int = 4
     min_spread_counts: int = 8
 
 

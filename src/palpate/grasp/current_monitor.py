@@ -17,7 +17,7 @@ from palpate.estimate.gain import Gain
 from palpate.estimate.servo_force import WARMTH_SD
 from palpate.grasp.answers import read_force
 from palpate.grasp.config import CURRENT, READING
-from palpate.grasp.estimator import ContactEstimate
+from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import GripperState
@@ -29,6 +29,15 @@ class CurrentMonitor:
     `plan`: supplies the current law, force law and ceiling. Without a current law the force is
     unknown; an alarm is then a current above that of this grasp's approach that the sheet does not
     explain.
+
+    Law, with the lower bound of the force from the mean of three successive reports, F(sd), and the
+    upper bound from the sheet, S:
+
+    - F(3 sd) of a closing or resting hand > force ceiling;
+    - F(4.5 sd) of a closing hand > 2 S, S from the three frames after the sheet's lag; F of a hand
+      at rest likewise, once the sheet has responded;
+    - F(3 sd) > 2 S at the end of two successive movements: friction varies between movements, and
+      hardly within one.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -36,6 +45,9 @@ class CurrentMonitor:
         self._moving = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._still = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._closure, self._moved_s = math.inf, math.nan
+        #: Bounds of the force while closing that the sheet has not answered yet, with their times.
+        self._pulls = deque[tuple[float, float]]()
+        self._shown = deque[Touch](maxlen=READING.fewest_frames)
         self._moving_ma = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
         self._is_checked = True
@@ -58,6 +70,8 @@ class CurrentMonitor:
             self._moving.clear()
             self._is_checked = True
         self._moved_s = estimate.moved_s
+        if estimate.last is not None:
+            self._shown.append(estimate.last)
         if not state.moving:
             self._still.append(reading)
             return self._check_ceiling(self._still) or self._check_sheet(estimate)
@@ -65,6 +79,7 @@ class CurrentMonitor:
         is_closing = estimate.sent is not None and closure <= estimate.sent
         if not (is_closing or closure > before + self._plan.resolution):
             self._is_checked = True
+            self._pulls.clear()
             return None
         self._moving.append(reading)
         # A replayed recording repeats reports.
@@ -74,6 +89,7 @@ class CurrentMonitor:
         self._is_checked = False
         return (
             self._check_ceiling(self._moving)
+            or self._check_closing(state.time_s)
             or self._check_stuck()
             or self._check_sign()
             or self._check_rise(estimate, time_s=state.time_s)
@@ -183,8 +199,7 @@ class CurrentMonitor:
             return None
         if self._plan.current is None:
             return self._check_uncalibrated(estimate)
-        now = estimate.now
-        shown_n = read_force(now, Gain(), self._plan).high
+        shown_n = self._shown_n(estimate.now)
         bound_n = CURRENT.sheet_ratio * shown_n
         least_n = self._least_n(self._still, deviations=CURRENT.single_sd)
         if not self._is_checked:
@@ -194,8 +209,29 @@ class CurrentMonitor:
             self._repeats = self._repeats + 1 if repeated_n > bound_n else 0
             if self._repeats > 1:
                 least_n = max(least_n, repeated_n)
-        if least_n <= bound_n:
+        return self._report_unseen(least_n, shown_n) if least_n > bound_n else None
+
+    def _check_closing(self, time_s: float) -> Alarm | None:
+        """Return an alarm if the current of a closing hand showed more than the sheet does now."""
+        if len(self._moving) < READING.fewest_frames or self._plan.current is None:
             return None
+        least_n = 0.0
+        self._pulls.append((time_s, self._least_n(self._moving, deviations=CURRENT.single_sd)))
+        answered_s = time_s - READING.lag_s
+        if len(self._shown) == READING.fewest_frames:
+            while self._pulls and self._pulls[0][0] <= answered_s:
+                least_n = self._pulls.popleft()[1]
+        if not least_n > 0.0:
+            return None
+        shown_n = max(self._shown_n(touch) for touch in self._shown)
+        is_unseen = least_n > CURRENT.sheet_ratio * shown_n
+        return self._report_unseen(least_n, shown_n) if is_unseen else None
+
+    def _shown_n(self, touch: Touch) -> float:
+        """Return the upper bound of the force that the sheet shows, N."""
+        return read_force(touch, Gain(), self._plan).high
+
+    def _report_unseen(self, least_n: float, shown_n: float) -> Alarm:
         message = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
             f"{shown_n:.1f} N; check that the object lies on the sheet, and run `palpate doctor`"

@@ -152,6 +152,8 @@ class ContactEstimate(HandMotion):
         Largest force by the sheet's law since the end of the last movement.
     reader : SheetReader or None
         Reads the force from the history of the pixels; None without rest values.
+    last : Touch or None
+        Readings of the last frame, also during a movement.
     frame_forces : tuple of pairs of float
         Time and grip force of the last frames, each from one frame, also during movements.
     steps : tuple of ClosingStep
@@ -176,6 +178,7 @@ class ContactEstimate(HandMotion):
     touches: tuple[Touch, ...] = ()
     strongest_n: float = 0.0
     reader: SheetReader | None = None
+    last: Touch | None = None
     frame_forces: tuple[tuple[float, float], ...] = ()
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
@@ -261,7 +264,7 @@ class ContactEstimate(HandMotion):
         if self.sweep is not None:
             ratio = _ratio_to_rest(sample.resistance_ohm, self.rest_ohm)
             self.sweep = self._update_sweep(self.sweep, ratio, gripper, plan)
-        touch = self._read_touch(sample, plan)
+        touch = self.last = self._read_touch(sample, plan)
         frame_forces = (*self.frame_forces, (frame.time_s, self.gain.factor * touch.sheet_n))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
         self.frame_forces = frame_forces[-max(recent, READING.fewest_frames) :]

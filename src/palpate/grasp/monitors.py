@@ -8,15 +8,23 @@ pixels, servo current and gripper movements have a state, and are in separate mo
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
-from palpate.grasp.config import GUARDS, READING
+from palpate.grasp.config import APPROACH, GUARDS, READING
 from palpate.grasp.estimator import Observation
-from palpate.grasp.phases import Activity, Phase
+from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.response_monitor import (
+    FreeMovement,
+    ResponseMonitor,
+    is_gripping,
+    loads_of,
+)
 from palpate.grasp.rest import explain_implausible_rest, explain_noisy_rest
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger
 from palpate.grasp.state import GraspState
@@ -101,78 +109,37 @@ class SlipMonitor:
 
 
 class FingersMonitor:
-    """Stops the hand if only one finger shows a grip, because a grip loads both."""
+    """Stops the hand if only one finger shows a grip, because a grip loads both.
+
+    Law, in each of three successive frames, with the loads of the two fingers, L = ln(rest
+    resistance / resistance), and the load that the movement may hide, H (`FreeMovement`): the
+    larger L exceeds two hints of contact, the smaller one is below one hint, and
+    (smaller L + H) / (larger L + H) < 0.3.
+    """
 
     def __init__(self, plan: Plan) -> None:
-        self._plan = plan
+        self._plan, self._free = plan, FreeMovement(plan)
+        self._loads = deque[list[float]](maxlen=READING.fewest_frames)
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return an alarm if one finger alone shows a grip."""
-        estimate, plan = state.estimate, self._plan
-        gripping = state.phase in _HOLDING or state.activity is Activity.CONFIRM
-        if not gripping or estimate.still_s < plan.dwell_s:
+        touch = state.estimate.last
+        if touch is None:
             return None
-        if len(estimate.touches) < READING.fewest_frames:
+        self._free.observe(touch, state)
+        self._loads.append(loads_of(touch))
+        weaker, stronger = max(map(min, self._loads)), min(map(max, self._loads))
+        hint, hidden = -math.log1p(self._plan.hint_percent / 100.0), self._free.hidden(state)
+        is_alone = weaker < hint and stronger > GUARDS.one_finger_hints * hint
+        is_alone &= weaker + hidden < APPROACH.one_finger_fraction * (stronger + hidden)
+        if not (is_alone and is_gripping(state) and len(self._loads) == READING.fewest_frames):
             return None
-        now = estimate.now
-        # Changes are negative under load: the smallest is that of the loaded finger.
-        pressed_percent = min(now.finger_percent)
-        if now.weakest_percent <= plan.hint_percent:
-            return None
-        if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
-            return None
+        loads = self._loads[-1]
         message = (
-            f"finger {int(np.argmin(now.finger_percent))} measures a grip force and the other "
-            "finger none; one sheet has failed, or the object is next to it; run `palpate doctor`"
+            f"finger {int(np.argmax(loads))} measures a grip force and the other finger none; one "
+            "sheet has failed, or the object is next to it; run `palpate doctor`"
         )
         return Alarm(danger=Danger.SENSOR_LOST, message=message)
-
-
-class ResponseMonitor:
-    """Opens the hand if the reading falls while closing, or rises while opening."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-
-    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm if the reading does not follow the movement."""
-        if state.phase not in _HOLDING or not (self._is_falling(state) or self._is_rising(state)):
-            return None
-        message = (
-            "the reading falls while the hand closes, or rises while it opens: the object yields, "
-            "or the sheet does not show the force; run `palpate doctor`"
-        )
-        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
-
-    def _is_falling(self, state: GraspState) -> bool:
-        """Return whether the reading fell in the last closing steps.
-
-        Only steps since the contact of both fingers count, because one finger pushes the object.
-        """
-        steps, contact_s = state.estimate.steps, state.estimate.contact_s
-        gripped = [
-            step.touch.sheet_n
-            for step in steps
-            if contact_s is not None
-            and step.touch.time_s >= contact_s
-            and step.touch.weakest_percent <= READING.contact_percent
-        ]
-        if not gripped or steps[-1].touch.strongest_percent > READING.contact_percent:
-            return False
-        rises = np.diff(gripped)[-GUARDS.fall_steps :]
-        falls = bool((rises < -GUARDS.response_fraction * max(gripped)).all())
-        return falls and rises.size == GUARDS.fall_steps
-
-    def _is_rising(self, state: GraspState) -> bool:
-        """Return whether the reading after opening exceeds that of the furthest closing step."""
-        estimate = state.estimate
-        easing = state.activity is Activity.EASE and estimate.still_s >= self._plan.confirm_s
-        if not easing or not estimate.touches:
-            return False
-        furthest = estimate.steps[-1]
-        opened = estimate.closure < furthest.closure
-        most = (1.0 + GUARDS.response_fraction) * furthest.touch.sheet_n
-        return opened and estimate.now.sheet_n > most
 
 
 class TimeMonitor:

@@ -9,7 +9,6 @@ from palpate.grasp.config import PIXELS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
-from palpate.grasp.state import GraspState
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health_pixels import find_end_readings
 
@@ -27,12 +26,13 @@ class PixelMonitor:
     The reading is then a lower bound. An alarm follows once most of the loaded pixels are
     saturated, because the force is then unknown.
 
-    Stuck: a pixel unchanged in four movements of the fingers while all others change, or all pixels
-    together. If the sensor flickers, the latter is also detected while the hand is at rest.
+    Stuck: a pixel that is exactly unchanged in eleven frames, while the ln resistance of every
+    other pixel has changed so much that the same change would have been four counts in this one.
+
+    Repeated: all pixels exactly unchanged over a travel of four steps, until the hand has come to
+    rest. If the sensor flickers, eleven equal frames suffice.
 
     Equal: all pixels with the same reading raise an alarm at the second frame.
-
-    A single pixel that sticks during the hold is not detected.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -55,12 +55,16 @@ class PixelMonitor:
         self._pressed = np.zeros(self._rest.shape, dtype=bool)
         #: Pixels under load in the last frame with a pixel at the short end of the range.
         self._loaded = np.zeros(self._rest.shape, dtype=bool)
-        #: Movements without a change of each pixel, and of all pixels.
-        self._moves = _IdleMoves(self._rest.size, least=plan.fine_step)
-        self._all_moves = _IdleMoves(min(self._rest.size, 1), least=plan.fine_step)
+        #: Frames without a change of each pixel.
+        self._unchanged = np.zeros(self._rest.shape, dtype=int)
+        #: Lowest and highest ln resistance of each pixel since the last change of the quietest one.
+        self._lowest = self._highest = np.full(self._rest.shape, np.nan)
+        #: Closure at the last change of any pixel.
+        self._changed_at = 0.0
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
-        self._moved_s = -np.inf
+        #: Last frame with a change of the reported position, and with a reported movement.
+        self._moved_s = self._moving_s = -np.inf
 
     @property
     def is_frame_uncertain(self) -> bool:
@@ -78,33 +82,21 @@ class PixelMonitor:
             "may exceed the measured value; a smaller reference resistor extends the range"
         )
 
-    def check(self, observation: Observation, state: GraspState | None = None) -> Alarm | None:
+    def check(self, observation: Observation) -> Alarm | None:
         """Process the next observation; return an alarm for a failed pixel, if any."""
         frame = observation.frame
         counts = np.asarray(frame.counts)[self._watched] / frame.oversampling
         before = counts if self._counts is None else self._counts
         changed = counts != before
-        any_changed = changed.any()
-        self._moves.changed |= changed
-        self._all_moves.changed |= any_changed
-        self._count_alike(alike=not any_changed)
+        self._count_alike(alike=not changed.any())
         equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
-        moving, closure = (
-            observation.gripper.moving,
-            self._plan.gripper.closure(observation.gripper),
-        )
-        if self._counts is not None and (moving or abs(closure - self._closure) > self._rounding):
+        closure = self._plan.gripper.closure(observation.gripper)
+        is_moved = observation.gripper.moving or abs(closure - self._closure) > self._rounding
+        if self._counts is not None and is_moved:
             self._moved_s = frame.time_s
         self._closure = closure
-        # A long movement at constant speed disturbs the sheet only at its ends: count it once.
-        if not moving:
-            self._all_moves.count(closure)
         standing = frame.time_s - self._moved_s > READING.quiet_s
-        # A fast hand stops between the frames of a slow sensor, and a quiet pixel may not change in
-        # so few frames.
-        if standing:
-            self._moves.count(closure)
         opened, ended = find_end_readings(counts, layout=self._layout)
         self._opened = (self._opened + 1) * opened
         self._ended = (self._ended + 1) * ended
@@ -113,7 +105,16 @@ class PixelMonitor:
         else:
             self._shorted = self._pressed = ended
         self._counts = counts
-        return self._describe_fault()
+        # A saturated reading is not stuck.
+        self._follow_changes(counts, changed | self._pressed)
+        if changed.any() or self._pressed.any() or self._frames == 1:
+            self._changed_at = closure
+        if observation.gripper.moving:
+            self._moving_s = frame.time_s
+        # At constant speed a quiet sheet may not change, but any stop disturbs it.
+        stopped = frame.time_s - self._moving_s > READING.quiet_s
+        blind = stopped and abs(closure - self._changed_at) >= PIXELS.stuck_steps * self._plan.step
+        return self._describe_fault(is_blind=blind)
 
     def _judge_ended(
         self,
@@ -133,18 +134,25 @@ class PixelMonitor:
         begins = self._ended == 1
         self._shorted = ended & (self._shorted | (begins & short))
         self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
-        # A saturated reading is not stuck.
-        self._moves.changed |= self._pressed
-        self._all_moves.changed |= self._pressed.any()
 
-    def _describe_fault(self) -> Alarm | None:
-        unchanged = self._all_moves.idle >= PIXELS.stuck_moves
-        if unchanged.any() or self._is_repeating:
-            since = f"{self._alike} frames"
-            if not self._is_repeating:
-                since = f"{PIXELS.stuck_moves} movements of the fingers"
+    def _follow_changes(self, counts: NDArray[np.float64], changed: NDArray[np.bool_]) -> None:
+        """Count each pixel's unchanged frames, and follow all since the quietest one's change."""
+        if not counts.size:
+            return
+        full = self._layout.divider.full_scale
+        log_ohm = np.log(full / np.clip(counts, 1.0, full - 1.0) - 1.0)
+        is_first = self._frames == 1
+        if is_first or changed[int(np.argmax(self._unchanged))]:
+            self._lowest = self._highest = log_ohm
+        self._unchanged = np.where(changed | is_first, 0, self._unchanged + 1)
+        self._lowest = np.minimum(self._lowest, log_ohm)
+        self._highest = np.maximum(self._highest, log_ohm)
+
+    def _describe_fault(self, *, is_blind: bool) -> Alarm | None:
+        if self._is_repeating or is_blind:
             message = (
-                f"no pixel has changed in {since}; the board repeats its frames; {_SEE_DOCTOR}"
+                f"no pixel has changed in {self._alike} frames; the board repeats its frames; "
+                f"{_SEE_DOCTOR}"
             )
             return Alarm(danger=Danger.SENSOR_LOST, message=message)
         ended = self._ended >= PIXELS.fault_frames
@@ -188,12 +196,17 @@ class PixelMonitor:
         return flickers and self._alike > PIXELS.max_equal_frames
 
     def _find_stuck_pixels(self) -> NDArray[np.bool_]:
-        """Return the pixels unchanged in several movements, if all others changed in the last."""
-        unchanged = self._moves.idle >= PIXELS.stuck_moves
-        if not unchanged.any():
-            return unchanged
-        rest = self._moves.idle[~unchanged]
-        return np.asarray(unchanged & (rest.size > 0 and int(rest.max()) <= 1))
+        """Return the quietest pixel if it would have changed with the least of the others."""
+        stuck = np.zeros(self._rest.shape, dtype=bool)
+        if self._rest.size < 2 or self._counts is None:
+            return stuck
+        quietest = int(np.argmax(self._unchanged))
+        others = np.delete(self._highest - self._lowest, quietest)
+        counts, full = self._counts[quietest], self._layout.divider.full_scale
+        expected = float(others.min()) * counts * (1.0 - counts / full)
+        long = self._unchanged[quietest] > PIXELS.max_equal_frames
+        stuck[quietest] = long and expected >= PIXELS.stuck_counts
+        return stuck
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the pixels under load."""
@@ -201,27 +214,6 @@ class PixelMonitor:
         upper = self._layout.divider.taxel_leg == "upper"
         seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
         return np.asarray(full / seen - 1.0 < (1.0 - PIXELS.loaded_fraction) * self._rest)
-
-
-class _IdleMoves:
-    """Counts the movements since readings last changed.
-
-    `least`: travel of a movement that counts, mm or kPa.
-    """
-
-    def __init__(self, readings: int, *, least: float) -> None:
-        #: Movements without a change.
-        self.idle = np.zeros(readings, dtype=int)
-        #: Whether each reading has changed since the last movement.
-        self.changed = np.zeros(readings, dtype=bool)
-        self._least, self._counted_at = least, 0.0
-
-    def count(self, closure: float) -> None:
-        """Count the end of a movement, if it was long enough."""
-        if abs(closure - self._counted_at) >= self._least:
-            self.idle = np.where(self.changed, 0, self.idle + 1)
-            self.changed = np.zeros_like(self.changed)
-            self._counted_at = closure
 
 
 def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

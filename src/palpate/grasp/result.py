@@ -33,14 +33,15 @@ class Outcome(StrEnum):
     FORCE_LIMIT = "force_limit"
     #: The plan's time limit has passed (`monitors`).
     TIMED_OUT = "timed_out"
-    #: No frame, an old frame, or an impossible frame (`runner`); implausible rest values, a grip of
-    #: one finger alone, or a reading that falls while the hand closes or rises while it opens
-    #: (`monitors`); open, short, stuck or equal pixels (`pixel_monitor`); a sheet that does not
-    #: follow the fingers (`approach`); a servo force above that of the sheet (`current_monitor`).
+    #: No frame, an old frame, or an impossible frame (`runner`); implausible rest values, or a grip
+    #: of one finger alone (`monitors`); a reading that falls or does not rise while the hand
+    #: closes, or rises while it opens (`response_monitor`); open, short, stuck or equal pixels
+    #: (`pixel_monitor`); a sheet that does not follow the fingers (`approach`); a servo force above
+    #: that of the sheet (`current_monitor`).
     SENSOR_LOST = "sensor_lost"
     #: The gripper fails or does not answer, is off its target, closes too fast, or reports an
     #: impossible state (`tracking_monitor`, for `runner`); its current is stuck
-    #: (`current_monitor`).
+    #: (`current_monitor`); or this program or a driver fails (`runner`).
     GRIPPER_FAULT = "gripper_fault"
     #: Ctrl-C or a stop request (`runner`), or a release request before the force was measured
     #: (`controller`).

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 from typing import TypeAlias, TypeVar
 
@@ -239,11 +241,11 @@ class _Hand:
         except DeviceError as error:
             state.add_fault(str(error))
 
-    def stop(self) -> DeviceError | None:
+    def stop(self) -> Exception | None:
         """Stop the gripper; return the error if that failed."""
         try:
             self._gripper.stop()
-        except DeviceError as error:
+        except Exception as error:
             return error
         return None
 
@@ -265,7 +267,8 @@ def run_grasp(
     - `stopped`: Ctrl-C, SIGTERM, SIGHUP, or `requests.stop`.
     - `sensor_lost`: an array without frames, a failed pixel, or a sheet that shows less force than
       the gripper exerts.
-    - `gripper_fault`: a gripper that fails or does not follow its commands.
+    - `gripper_fault`: a gripper that fails or does not follow its commands, or an error of this
+      program or a driver.
     - `force_limit`: force above the ceiling, from the sheet or the servo current.
 
     The result's `faults` have the reasons. `palpate.grasp.safety` defines the hand's movement.
@@ -304,7 +307,7 @@ def run_grasp(
                     send(_apply_alarm(frame, controller, None), clock.now_s())
                     continue
                 seen = Observation(frame=frame, gripper=hand.state())
-                failed = pixels.check(seen, state)
+                failed = pixels.check(seen)
                 command = None
                 # Uncertain frames are skipped, except during an opening, which needs no pixels.
                 if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
@@ -328,6 +331,9 @@ def run_grasp(
         controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=str(error)))
     except KeyboardInterrupt:
         controller.stop(Alarm(danger=Danger.STOPPED))
+    # An error of this program or of a driver must not leave the hand unwatched.
+    except Exception as error:
+        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=_explain(error)))
     finally:
         unstopped = hand.stop()
     if unstopped is not None:
@@ -358,6 +364,13 @@ def _apply_alarm(
     if controller.state.phase in (Phase.RELEASE, Phase.DONE):
         return command
     return controller.stop(alarm)
+
+
+def _explain(error: Exception) -> str:
+    """Describe an unexpected error, with the place where it was raised."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(last.filename).name}, line {last.lineno}"
+    return f"the program failed: {type(error).__name__}: {error} ({where}); please report this"
 
 
 def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspState) -> None:

@@ -242,6 +242,8 @@ class FaultyGripper:
         self._gripper, self._world = TwinGripper(world), world
         self._first: GripperState | None = None
         self.fault: Fault | None = None
+        #: Duration of the last movement commanded, seconds.
+        self.movement_s = 0.0
 
     @property
     def limits(self) -> GripperLimits:
@@ -263,6 +265,8 @@ class FaultyGripper:
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Send a command, altered by the fault; return the unaltered command."""
         fault, limits = self._require_reply(), self.limits
+        now = self._world.drive_value(self._world.clock.now_s())
+        self.movement_s = abs(wanted.target - now) / wanted.rate
         closing = limits.target(limits.span)
         if fault is not None and fault.does_not_move:
             return wanted

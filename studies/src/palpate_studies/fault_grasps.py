@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -30,6 +31,13 @@ PHASE_ACTIVITIES = {
     "squeeze": (Activity.CONFIRM, Phase.SQUEEZE),
     "hold": (Activity.FORECAST, Activity.ADJUST, Activity.EASE, Phase.HOLD),
 }
+#: Phase of a fault in the middle of a movement -> the activities of these movements.
+MOVING_ACTIVITIES = {
+    "closing": (Phase.SQUEEZE,),
+    "correcting": (Activity.FORECAST, Activity.EASE),
+}
+#: Frames/s: of the paper's sensor, and of the product.
+RATES_HZ = (15.0, 250.0)
 #: Step speeds relative to the plan's; the approach computes its own speed.
 SPEEDS = (0.5, 1.0, 2.0)
 #: Seed of sheet and gripper.
@@ -51,6 +59,7 @@ class Cell:
     thing: str
     kind: GripperKind
     speed: float
+    rate_hz: float = 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,21 +94,21 @@ class FaultyGrasp:
     safe_s: float
 
 
-def list_cells() -> list[Cell]:
+def list_cells(*, rates_hz: Sequence[float] = RATES_HZ) -> list[Cell]:
     """Return all cells of the campaign; soft fingers have no faults of the servo current."""
     found = [
-        Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed)
-        for fault, phase, thing, kind, speed in product(
-            FAULTS, PHASE_ACTIVITIES, OBJECTS, KINDS, SPEEDS
+        Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed, rate_hz=rate_hz)
+        for fault, phase, thing, kind, speed, rate_hz in product(
+            FAULTS, (*PHASE_ACTIVITIES, *MOVING_ACTIVITIES), OBJECTS, KINDS, SPEEDS, rates_hz
         )
     ]
     return [cell for cell in found if not (cell.kind == "soft" and "current" in cell.fault)]
 
 
-def sample_cells(count: int, *, seed: int) -> list[Cell]:
-    """Return a sample of the campaign in which all faults are about equally frequent."""
+def sample_cells(cells: Sequence[Cell], count: int, *, seed: int) -> list[Cell]:
+    """Return a sample of cells in which all faults are about equally frequent."""
     rng = np.random.default_rng(seed)
-    by_fault = {name: [cell for cell in list_cells() if cell.fault == name] for name in FAULTS}
+    by_fault = {name: [cell for cell in cells if cell.fault == name] for name in FAULTS}
     each = [rng.permutation(len(found)).tolist() for found in by_fault.values()]
     rounds = [
         found[order[turn]]
@@ -119,12 +128,29 @@ def _plan(kind: GripperKind) -> Plan:
     )
 
 
+def _is_due(cell: Cell, state: GraspState, movement_s: float) -> bool:
+    """Return whether the fault strikes after this frame.
+
+    `movement_s`: duration of the last movement. One shorter than a frame period is struck at once.
+    """
+    estimate, activities = state.estimate, PHASE_ACTIVITIES | MOVING_ACTIVITIES
+    if state.activity not in activities[cell.phase]:
+        return False
+    if cell.phase == "approach":
+        return bool(estimate.sweep and estimate.now_s - estimate.sweep.since_s > _AT_SPEED_S)
+    if cell.phase not in MOVING_ACTIVITIES:
+        return True
+    wait_s = 0.5 * movement_s if movement_s * cell.rate_hz > 1.0 else 0.0
+    is_moving = estimate.still_since_s is None and estimate.contact_s is not None
+    return is_moving and estimate.now_s - estimate.moved_s >= wait_s
+
+
 def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
     """Run one grasp and inject the fault in its phase."""
     plan = _plan(cell.kind)
     plan = replace(plan, rate=cell.speed * plan.rate, squeeze_rate=cell.speed * plan.squeeze_rate)
     obj = draw_object(np.random.default_rng([seed, 1]), cell.thing)
-    world = World(obj, seed=seed, sheet_seed=SHEET, gripper=cell.kind)
+    world = World(obj, seed=seed, sheet_seed=SHEET, gripper=cell.kind, frame_rate_hz=cell.rate_hz)
     if cell.kind == "rigid":
         world.drive(obj.size_mm + _GAP_MM, rate=60.0)
     world.clock.sleep_s(1.0)
@@ -136,10 +162,7 @@ def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
         inject_fault(fault, world=world, array=array, gripper=gripper, requests=requests)
 
     def watch(grasp_state: GraspState) -> None:
-        estimate = grasp_state.estimate
-        underway = estimate.sweep and estimate.now_s - estimate.sweep.since_s > _AT_SPEED_S
-        late = cell.phase != "approach" or underway
-        if grasp_state.activity in PHASE_ACTIVITIES[cell.phase] and late and not struck_s:
+        if not struck_s and _is_due(cell, grasp_state, gripper.movement_s):
             strike()
 
     if cell.phase == "start":

@@ -13,6 +13,7 @@ from palpate_studies.fault_devices import FAULTS
 from palpate_studies.fault_grasps import (
     KINDS,
     OBJECTS,
+    RATES_HZ,
     FaultyGrasp,
     list_cells,
     run_faulty_grasp,
@@ -35,12 +36,18 @@ def report(
         int,
         typer.Option("--sample", help="Number of grasps, evenly over the faults; 0: all.", min=0),
     ] = 200,
+    rate_hz: Annotated[
+        float | None,
+        typer.Option("--rate-hz", help="Frames/s of the sensor, 15 or 250; default: both."),
+    ] = None,
 ) -> StudyReport:
     """Apply single faults to simulated grasps; report force, outcome and time to safety.
 
     Example: palpate study faults --sample 400 --out reports
     """
-    chosen = sample_cells(sample, seed=_SAMPLE_SEED) if sample else list_cells()
+    rates_hz = RATES_HZ if rate_hz is None else (rate_hz,)
+    cells = list_cells(rates_hz=rates_hz)
+    chosen = sample_cells(cells, sample, seed=_SAMPLE_SEED) if sample else cells
     return judge([run_faulty_grasp(cell, seed=_FIRST_SEED + k) for k, cell in enumerate(chosen)])
 
 
@@ -55,8 +62,9 @@ def judge(found: Sequence[FaultyGrasp]) -> StudyReport:
         title="Single faults in a grasp",
         provenance=[
             f"Simulated, level lab: {len(found)} of {len(list_cells())} grasps of "
-            f"{', '.join(OBJECTS)} at half, full and twice the speed. Each grasp has a new object "
-            "and session; all share one sheet and gripper per kind of fingers.",
+            f"{', '.join(OBJECTS)} at half, full and twice the speed, with faults at the start of "
+            "a phase or in the middle of a movement, at 15 and 250 frames/s. Each grasp has a new "
+            "object and session; all share one sheet and gripper per kind of fingers.",
             f"The force ceiling is {FORCE_CEILING_N:g} N. Forces are the twin's true forces. Rigid "
             "fingers report current, soft fingers pressure.",
         ],

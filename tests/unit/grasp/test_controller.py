@@ -233,7 +233,7 @@ def test_reading_against_the_movement_opens_the_hand(
     bench.grasp_until(
         Outcome.SENSOR_LOST,
         replace(plan, target_force_n=target_force_n),
-        words="or rises while it opens",
+        words="rises while the hand opens" if target_force_n == 4.0 else "falls while the hand",
     )
     assert max(bench.forces_n) < 7.0
 

@@ -165,6 +165,35 @@ def test_current_monitor_weak_force_raises_an_alarm_after_two_successive_movemen
     assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
+@pytest.mark.parametrize(
+    ("lag_s", "fails_at_s", "is_alarm"),
+    [(0.05, 9.0, False), (0.05, 0.5, True), (9.0, 9.0, True)],
+    ids=["behind by the lag", "lost in the movement", "never shows"],
+)
+def test_current_monitor_compares_a_closing_hand_with_the_sheet_after_its_lag(
+    calibrated: Plan, lag_s: float, fails_at_s: float, is_alarm: bool
+) -> None:
+    """The force rises by 8 N/s in one movement; the sheet reads twice the force of the past."""
+    watch, alarm_s = CurrentMonitor(calibrated), np.inf
+    for time_s in np.arange(0.004, 1.2, 0.004).tolist():
+        shown_n = 8.0 * max(time_s - lag_s, 0.0) * (time_s < fails_at_s)
+        closure = 20.0 + 2.0 * time_s
+        estimate = estimate_of(0.0, closure=closure, still=False)
+        estimate.last = Touch(
+            time_s=time_s, finger_percent=(0.0, 0.0), relative_percent=0.0, sheet_n=shown_n
+        )
+        current_ma = of_force(8.0 * time_s) + (-1.0) ** round(time_s / 0.004)
+        alarm = watch.check(
+            report(closure, current_ma, moving=True, time_s=time_s), estimate=estimate
+        )
+        if alarm is not None:
+            assert alarm.danger is Danger.UNSEEN_FORCE
+            alarm_s = min(alarm_s, time_s)
+    assert (alarm_s < 1.2) == is_alarm
+    # The least force that a current certainly shows is about 4 N.
+    assert not is_alarm or alarm_s < fails_at_s % 9.0 + 0.7
+
+
 @pytest.mark.parametrize(("step_mm", "is_alarm"), [(0.3, True), (0.0625, False)])
 def test_current_monitor_checks_closing_despite_opening_command(
     calibrated: Plan, step_mm: float, is_alarm: bool

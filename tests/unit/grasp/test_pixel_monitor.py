@@ -46,14 +46,6 @@ def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str 
     return [alarm and alarm.message for alarm in alarms(plan, frames, step_mm=step_mm)]
 
 
-def stopped(plan: Plan, frames: list[Any], *, step_mm: float) -> list[str | None]:
-    """Return the message at each frame; the fingers close by a step and rest before each."""
-    moments = []
-    for number, counts in enumerate(frames):
-        moments += [(number - 0.5, number * step_mm, counts), (number, number * step_mm, counts)]
-    return [alarm and alarm.message for alarm in see(PixelMonitor(plan), moments)[1::2]]
-
-
 def flickering(count: int, *, counts: int = REST, since: int = 0, **changed: Any) -> list[Any]:
     """Return frames with a flicker of one count in every pixel.
 
@@ -189,44 +181,76 @@ def test_pixel_monitor_simultaneous_shorts_within_disturbance_of_movement_are_a_
 # -- stuck pixels and repeated frames --------------------------------------------------------------
 
 
+def rising(count: int, *, counts: float, noise: int = 0) -> list[Any]:
+    """Return frames in which all pixels rise evenly by so many counts; R1 C0 does not change."""
+    rng = np.random.default_rng(4)
+    frames = []
+    for number in range(count):
+        frame = np.full((4, 2), REST) + round(counts * number / (count - 1))
+        frame = frame + rng.integers(-noise, noise + 1, (4, 2))
+        frame[1, 0] = REST
+        frames.append(frame)
+    return frames
+
+
 @pytest.mark.parametrize("rows", [4, 2])
-def test_pixel_monitor_pixel_unchanged_by_movements_is_stuck(plan: Plan, rows: int) -> None:
+@pytest.mark.parametrize(
+    ("frames", "is_stuck"),
+    [
+        (rising(12, counts=6), True),
+        (rising(250, counts=6), True),
+        # Too little, too few frames, and one that changed within them.
+        (rising(12, counts=3), False),
+        (rising(11, counts=6), False),
+        ([*rising(6, counts=6), np.full((4, 2), REST + 1), *rising(6, counts=6)], False),
+        # Only noise.
+        (rising(100, counts=0, noise=1), False),
+    ],
+)
+def test_pixel_monitor_pixel_is_stuck_while_the_others_change(
+    plan: Plan, rows: int, frames: list[Any], is_stuck: bool
+) -> None:
     """All pixels have rest values, or only one other pixel has."""
     if rows == 2:
         rest_ohm = np.full((4, 2), np.nan)
         rest_ohm[1:3, 0] = plan.rest_ohm[1:3, 0]
         plan = replace(plan, rest_ohm=rest_ohm)
-    frames = flickering(30, where=(1, 0), value=REST)
-    said = stopped(plan, frames, step_mm=0.5)
-    assert said[:4] == [None] * 4
-    assert said[4] == "pixel R1 C0 reads stuck; run `palpate doctor`"
-    # A fast hand stops between the frames of a slow sensor, and the closing continues.
-    assert watched(plan, frames, step_mm=0.5) == [None] * 30
+    # The reading of a hand in the middle of a movement.
+    said = [alarm and alarm.message for alarm in alarms(plan, frames, step_mm=0.02, moving=True)]
+    assert (said[-1] is not None) == is_stuck
+    assert not is_stuck or said[-1] == "pixel R1 C0 reads stuck; run `palpate doctor`"
 
 
-@pytest.mark.parametrize(("slept", "stuck"), [(1, True), (2, False)])
-def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(
-    plan: Plan, slept: int, stuck: bool
+def test_pixel_monitor_two_noiseless_pixels_are_not_stuck(plan: Plan) -> None:
+    frames = rising(30, counts=40)
+    for frame in frames:
+        frame[2, 1] = REST
+    assert watched(plan, frames) == [None] * 30
+
+
+@pytest.mark.parametrize(("counts", "is_stuck"), [(60, False), (REST, True)])
+def test_pixel_monitor_insensitive_pixel_is_not_stuck(
+    plan: Plan, counts: int, is_stuck: bool
 ) -> None:
-    """One pixel never changes, and another is unchanged in the same movements."""
-    frames = flickering(9, where=(1, 0), value=REST)
-    for number, frame in enumerate(frames):
-        frame[2, 1] = REST + (number >= 8 - slept)
-    message = stopped(plan, frames, step_mm=0.5)[-1]
-    assert (message is not None) == stuck
-    assert not stuck or "R1 C0 reads stuck" in str(message)
+    """A change of 2.6 % is six counts of 350, and one count of 60."""
+    frames = rising(20, counts=6)
+    for frame in frames:
+        frame[1, 0] = counts
+    assert (watched(plan, frames)[-1] is not None) == is_stuck
 
 
-@pytest.mark.parametrize("step_mm", [0.5, 0.25])
-def test_pixel_monitor_repeated_frames_raise_alarm_after_four_movements(
+@pytest.mark.parametrize("step_mm", [1.0, 0.25])
+def test_pixel_monitor_repeated_frames_raise_alarm_after_a_travel_of_four_steps(
     plan: Plan, step_mm: float
 ) -> None:
-    """A fine step of 0.25 mm counts as a movement."""
     frames = [np.full((4, 2), REST)] * 30
     said = watched(plan, frames, step_mm=step_mm)
-    assert said[:4] == [None] * 4
-    assert "no pixel has changed in 4 movements" in str(said[4])
+    first = round(4.0 / step_mm)
+    assert said[:first] == [None] * first
+    assert "no pixel has changed" in str(said[first])
     assert watched(plan, frames) == [None] * 30, "a hand at rest does not disturb the sheet"
+    # At constant speed nothing disturbs a quiet sheet.
+    assert alarms(plan, frames, step_mm=step_mm, moving=True) == [None] * 30
 
 
 def test_pixel_monitor_repeated_frames_at_rest_raise_alarm_unless_usual(plan: Plan) -> None:
