@@ -200,11 +200,14 @@ class ResponseMonitor:
         hidden, wrong = self._free.hidden(state), None
         # Later the object relaxes.
         is_closing = state.estimate.still_s < self._plan.dwell_s
+        # Soft fingers follow their pressure late.
+        is_soft = self._plan.gripper.drive == "pressure"
+        has_arrived = not is_soft or state.estimate.still_s >= READING.quiet_s
         for finger, seen in zip(self._fingers, loads, strict=True):
             finger.add(min(seen), max(seen), closure=closure, hidden=hidden)
             if is_closing and max(seen) < finger.top - hidden - self._least:
                 wrong = "falls while the hand closes"
-            elif finger.has_stopped_rising(
+            elif has_arrived and finger.has_stopped_rising(
                 began, hidden=hidden, least=self._least, fine=self._plan.fine_step
             ):
                 wrong = "does not rise while the hand closes"
