@@ -83,19 +83,15 @@ class Conditionals(NamedTuple):
     pace: float
 
 
-def compute_conditionals(time_s: FloatArray, *, after_s: float, scaled: bool) -> Conditionals:
+@lru_cache(maxsize=64)
+def compute_conditionals(time_bytes: bytes, *, after_s: float, scaled: bool) -> Conditionals:
     """Compute the conditionals of a grid; results are cached.
 
-    `time_s`, shape (n_times,): times of the samples after the origin, seconds; at least two.
+    `time_bytes`: bytes of the times of the samples after the origin, seconds; at least two.
     `after_s`: time of the value to predict, seconds after the origin.
     `scaled`: whether the values are ln R, whose scale is known roughly. The scale of other values
         is unknown.
     """
-    return _compute_cached(time_s.tobytes(), after_s, scaled)
-
-
-@lru_cache(maxsize=64)
-def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditionals:
     samples_s = np.frombuffer(time_bytes)
     starts, count, time_s = log_bins(samples_s)
     m = starts.size - 1
@@ -159,16 +155,9 @@ def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArra
     return np.asarray(covariances.reshape(N_DEVIATIONS, m + 1, m + 1))
 
 
-def compute_line_weights(time_s: FloatArray, *, after_s: float) -> FloatArray:
-    """Return the weights of the samples in the log law's value at the horizon; they are cached.
-
-    `time_s`, `after_s`: see `compute_conditionals`.
-    """
-    return _compute_line_cached(time_s.tobytes(), after_s)
-
-
 @lru_cache(maxsize=64)
-def _compute_line_cached(time_bytes: bytes, after_s: float) -> FloatArray:
+def weigh_line(time_bytes: bytes, after_s: float) -> FloatArray:
+    """Return the weights of the samples in the log law's value; see `compute_conditionals`."""
     samples_s = np.frombuffer(time_bytes)
     first = int(samples_s.searchsorted(WAIT_S - 1e-9))
     if samples_s.size - first < _MIN_LINE_SAMPLES:
@@ -234,7 +223,4 @@ def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
     square *= square
     variance, late = square.dot(averages).T
-    is_contact = variance > CONTACT_SCATTER * late
-    if np.count_nonzero(is_contact):
-        variance = np.where(is_contact, late, variance)
-    return np.asarray(variance)
+    return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

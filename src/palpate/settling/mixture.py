@@ -11,9 +11,6 @@ from palpate.arrays import FloatArray
 from palpate.settling.conditionals import N_DEVIATIONS, Conditionals
 from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 
-#: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
-#: change at the recent rate per e-fold of time.
-MODEL_ERROR = 0.12
 #: Shape (n_components,). Whether the component's curve is a single exponential.
 _IS_EXPONENTIAL = np.tile(IS_EXPONENTIAL, N_DEVIATIONS)
 #: Components with less than this fraction of the largest weight are ignored.
@@ -30,7 +27,7 @@ _MOST += 1
 _LEAST[0], _MOST[-1] = -_MAX_STEP / _GAPS[0], _MAX_STEP / _GAPS[-1]
 #: A component is approximated by a logistic distribution. This is half of the inverse of its scale
 #: at a standard deviation of 1.
-_STEEPNESS = np.pi / np.sqrt(12.0)
+STEEPNESS = np.pi / np.sqrt(12.0)
 #: Minimum distance of 2 p - 1 from -1 and 1 for a probability p.
 _RAREST = 1e-9
 
@@ -57,13 +54,12 @@ class Mixture(NamedTuple):
 
 
 def compute_posterior(
-    forms: Conditionals, differences: FloatArray, *, noise: FloatArray, recent: FloatArray
+    forms: Conditionals, differences: FloatArray, *, noise: FloatArray
 ) -> Mixture:
     """Compute the posterior weights of the components for holds on one grid.
 
     `differences`, shape (n_holds, m): differences of the bins to the last bin.
     `noise`, shape (n_holds,): noise variance of one sample.
-    `recent`, shape (n_holds,): change from the last bin to the horizon at the recent rate.
     """
     holds, m = differences.shape
     products = differences.dot(forms.projection).reshape(holds, N_DEVIATIONS, -1)
@@ -82,13 +78,12 @@ def compute_posterior(
     weight = (smallest / unexplained) ** (forms.degrees / 2)
     weight /= np.add.reduceat(weight, first).take(hold)
     forecast = products[:, :, m + N_CURVES :].reshape(holds, -1)[is_relevant]
-    model_variance = MODEL_ERROR**2 * (forecast * forecast + (recent * recent).take(hold))
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
+        deviation=np.sqrt(unexplained * forms.variance.take(component)),
         component=component,
     )
 
@@ -116,7 +111,7 @@ def compute_quantiles(mixture: Mixture, log_odds: FloatArray) -> FloatArray:
     offset = mixture.forecast - mean.take(hold)
     square = mixture.deviation * mixture.deviation + offset * offset
     spread = np.sqrt(np.add.reduceat(weight * square, first))
-    steepness = _STEEPNESS / mixture.deviation
+    steepness = STEEPNESS / mixture.deviation
     cdf = np.tanh(_POINTS * (spread.take(hold) * steepness) - offset * steepness)
     cdf *= weight
     # The sum is 2 p - 1 for the probability p below each point. Its arctanh is nearly linear.

@@ -83,11 +83,9 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
         zero_s = time_s[origin]
         if key % 2:
             later = int(time_s.searchsorted(zero_s + _RINGING_S - 1e-9))
+            rest_s = time_s[later:]
             # The ringing is only skipped if there are enough samples after it.
-            if (
-                time_s.size >= later + _MIN_SAMPLES
-                and time_s[-1] - time_s[later] >= _MIN_DURATION_S
-            ):
+            if rest_s.size >= _MIN_SAMPLES and rest_s[-1] - rest_s[0] >= _MIN_DURATION_S:
                 first = later
         yield Window(rows=chosen, since_s=time_s[first:] - zero_s, origin=origin, first=first)
 
