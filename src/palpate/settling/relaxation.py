@@ -202,8 +202,7 @@ def _forecast(
         gap = (chosen > 0) * _LINE_SHARE * (line - change)
         ends += _SIGNS * np.abs(gap)
         decisive = _DECISIVE_EARLY if is_early else _DECISIVE
-        # A line through a reading that returns is no guide to its later value.
-        ends += gap * ((mixture.exponential_probability() < decisive) & (chosen < 4))
+        ends += gap * (mixture.exponential_probability() < decisive)
     if beyond:
         ends += beyond * (ends - ends[1])
     return last + ends, np.array(statuses, dtype=object).take(chosen)
