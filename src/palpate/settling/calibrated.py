@@ -106,16 +106,14 @@ class Calibrated:
         if not (count := errors.size):
             return found
         unit = _unit(values, positive=positive)
-        features = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
+        features = self._features(time_s, values, found, unit)
         rank = int(np.ceil((count + 1) * level))
         weight = count / (count + (_PRIOR_ERRORS if self.learn else _PRIOR_ERRORS_OF_OTHERS))
         half_width = 1.0 if self.learn else _half_width(found, unit)
-        sides = []
-        for side in (found.value - found.low, found.high - found.value):
-            error = half_width * errors[min(rank, count) - 1]
-            shrunk = weight * error + (1 - weight) * side / unit
-            unshrunk = errors[rank - 1] if rank <= count else np.nan
-            sides.append(np.where(np.isnan(side), unshrunk, shrunk))
+        error = half_width * errors[min(rank, count) - 1]
+        sides = np.stack((found.value - found.low, found.high - found.value)) / unit
+        unshrunk = errors[rank - 1] if rank <= count else np.nan
+        sides = np.where(np.isnan(sides), unshrunk, weight * error + (1 - weight) * sides)
         change, last = features @ line, values[:, -1]
         status = np.asarray(found.status).copy()
         if count >= MIN_PROOF_HOLDS:
@@ -164,25 +162,19 @@ class Calibrated:
             return None
         found = self.method.predict(time_s, values, horizon_s=horizon_s, level=level)
         unit = _unit(values, positive=positive)
-        [features] = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
+        [features] = self._features(time_s, values, found, unit)
         change = float((settled - values[0, -1]) / unit[0])
         return features, change, float(_half_width(found, unit)[0])
 
     def _features(
-        self,
-        time_s: FloatArray,
-        values: FloatArray,
-        found: SettledEstimate,
-        *,
-        horizon_s: float,
-        unit: FloatArray,
+        self, time_s: FloatArray, values: FloatArray, found: SettledEstimate, unit: FloatArray
     ) -> FloatArray:
         """Return a column of ones and the features: predicted changes in multiples of `unit`."""
         forecasts = [np.asarray(found.value)]
         if self.learn:
             fold_s = float(time_s[-1] - time_s[0]) / np.e
             for law in (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s)):
-                estimate = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
+                estimate = law.predict(time_s, values, horizon_s=found.horizon_s, level=found.level)
                 forecasts.append(np.asarray(estimate.value))
         changes = [(forecast - values[:, -1]) / unit for forecast in forecasts]
         return np.column_stack([np.ones(len(values)), *changes])

@@ -31,13 +31,13 @@ _LOOSE_RATE = -1 / np.geomspace(0.1, 100.0, 10)
 #: Fewest samples of the log law's line after the wait; with fewer it is drawn through all samples.
 _MIN_LINE_SAMPLES = 3
 #: Keep covariances positive definite if bins are close together, and the unexplained squares of a
-#: constant hold positive.
-_JITTER, _TINY = 1e-9, float(np.finfo(float).tiny)
+#: constant hold positive after rounding.
+_JITTER, _TINY = 1e-9, 1e-290
 
 N_DEVIATIONS = NOISE.size
 #: Variances of the deviations, shape (n_deviations, 3).
 _VARIANCES = np.square(np.stack((NOISE, WALK, LOOSE), axis=1))
-_LOG_NOISE = np.log(NOISE)[:, None]
+_LOG_NOISE = np.log(NOISE)
 
 #: Maximum number of bins; more bins do not improve the prediction.
 MAX_BINS = 12
@@ -67,39 +67,31 @@ class Conditionals(NamedTuple):
     prior_squares: float
     noise_squares: FloatArray
     degrees: float
-    #: Shape (m, n_deviations * m + n_components + n_deviations). Multiplies the differences; the
-    #: columns whiten them for each deviation, project them on each whitened curve, and forecast the
-    #: change for each deviation. A projection is divided by sqrt(1 + the curve's square) and
-    #: multiplied by the square root of the handicap.
+    #: Shape (m, n_deviations * (m + 2 * n_curves)). Multiplies the differences. For each deviation,
+    #: the columns whiten them, project them on each whitened curve, and forecast the change from
+    #: the last bin to the horizon for each curve. A projection is divided by sqrt(1 + the curve's
+    #: square) and multiplied by the square root of the handicap.
     projection: FloatArray
     #: Shape (n_deviations, n_curves). Factor of the unexplained squares of a component, from the
     #: noise and the determinants: at least 1.
     handicap: FloatArray
-    #: Shape (n_components,). Forecast per unit along the curve, and its variance per unexplained
-    #: square.
-    step: FloatArray
+    #: Shape (n_components,). Variance of a component's forecast per unexplained square.
     variance: FloatArray
     #: At the recent rate per e-fold of time, the change is `pace` times the difference of the last
     #: bin to bin `pace_from`.
     pace_from: int
     pace: float
-    #: Shape (n_times,). Weights of the samples in the log law's value at the horizon.
-    log_law: FloatArray
 
 
-def compute_conditionals(time_s: FloatArray, *, after_s: float, scaled: bool) -> Conditionals:
+@lru_cache(maxsize=64)
+def compute_conditionals(time_bytes: bytes, *, after_s: float, scaled: bool) -> Conditionals:
     """Compute the conditionals of a grid; results are cached.
 
-    `time_s`, shape (n_times,): times of the samples after the origin, seconds; at least two.
+    `time_bytes`: bytes of the times of the samples after the origin, seconds; at least two.
     `after_s`: time of the value to predict, seconds after the origin.
     `scaled`: whether the values are ln R, whose scale is known roughly. The scale of other values
         is unknown.
     """
-    return _compute_cached(time_s.tobytes(), after_s, scaled)
-
-
-@lru_cache(maxsize=64)
-def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditionals:
     samples_s = np.frombuffer(time_bytes)
     starts, count, time_s = log_bins(samples_s)
     m = starts.size - 1
@@ -117,19 +109,17 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
     whitened = inverse @ curves
     along = whitened[:, :m]
     square = 1 + np.add.reduce(along * along, axis=1)
-    root = np.sqrt(square)
-    step = spread * whitened[:, m] / root
     # Adjacent deviations share samples, so that about half of them are independent.
     noise_samples = min(max(samples_s.size - 2, 0) / 2, MAX_NOISE_SAMPLES)
     degrees = m + noise_samples + scaled * SCALE_DEGREES
-    log_handicap = noise_samples * _LOG_NOISE + np.log(square) / 2
-    log_handicap += np.add.reduce(np.log(diagonal[:, :m]), axis=1)[:, None]
+    log_size = np.add.reduce(np.log(diagonal[:, :m]), axis=1) + noise_samples * _LOG_NOISE
+    log_handicap = log_size[:, None] + np.log(square) / 2
     handicap = np.exp((log_handicap - log_handicap.min()) * (2 / degrees))
-    root_handicap = np.sqrt(handicap)
-    back = inverse[:, :m, :m].transpose(0, 2, 1)
-    along = back @ (along * (root_handicap / root)[:, None])
-    by_bin = (part.transpose(1, 0, 2).reshape(m, -1) for part in (back, along))
-    ahead = -spread * inverse[:, m, :m]
+    step = spread * whitened[:, m] / np.sqrt(square * handicap)
+    back = inverse.transpose(0, 2, 1)[:, :m]
+    along = back[:, :, :m] @ (along * np.sqrt(handicap / square)[:, None])
+    forecast = along * step[:, None] - back[:, :, m:] * spread[:, None]
+    by_deviation = np.concatenate((back[:, :, :m], along, forecast), axis=2)
     pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
     pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
     return Conditionals(
@@ -139,13 +129,11 @@ def _compute_cached(time_bytes: bytes, after_s: float, scaled: bool) -> Conditio
         prior_squares=scaled * SCALE_DEGREES * SCALE**2 + _TINY,
         noise_squares=noise_samples / _VARIANCES[:, 0],
         degrees=degrees,
-        projection=np.concatenate((*by_bin, ahead.T), axis=1),
+        projection=by_deviation.transpose(1, 0, 2).reshape(m, -1),
         handicap=handicap,
-        step=(step / root_handicap).ravel(),
-        variance=((spread * spread + step * step) / (handicap * max(degrees - 2, 1))).ravel(),
+        variance=((spread * spread / handicap + step * step) / max(degrees - 2, 1)).ravel(),
         pace_from=pace_from,
         pace=float(pace),
-        log_law=_line_weights(samples_s, after_s=after_s),
     )
 
 
@@ -167,8 +155,10 @@ def _covariances(count: FloatArray, *, points_s: FloatArray, log_time: FloatArra
     return np.asarray(covariances.reshape(N_DEVIATIONS, m + 1, m + 1))
 
 
-def _line_weights(samples_s: FloatArray, *, after_s: float) -> FloatArray:
-    """Return the weights of the samples in the log law's value at the horizon."""
+@lru_cache(maxsize=64)
+def weigh_line(time_bytes: bytes, after_s: float) -> FloatArray:
+    """Return the weights of the samples in the log law's value; see `compute_conditionals`."""
+    samples_s = np.frombuffer(time_bytes)
     first = int(samples_s.searchsorted(WAIT_S - 1e-9))
     if samples_s.size - first < _MIN_LINE_SAMPLES:
         first = 0

@@ -11,24 +11,25 @@ from palpate.arrays import FloatArray
 from palpate.settling.conditionals import N_DEVIATIONS, Conditionals
 from palpate.settling.shapes import IS_EXPONENTIAL, N_CURVES
 
-#: Model error, because no curve is exact: this fraction of the forecast, and this fraction of the
-#: change at the recent rate per e-fold of time.
-MODEL_ERROR = 0.12
-#: Shape (n_components,). Deviation of each component, and whether its curve is one exponential.
-_DEVIATION = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
+#: Shape (n_components,). Whether the component's curve is a single exponential.
 _IS_EXPONENTIAL = np.tile(IS_EXPONENTIAL, N_DEVIATIONS)
 #: Components with less than this fraction of the largest weight are ignored.
 MIN_WEIGHT = 1e-3
-#: Points at which the distribution is evaluated, standard deviations from the mean.
-_POINTS = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])
-_GAPS = np.diff(_POINTS)[:, None]
+#: Shape (n_points, 1). Points at which the distribution is evaluated, standard deviations from the
+#: mean, and the gaps after them, shape (n_points - 1,).
+_POINTS = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])[:, None]
+_GAPS = np.diff(_POINTS[:, 0])
+#: Smallest and largest fraction of each gap before a quantile. Beyond the points the first and the
+#: last gap are continued, by at most this many standard deviations.
+_MAX_STEP = 6.0
+_LEAST, _MOST = np.zeros((2, _GAPS.size, 1, 1))
+_MOST += 1
+_LEAST[0], _MOST[-1] = -_MAX_STEP / _GAPS[0], _MAX_STEP / _GAPS[-1]
 #: A component is approximated by a logistic distribution. This is half of the inverse of its scale
 #: at a standard deviation of 1.
-_STEEPNESS = np.pi / np.sqrt(12.0)
-#: Minimum distance of 2 p - 1 from -1 and 1 for a probability p, and minimum variance.
-_RAREST, _TINY = 1e-9, float(np.finfo(float).tiny)
-#: Maximum distance of a quantile from a point, standard deviations.
-_MAX_STEP = 6.0
+STEEPNESS = np.pi / np.sqrt(12.0)
+#: Minimum distance of 2 p - 1 from -1 and 1 for a probability p.
+_RAREST = 1e-9
 
 
 class Mixture(NamedTuple):
@@ -43,71 +44,66 @@ class Mixture(NamedTuple):
     weight: FloatArray
     forecast: FloatArray
     deviation: FloatArray
-    #: Shape (n_components,). Whether the component's curve is a single exponential.
-    is_exponential: NDArray[np.bool_]
+    #: Shape (n_components,). Number of the component.
+    component: NDArray[np.intp]
 
     def exponential_probability(self) -> FloatArray:
         """Return the posterior probability of a single exponential, shape (n_holds,)."""
-        return np.asarray(np.add.reduceat(self.weight * self.is_exponential, self.first))
+        is_exponential = _IS_EXPONENTIAL.take(self.component)
+        return np.asarray(np.add.reduceat(self.weight * is_exponential, self.first))
 
 
 def compute_posterior(
-    forms: Conditionals, differences: FloatArray, *, noise: FloatArray, recent: FloatArray
+    forms: Conditionals, differences: FloatArray, *, noise: FloatArray
 ) -> Mixture:
     """Compute the posterior weights of the components for holds on one grid.
 
     `differences`, shape (n_holds, m): differences of the bins to the last bin.
     `noise`, shape (n_holds,): noise variance of one sample.
-    `recent`, shape (n_holds,): change from the last bin to the horizon at the recent rate.
     """
     holds, m = differences.shape
-    products = differences.dot(forms.projection)
-    whitened = products[:, : N_DEVIATIONS * m].reshape(holds, N_DEVIATIONS, m)
-    squares = np.einsum("hkm,hkm->hk", whitened, whitened)
+    products = differences.dot(forms.projection).reshape(holds, N_DEVIATIONS, -1)
+    whitened, along = products[:, :, :m], products[:, :, m : m + N_CURVES]
+    squares = np.add.reduce(whitened * whitened, axis=2)
     squares += noise[:, None] * forms.noise_squares + forms.prior_squares
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
-    along = products[:, N_DEVIATIONS * m : -N_DEVIATIONS]
-    residual = (squares[:, :, None] * forms.handicap).reshape(holds, -1)
-    residual -= along * along
-    smallest = np.maximum(np.minimum.reduce(residual, axis=1), 1e-12 * squares[:, 0])
-    limit = smallest * MIN_WEIGHT ** (-2 / forms.degrees)
-    [selected] = (residual <= limit[:, None]).ravel().nonzero()
-    hold, component = np.divmod(selected, residual.shape[1])
+    residual = (squares[:, :, None] * forms.handicap - along * along).reshape(holds, -1)
+    smallest = np.minimum.reduce(residual, axis=1)
+    is_relevant = residual <= (smallest * MIN_WEIGHT ** (-2 / forms.degrees))[:, None]
+    hold, component = is_relevant.nonzero()
     first = hold.searchsorted(np.arange(holds))
     smallest = smallest.take(hold)
-    unexplained = np.maximum(residual.take(selected), smallest)
+    unexplained = residual[is_relevant]
     weight = (smallest / unexplained) ** (forms.degrees / 2)
     weight /= np.add.reduceat(weight, first).take(hold)
-    forecast = products[:, -N_DEVIATIONS:].take(N_DEVIATIONS * hold + _DEVIATION.take(component))
-    forecast += forms.step.take(component) * along.take(selected)
-    model_variance = MODEL_ERROR**2 * (forecast**2 + np.square(recent).take(hold))
+    forecast = products[:, :, m + N_CURVES :].reshape(holds, -1)[is_relevant]
     return Mixture(
         first=first,
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(unexplained * forms.variance.take(component) + model_variance),
-        is_exponential=_IS_EXPONENTIAL[component],
+        deviation=np.sqrt(unexplained * forms.variance.take(component)),
+        component=component,
     )
 
 
-def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray:
-    """Return quantiles of the mixture of each hold, shape (n_probabilities, n_holds).
+def compute_quantiles(mixture: Mixture, log_odds: FloatArray) -> FloatArray:
+    """Return quantiles of the mixture of each hold, shape (n_quantiles, n_holds).
 
     Each component is approximated by a logistic distribution with its mean and deviation.
 
-    `mixture`: must have at least one component for each hold.
-    `probabilities`, shape (n_probabilities,): between 0 and 1.
+    `mixture`: must have at least one component for each hold, and positive deviations.
+    `log_odds`, shape (n_quantiles, 1): half of ln(p / (1 - p)) for each probability p.
 
     Two components of equal weight:
 
     >>> two = Mixture(
     ...     first=np.array([0]), hold=np.array([0, 0]),
     ...     weight=np.array([0.5, 0.5]), forecast=np.array([2.0, 4.0]),
-    ...     deviation=np.array([0.5, 0.5]), is_exponential=np.array([False, False]),
+    ...     deviation=np.array([0.5, 0.5]), component=np.array([0, 1]),
     ... )
-    >>> compute_quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
+    >>> compute_quantiles(two, np.arctanh([[-0.9], [0.0]])).round(2).tolist()
     [[1.4], [3.0]]
     """
     first, hold, weight = mixture.first, mixture.hold, mixture.weight
@@ -115,18 +111,15 @@ def compute_quantiles(mixture: Mixture, probabilities: FloatArray) -> FloatArray
     offset = mixture.forecast - mean.take(hold)
     square = mixture.deviation * mixture.deviation + offset * offset
     spread = np.sqrt(np.add.reduceat(weight * square, first))
-    steepness = _STEEPNESS / np.maximum(mixture.deviation, _TINY)
-    cdf = _POINTS[:, None] * (spread.take(hold) * steepness)
-    cdf -= offset * steepness
-    np.tanh(cdf, out=cdf)
+    steepness = STEEPNESS / mixture.deviation
+    cdf = np.tanh(_POINTS * (spread.take(hold) * steepness) - offset * steepness)
     cdf *= weight
     # The sum is 2 p - 1 for the probability p below each point. Its arctanh is nearly linear.
     known = np.add.reduceat(cdf, first, axis=1)
-    known = np.arctanh(np.minimum(np.maximum(known, _RAREST - 1), 1 - _RAREST))
-    target = np.arctanh(2 * probabilities - 1)[:, None]
-    before = np.add.reduce(known[1:-1, None] < target, axis=0)
-    holds = np.arange(mean.size)
-    slope = _GAPS / np.maximum(known[1:] - known[:-1], _RAREST)
-    step = (target - known[before, holds]) * slope[before, holds]
-    step = np.minimum(np.maximum(step, -_MAX_STEP), _MAX_STEP)
-    return np.asarray(mean + spread * (_POINTS.take(before) + step))
+    known *= 1 - _RAREST
+    known = np.arctanh(known)
+    gap = np.maximum(known[1:] - known[:-1], _RAREST)
+    fraction = (log_odds - known[:-1, None]) / gap[:, None]
+    fraction = np.minimum(np.maximum(fraction, _LEAST), _MOST)
+    steps = _GAPS.dot(fraction.reshape(_GAPS.size, -1)).reshape(-1, mean.size)
+    return np.asarray(mean + spread * (steps + _POINTS[0]))

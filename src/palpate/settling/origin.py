@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +26,30 @@ _MIN_SAMPLES, _MIN_DURATION_S = 4, 0.25
 _MIN_RUNS = 3
 
 
+#: Rows of a batch. All of them are a slice, which is faster to index.
+Rows: TypeAlias = "NDArray[np.intp] | slice"
+
+
 class Window(NamedTuple):
     """Holds with the same origin and the same samples to use."""
 
-    #: Indices of the holds.
-    rows: NDArray[np.intp]
+    rows: Rows
     #: Shape (n_used,). Times of the samples to use, seconds after the origin.
     since_s: FloatArray
     #: Index of the origin, and of the first sample to use.
     origin: int
     first: int
+
+
+def group_rows(keys: NDArray[np.intp]) -> Iterator[tuple[int, Rows]]:
+    """Yield each distinct key with its rows.
+
+    >>> [(key, rows) for key, rows in group_rows(np.array([4, 4]))]
+    [(4, slice(None, None, None))]
+    """
+    distinct = dict.fromkeys(keys.tolist())
+    for key in distinct:
+        yield key, (keys == key).nonzero()[0] if len(distinct) > 1 else slice(None)
 
 
 def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
@@ -58,21 +72,22 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
     peak = select_peak(top, bottom, fall=largest - last, rise=last - smallest)
     baseline_end = _find_baseline_end(time_s, values, smallest=smallest, largest=largest)
     origins = np.maximum(peak, baseline_end)
-    for origin in dict.fromkeys(origins.tolist()):
-        [rows] = (origins == origin).nonzero()
-        zero_s, start = time_s[origin], values[rows, origin]
-        soon = time_s.searchsorted(zero_s + _CONTACT_S, side="right") - 1
-        min_jump = _CONTACT_LOG
-        if not positive:
-            min_jump = _CONTACT_FRACTION * np.maximum(largest[rows] - start, start - smallest[rows])
-        has_contact = (np.abs(start - values[rows, soon]) > min_jump) | (baseline_end[rows] > 0)
-        later = int(time_s.searchsorted(zero_s + _RINGING_S - 1e-9))
-        # The ringing is only skipped if there are enough samples after it.
-        if time_s.size < later + _MIN_SAMPLES or time_s[-1] - time_s[later] < _MIN_DURATION_S:
-            later = origin
-        for first, part in ((later, rows[has_contact]), (origin, rows[~has_contact])):
-            if part.size:
-                yield Window(rows=part, since_s=time_s[first:] - zero_s, origin=origin, first=first)
+    start = values[rows, origins]
+    soon = time_s.searchsorted(time_s.take(origins) + _CONTACT_S, side="right") - 1
+    min_jump = _CONTACT_LOG
+    if not positive:
+        min_jump = _CONTACT_FRACTION * np.maximum(largest - start, start - smallest)
+    has_contact = (np.abs(start - values[rows, soon]) > min_jump) | (baseline_end > 0)
+    for key, chosen in group_rows(2 * origins + has_contact):
+        origin = first = key // 2
+        zero_s = time_s[origin]
+        if key % 2:
+            later = int(time_s.searchsorted(zero_s + _RINGING_S - 1e-9))
+            rest_s = time_s[later:]
+            # The ringing is only skipped if there are enough samples after it.
+            if rest_s.size >= _MIN_SAMPLES and rest_s[-1] - rest_s[0] >= _MIN_DURATION_S:
+                first = later
+        yield Window(rows=chosen, since_s=time_s[first:] - zero_s, origin=origin, first=first)
 
 
 def _find_baseline_end(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,7 +70,13 @@ class SettledEstimate:
         if not isinstance(self.value, np.ndarray):
             return self
         names = ("value", "low", "high", "window_s", "status")
-        return replace(self, **{name: getattr(self, name)[index] for name in names})
+        # Several times as fast as `dataclasses.replace`.
+        return SettledEstimate(
+            **{name: getattr(self, name)[index] for name in names},
+            level=self.level,
+            horizon_s=self.horizon_s,
+            method=self.method,
+        )
 
 
 def make_point_estimate(

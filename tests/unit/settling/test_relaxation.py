@@ -146,7 +146,7 @@ def score(file: Path, *, cutoff_s: float) -> Array:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cutoff_s", "median_percent", "p90_percent", "half_width_percent"),
-    [(1.0, 2.4, 9.5, 9.7), (2.5, 1.3, 4.9, 5.0), (5.0, 0.85, 3.2, 3.2)],
+    [(1.0, 2.4, 9.0, 9.7), (2.5, 1.3, 4.5, 5.0), (5.0, 0.85, 3.2, 3.2)],
 )
 def test_relaxation_error_and_coverage_on_real_silicone_holds(
     real_data: Path,
@@ -242,6 +242,29 @@ def test_relaxation_follows_a_single_exponential_that_the_samples_prove() -> Non
     assert found.value == pytest.approx(100.0, rel=0.005)
     # Real materials continue, so that the interval still reaches towards the log law.
     assert found.low < 97.0
+
+
+def test_relaxation_follows_a_single_exponential_that_one_second_proves() -> None:
+    rng = np.random.default_rng(9)
+    time_s = np.arange(0.0, 1.0, 1 / 15)
+    tau_s = np.geomspace(0.4, 0.8, 20)[:, None]
+    decays = 100.0 * (1 + 0.3 * np.exp(-time_s / tau_s)) + rng.normal(0, 0.02, (20, time_s.size))
+    found = predict(time_s, decays)
+    assert np.median(np.abs(found.value - 100.0)) < np.median(np.abs(decays[:, -1] - 100.0))
+
+
+@pytest.mark.parametrize("cutoff_s", [1.0, 2.5, 5.0])
+def test_relaxation_intervals_cover_stretched_exponentials(cutoff_s: float) -> None:
+    rng = np.random.default_rng(10)
+    n_holds = 300
+    time_s = np.append(np.arange(0.0, cutoff_s, 1 / 15), 19.75)
+    tau_s = np.exp(rng.uniform(np.log(0.7), np.log(20.0), (n_holds, 1)))
+    size = np.exp(rng.uniform(np.log(0.05), np.log(0.6), (n_holds, 1)))
+    shape = np.exp(-((time_s / tau_s) ** rng.uniform(0.3, 0.8, (n_holds, 1))))
+    values = (1 + size * shape) * (1 + rng.normal(0, 5e-4, shape.shape))
+    found = predict(time_s[:-1], values[:, :-1])
+    covered = (found.low <= values[:, -1]) & (values[:, -1] <= found.high)
+    assert covered.mean() >= 0.78
 
 
 def test_relaxation_interval_widens_beyond_the_proven_horizon() -> None:
