@@ -127,7 +127,7 @@ def measure_closing(
     >>> compliance = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0,
     ...     residual_mm=0.02, largest_force_n=15.0)
     >>> curve = ClosingSteps(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
-    ...     law_sd=0.05, floor_n=0.02)
+    ...     law_sd=0.05, floor_n=0.02, weak_n=0.04)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
     >>> size_mm, stiffness = measure_closing(curve, compliance=compliance, opening_mm=35.8,
     ...     force=held)
@@ -326,11 +326,8 @@ class ClosingSteps:
     law_sd: float
     #: Scatter of weak forces, newtons.
     floor_n: float
-
-    @property
-    def weak_n(self) -> float:
-        """Force below which a reading is only an upper bound."""
-        return CONTACT_SD * self.floor_n
+    #: Force below which a reading is only an upper bound.
+    weak_n: float
 
     @property
     def is_certain(self) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -342,13 +343,12 @@ class SheetLaw:
 
         It is the largest upper end of the interval at a reading that is just a contact.
         """
-        highest = 0.0
-        for pixel in range(self.pixels):
-            excess = np.zeros(self.pixels)
-            excess[pixel] = CONTACT_EXCESS
-            just = compute_states([0.0, 1.0], [np.zeros(self.pixels), excess])
-            highest = max(highest, float(self.force_n(just, level=level)[2][1]))
-        return highest
+        return _find_threshold_n(self, level)
+
+    @property
+    def weak_sd_n(self) -> float:
+        """Standard deviation of a force that hardly touches a pixel, newtons."""
+        return self.threshold_n() / half_width_sds(0.9)
 
     def parts_n(self, excess: ArrayLike) -> FloatArray:
         """Return the force of each pixel at a settled reading, in the shape of the readings."""
@@ -364,6 +364,17 @@ class SheetLaw:
         log_n, jacobian, _ = evaluate(self.mean, states, reach=self.reach)
         spread = np.einsum("ni,ij,nj->n", jacobian, self.covariance, jacobian)
         return log_n, spread + jacobian**2 @ self.contact + self.noise**2
+
+
+@lru_cache(maxsize=16)
+def _find_threshold_n(law: SheetLaw, level: float) -> float:
+    highest = 0.0
+    for pixel in range(law.pixels):
+        excess = np.zeros(law.pixels)
+        excess[pixel] = CONTACT_EXCESS
+        just = compute_states([0.0, 1.0], [np.zeros(law.pixels), excess])
+        highest = max(highest, float(law.force_n(just, level=level)[2][1]))
+    return highest
 
 
 def evaluate(

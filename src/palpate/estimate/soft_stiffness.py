@@ -53,7 +53,7 @@ def measure_soft_stiffness(
     >>> for own_mm_per_n in (2.0, 0.0):
     ...     width_mm = 40.0 - (3.5 + own_mm_per_n) * force_n
     ...     curve = ClosingSteps(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
-    ...         law_sd=0.1, floor_n=0.02)
+    ...         law_sd=0.1, floor_n=0.02, weak_n=0.04)
     ...     found = measure_soft_stiffness(curve, compliance=compliance, opening_mm=width_mm[-1],
     ...         force=held)
     ...     print(found.low < 0.5 < found.high, found.status)

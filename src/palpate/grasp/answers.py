@@ -117,7 +117,7 @@ def _bound_from_travel(
     )
     shortest_mm = least_mm - float(compliance.deflection_mm(force.high))
     # The first reading may include a force as large as the scatter of weak readings.
-    initial_n = CONTACT_SD * plan.law.floor_n
+    initial_n = CONTACT_SD * plan.law.weak_sd_n
     own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
     low, high, value = (
         min(max(force_n / max(travel_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
@@ -212,6 +212,7 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
         gain_sd=estimate.gain.log_sd,
         law_sd=estimate.gain.law_sd,
         floor_n=plan.law.floor_n,
+        weak_n=CONTACT_SD * plan.law.weak_sd_n,
     )
     return curve, compliance
 

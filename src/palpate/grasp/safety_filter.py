@@ -69,7 +69,7 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     force_n = sheet_forces_n(estimate.steps, estimate)
     weaker = np.array([step.touch.weakest_percent for step in estimate.steps])
     gripped = (weaker <= READING.contact_percent) | (force_n > plan.no_push_n)
-    loaded = gripped & (force_n > CONTACT_SD * plan.law.floor_n)
+    loaded = gripped & (force_n > CONTACT_SD * plan.law.weak_sd_n)
     if not loaded.any():
         return math.inf
     soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)

@@ -195,7 +195,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     no contact, whichever is later. Until then the other finger alone pushed the object.
     """
     steps = estimate.steps
-    loaded = np.flatnonzero(sheet_forces_n(steps, estimate) > CONTACT_SD * plan.law.floor_n)
+    loaded = np.flatnonzero(sheet_forces_n(steps, estimate) > CONTACT_SD * plan.law.weak_sd_n)
     one_finger = [step.touch.weakest_percent > READING.contact_percent for step in steps]
     if not loaded.size:
         return plan.steepest_n

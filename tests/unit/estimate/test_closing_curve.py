@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
-from palpate.estimate.closing_curve import ClosingSteps, measure_closing
+from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
 from palpate.estimate.compliance import STIFFEST_N_PER_MM, Compliance, SoftFingerCompliance
 from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.measurement import Measurement, Status
@@ -35,6 +35,7 @@ def close(
 ) -> Any:
     """Close with these forces; the last is known to `half` of it."""
     steps = {"gain_sd": 0.03, "law_sd": 0.05, "floor_n": 0.1} | sds
+    steps |= {"weak_n": CONTACT_SD * steps["floor_n"]}
     curve = ClosingSteps(width_mm=width_mm, force_n=force_n, **steps)
     held_n = float(force_n[-1])
     ends = {"low": held_n * (1 - half), "high": held_n * (1 + half)}
@@ -122,7 +123,7 @@ def soft_stiffness(stiffness: float, *, gain: float = 1.0, half: float = 0.1) ->
     force = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
     width = 40.0 - (3.5 + 1.0 / stiffness) * force
     width[0] = 40.5
-    sds = {"gain_sd": 0.1, "law_sd": 0.1, "floor_n": 0.05}
+    sds = {"gain_sd": 0.1, "law_sd": 0.1, "floor_n": 0.05, "weak_n": 0.1}
     how = {"measure": measure_soft_stiffness, "compliance": SOFT, "half": half}
     return close(width, gain * force, **how, **sds)
 
