@@ -234,7 +234,7 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
     shape = (calibration.layout.rows, calibration.layout.cols)
     names = ("time_s", "force_n", "force_n_low", "force_n_high")
     schema = pa.schema([("recording", pa.string()), *((name, pa.float64()) for name in names)])
-    now, recording = force_now(calibration.force), None
+    now, recording = force_now(calibration), None
     with pa.parquet.ParquetFile(path) as file:
         for batch in file.iter_batches(
             _BATCH, columns=["recording", "time_s", "rows", "cols", "ohm"], use_threads=False
@@ -242,7 +242,7 @@ def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
             rows = []
             for frame in batch.to_pylist():
                 if frame["recording"] != recording:
-                    recording, now = frame["recording"], force_now(calibration.force)
+                    recording, now = frame["recording"], force_now(calibration)
                 row = {"recording": recording, "time_s": frame["time_s"]}
                 if (frame["rows"], frame["cols"]) == shape:
                     ohm = np.array(frame["ohm"], dtype=float).reshape(shape)

@@ -57,19 +57,23 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
     return ForceLaws(*fit_laws(placements_of(pairs)))
 
 
-def force_law_of(pairs: ForcePairs) -> SheetLaw | ForceLaw:
-    """Return the law of the force at any time, from the pairs of a calibration.
+def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
+    """Return the law of the force at any time, from a calibration.
 
     Dead weights yield settled readings only. The law is then `ForceLaw`, whose prior for the lag of
-    a sheet is derived from other sensors.
+    a sheet is derived from other sensors. The law of a recording is that of the file, because the
+    pairs lack the history of the readings.
 
     Raises
     ------
     CalibrationError
         As `laws_of`.
     """
+    pairs = calibration.force
     if is_made_by_weights(pairs):
         return ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n)
+    if is_made_by_recording(pairs):
+        return ForceLaw.from_dict(calibration.force_law)
     for since_move_s in (DWELL_S, HORIZON_S):
         pairs_at(pairs, since_move_s=since_move_s)
     return SheetLaw.fit(contacts_of(pairs))
@@ -80,7 +84,7 @@ def follow_force(law: SheetLaw | ForceLaw) -> ForceSource:
     return SheetFollower(law) if isinstance(law, SheetLaw) else ForceFollower(law)
 
 
-def force_now(pairs: ForcePairs) -> ForceSource:
+def force_now(calibration: Calibration) -> ForceSource:
     """Return a tracker that estimates force from frames alone with the law of a calibration.
 
     Raises
@@ -88,7 +92,7 @@ def force_now(pairs: ForcePairs) -> ForceSource:
     CalibrationError
         As `laws_of`.
     """
-    return follow_force(force_law_of(pairs))
+    return follow_force(force_law_of(calibration))
 
 
 def contacts_of(pairs: ForcePairs) -> list[tuple[States, FloatArray]]:
@@ -116,6 +120,11 @@ def contacts_of(pairs: ForcePairs) -> list[tuple[States, FloatArray]]:
 def is_made_by_weights(pairs: ForcePairs) -> bool:
     """Return whether a calibration was made with dead weights."""
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
+
+
+def is_made_by_recording(pairs: ForcePairs) -> bool:
+    """Return whether a calibration was made from a recording under a moving load."""
+    return bool(pairs.since_move_s) and not any(pairs.since_move_s)
 
 
 def placements_of(pairs: ForcePairs) -> PlacementReadings:
@@ -171,6 +180,11 @@ def pairs_at(pairs: ForcePairs, *, since_move_s: float) -> tuple[FloatArray, Flo
     if not chosen.any() and is_made_by_weights(pairs):
         raise CalibrationError(
             "the force was calibrated with dead weights, which is insufficient for a grasp: run "
+            "`palpate calibrate force` with a load cell"
+        )
+    if not chosen.any() and is_made_by_recording(pairs):
+        raise CalibrationError(
+            "the force was calibrated from a recording, which is insufficient for a grasp: run "
             "`palpate calibrate force` with a load cell"
         )
     if not chosen.any():

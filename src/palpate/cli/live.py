@@ -122,7 +122,7 @@ def _make_force_tracker(source: SensorSource) -> ForceSource:
             f"--force: {source.name} has no calibration; run `palpate calibrate rest`, then "
             "`palpate calibrate force`"
         )
-    return force_now(calibration.force)
+    return force_now(calibration)
 
 
 class LiveStream:

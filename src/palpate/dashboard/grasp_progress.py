@@ -27,7 +27,7 @@ def force_law(calibration: Calibration | None) -> SheetLaw | ForceLaw | None:
     if calibration is None:
         return None
     try:
-        return force_law_of(calibration.force)
+        return force_law_of(calibration)
     except CalibrationError:
         return None
 

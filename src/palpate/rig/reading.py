@@ -72,7 +72,7 @@ class Reader:
         self._layout = calibration.layout
         self._force: ForceSource | None = None
         with suppress(CalibrationError):
-            self._force = force_now(calibration.force)
+            self._force = force_now(calibration)
 
     @property
     def has_force(self) -> bool:

@@ -18,11 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
-from palpate.calibrate.laws import HORIZON_S, force_now, laws_of, pairs_at
+from palpate.calibrate.laws import HORIZON_S, contacts_of, laws_of, pairs_at
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_states import CONTACT_EXCESS
+from palpate.estimate.sheet_follower import SheetFollower
+from palpate.estimate.sheet_law import SheetLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
@@ -171,7 +173,7 @@ def follow_staircases(
         }
         followers: dict[str, ForceSource] = {
             "memory": ForceFollower(memory),
-            "now": force_now(pairs),
+            "now": SheetFollower(SheetLaw.fit(contacts_of(pairs))),
         }
         for name, follower in followers.items():
             now = [follower.step(*one) for one in zip(time_s.tolist(), excess, strict=True)]

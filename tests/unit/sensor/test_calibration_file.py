@@ -104,7 +104,7 @@ def test_each_value_of_a_calibration_is_used_or_refused_in_one_line() -> None:
                         plan_grasp(calibration, gripper=rig.gripper)
                 if place[0] in ("layout", "force"):
                     with suppress(CalibrationError):
-                        force_now(calibration.force)
+                        force_now(calibration)
     assert len(lines) > 3 * used > 0
     assert all(line.startswith("pad.json: ") and "\n" not in line for line in lines)
 

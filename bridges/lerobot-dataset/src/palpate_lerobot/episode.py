@@ -173,7 +173,7 @@ def _build_track(
         raise RecordingError("the grasp ended before the sensor's rest was measured; leave it out")
     assert info.gripper is not None
     calibration = Calibration.from_text(info.calibration or "", where="the recording")
-    following = force_now(calibration.force)
+    following = force_now(calibration)
     state, reader = [], SampleReader(info.layout, recorder.rest_ohm)
     for seen, _ in steps:
         sample = reader.read(seen.frame)

@@ -101,7 +101,7 @@ class PolicyHand:
             raise InputError(f"limit_n {limit_n:g}: must be above 0 and at most {FORCE_CEILING_N}")
         self._array, self._gripper, self._limit_n = array, gripper, limit_n
         self._plan: Plan = plan_grasp(calibration, gripper=gripper)
-        self._force = force_now(calibration.force)
+        self._force = force_now(calibration)
         self.state_names = state_names(array.layout, gripper.limits.drive)
         self.action_names = action_names(gripper.limits.drive)
         self._reader = SampleReader(array.layout, self._measure_rest())
