@@ -115,9 +115,9 @@ def _read_source(source: Any, options: TableOptions) -> Table:
         arrays = {"time_s": recording.time_s, **columns}
         return Table(name=str(path), columns=arrays, numbers=range(1, len(ohm) + 1))
     mark = {"point": ".", "comma": ",", None: None}[options.decimal]
-    # Settled readings have no clock; a recording without one is refused later.
-    table = read_table_file(path, sheet=options.sheet, decimal=mark)
-    return join_split_clock(table)[0] if options.interval_s is None else table
+    without_clock = options.interval_s is not None
+    table = read_table_file(path, sheet=options.sheet, decimal=mark, without_clock=without_clock)
+    return table if without_clock else join_split_clock(table)[0]
 
 
 def _is_mcap(path: Path) -> bool:

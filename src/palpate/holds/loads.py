@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,8 +28,6 @@ from palpate.holds.units import UNITS
 LoadUnit: TypeAlias = Literal["N", "g", "kg"]
 #: Seconds of a clock from which it counts from 1970 (a date of 1973).
 _EARLIEST_UNIX_S = 1e8
-#: A cell with a number and its unit.
-_WITH_UNIT = re.compile(r"\s*([\d.,]+)\s*([^\W\d_]+)\s*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,20 +83,16 @@ def find_load_column(
     >>> find_load_column(table).load_n.round(3).tolist()
     [0.0, 0.981]
     """
-    columns = {name: _numbers_of(cells) for name, cells in table.columns.items()}
     if wanted is not None:
-        if wanted not in columns:
+        if wanted not in table.columns:
             available = ", ".join(table.columns)[:120]
             raise InputError(f"{table.name}: no column {wanted} (available: {available})")
         found = [wanted]
     else:
         found = [
             name
-            for name, (numbers, cell_unit) in columns.items()
-            if (is_load(name) or cell_unit is not None)
-            and unit_of(name) in (None, "newton")
-            and not is_index(name)
-            and np.isfinite(numbers).any()
+            for name in table.numeric()
+            if is_load(name) and unit_of(name) in (None, "newton") and not is_index(name)
         ]
     if not found:
         return None
@@ -108,12 +101,11 @@ def find_load_column(
             f"{table.name}: {', '.join(found)} may each be the load; choose one with --load-column"
         )
     (name,) = found
-    numbers, cell_unit = columns[name]
-    if not np.isfinite(numbers).any():
+    if name not in table.numeric():
         raise InputError(f"{table.name}: column {name} contains no numbers; choose another")
-    factor, text = _factor_of(name, cell_unit, unit, where=table.name)
+    factor, text = _factor_of(name, unit, where=table.name)
     taken = f"{name}: newtons" if factor == 1.0 else f"{name}: {text}, times {factor:.6g} for N"
-    return LoadColumn(name=name, load_n=factor * numbers, taken=taken)
+    return LoadColumn(name=name, load_n=factor * table.columns[name], taken=taken)
 
 
 def read_weights(
@@ -208,28 +200,10 @@ def _find_start(column: Any, *, name: str, file: str) -> float | str:
     return float(start_s) if start_s >= _EARLIEST_UNIX_S else 0.0
 
 
-def _numbers_of(cells: Any) -> tuple[FloatArray, str | None]:
-    """Return a column as numbers, NaN for others, and the unit written in its cells."""
-    if cells.dtype == np.float64:
-        return cells, None
-    if cells.dtype != object:
-        return np.full(cells.size, np.nan), None
-    parts = [_WITH_UNIT.fullmatch(str(cell)) for cell in cells.tolist()]
-    units = {part[2] for part in parts if part}
-    if len(units) != 1 or not all(parts) or UNITS.get(next(iter(units)), ("", 0))[0] != "newton":
-        return np.full(cells.size, np.nan), None
-    numbers = [float(part[1].replace(",", ".")) for part in parts if part]
-    return np.array(numbers), units.pop()
-
-
-def _factor_of(
-    name: str, cell_unit: str | None, stated: LoadUnit | None, *, where: str
-) -> tuple[float, str]:
+def _factor_of(name: str, stated: LoadUnit | None, *, where: str) -> tuple[float, str]:
     """Return the newtons of one unit of a column, and the unit in words."""
     if stated is not None:
         return UNITS[stated][1], stated
-    if cell_unit is not None:
-        return UNITS[cell_unit][1], cell_unit
     if unit_of(name) != "newton":
         raise InputError(
             f"{where}: column {name} has no unit; give --load-unit N, g or kg, or name it load_n, "
