@@ -84,7 +84,7 @@ def test_force_of_a_load_cell_in_its_own_file(palpate: Command, folder: Path) ->
         (("presses.csv", "--adc-bits", 10, "--output", "presses.csv"), "presses.csv"),
         (("new.csv", "--calibration", "none.json"), "none.json"),
         (
-            ("presses.csv", "--adc-bits", 10, "--reference-ohm", "ten", "--sensor-leg", "upper"),
+            ("presses.csv", "--adc-bits", 10, "--reference-ohm", "ten"),
             "ten",
         ),
     ],
@@ -101,8 +101,9 @@ def test_unusable_input_is_refused_in_one_line_and_nothing_is_written(
 
 
 def test_json_of_several_sensors(palpate: Command, folder: Path) -> None:
-    rows = [f"{pad},{load},{9000 / (1 + gain * load)}\n" for pad, gain in (("left", 3), ("right", 9))
-            for load in (0, 1, 2, 4, 8)]  # fmt: skip
+    rows = []
+    for pad, gain in (("left", 3), ("right", 9)):
+        rows += [f"{pad},{load},{9000 / (1 + gain * load)}\n" for load in (0, 1, 2, 4, 8)]
     (folder / "pads.csv").write_text("pad,load_n,R_ohm\n" + "".join(rows))
     document = palpate("force", "pads.csv", "--json").document
     assert [one["sensor"] for one in document["sensors"]] == ["pads.csv left", "pads.csv right"]
