@@ -77,6 +77,7 @@ def test_rows_without_a_load_are_converted_but_not_fitted() -> None:
 def test_settled_law_is_that_of_dead_weights() -> None:
     fitted = fit_force({"load_n": LOADS_N, "R_ohm": OHM})
     known = ForceLaw.fit((OHM[0] / OHM[1:] - 1.0).tolist(), force_n=LOADS_N[1:])
+    assert isinstance(fitted.law, ForceLaw)
     assert fitted.law.force(9.0) == known.force(9.0)
 
 
@@ -117,7 +118,7 @@ def test_saved_calibration_follows_frames_as_the_fit(table: dict[str, Any], tmp_
     (trace,) = fitted.force({name: other[name] for name in ("time_s", "R_ohm")})
     excess = stored.rest_ohm.item() / other["R_ohm"] - 1.0
     frames = zip(other["time_s"], excess[:, None, None], strict=True)
-    live = [follower.step(*one).value for one in frames]
+    live = np.array([follower.step(*one).middle for one in frames])
     np.testing.assert_allclose(live, trace.force_n, rtol=1e-3, atol=1e-6)
 
 

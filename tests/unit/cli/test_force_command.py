@@ -68,7 +68,7 @@ def test_force_of_a_load_cell_in_its_own_file(palpate: Command, folder: Path) ->
     whole = palpate("force", "presses.csv", "--adc-bits", 10, "--json")
     found, expected = (one.document["sensors"][0]["contacts"] for one in (split, whole))
     peaks = [[contact["peak_n"] for contact in one] for one in (found, expected)]
-    np.testing.assert_allclose(peaks[0], peaks[1], rtol=0.05)
+    np.testing.assert_allclose(peaks[0], peaks[1], rtol=0.1)
 
 
 @pytest.mark.parametrize(
