@@ -46,7 +46,7 @@ def fit_moving(
     sensor: LoadedSensor, reading: SheetReading
 ) -> tuple[ForceLaw, FloatArray, FloatArray, FloatArray, HeldOut | None]:
     """Fit the law to a moving load: law, excess, newtons and contact of the fit, errors."""
-    totals = [_total(reading.excess(part.values)) for part in sensor.parts]
+    totals = [reading.total(part.values) for part in sensor.parts]
     scale = _find_scale(sensor, totals, reading)
     contacts = [*_find_contacts(sensor, totals, scale=scale)]
     if not contacts:
@@ -66,13 +66,6 @@ def fit_moving(
         number,
         held_out,
     )
-
-
-def _total(excess: FloatArray) -> FloatArray:
-    """Return the summed excess, NaN where a pixel is short or none has a reading."""
-    total = np.nansum(np.where(np.isposinf(excess), 0.0, excess), axis=1)
-    unusable = np.isposinf(excess).any(axis=1) | np.isnan(excess).all(axis=1)
-    return np.where(unusable, np.nan, total)
 
 
 def _find_scale(sensor: LoadedSensor, totals: Sequence[FloatArray], reading: SheetReading) -> float:

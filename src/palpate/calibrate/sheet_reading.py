@@ -91,6 +91,16 @@ class SheetReading:
         unloaded = np.where(rest < OPEN_OHM, np.nan, 0.0)
         return np.where(np.isposinf(ohm), unloaded, excess)
 
+    def total(self, values: FloatArray) -> FloatArray:
+        """Return the excess summed over pixels, shape (n,).
+
+        An open pixel counts as unloaded. NaN where a pixel is short or none has a reading.
+        """
+        excess = self.excess(values)
+        total = np.nansum(np.where(np.isposinf(excess), 0.0, excess), axis=1)
+        unusable = np.isposinf(excess).any(axis=1) | np.isnan(excess).all(axis=1)
+        return np.where(unusable, np.nan, total)
+
 
 def learn_reading(
     sensor: LoadedSensor, *, rest_s: tuple[float, float] | None = None

@@ -19,9 +19,8 @@ def pair_weights(
     """Return the settled excess under each weight, and its newtons."""
     found, loads, remarks = list[float](), list[float](), list[str]()
     for part in sensor.parts:
-        excess = reading.excess(part.values)
-        usable = np.isfinite(excess).all(axis=1)
-        total = np.where(usable, np.nansum(excess, axis=1), np.nan)
+        total = reading.total(part.values)
+        usable = np.isfinite(total)
         if sensor.is_settled:
             for value, load_n in zip(total.tolist(), part.load_n.tolist(), strict=True):
                 if load_n > 0:
