@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,7 +102,7 @@ SETTLED = {"R_ohm": [9.0, 8.0, 7.0]}
     ],
 )
 def test_unusable_loads_are_refused(
-    readings: dict[str, list[float]], loads: dict[str, object], message: str
+    readings: dict[str, list[float]], loads: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message) as refusal:
         read_loaded(readings, **loads)
