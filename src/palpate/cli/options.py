@@ -173,7 +173,7 @@ def parse_ohm(text: str) -> float:
     """
     joined = text.strip().replace(" ", "").replace(",", ".")
     plain = re.sub(r"(?i)(ohms?|\u03a9|\u2126)$", "", joined)
-    found = re.fullmatch(r"(?i)(\d*\.?\d+|\d+\.)([rkm]?)(\d*)", plain)
+    found = re.fullmatch(r"(?i)(-?\d*\.?\d+|\d+\.)([rkm]?)(\d*)", plain)
     if not found or (found[3] and ("." in found[1] or not found[2])):
         raise InputError(f"{text!r} is not a resistance; give ohms, such as 4700, 4.7k or 10k")
     number = f"{found[1]}.{found[3]}" if found[3] else found[1]
