@@ -7,8 +7,9 @@ Settled values
     any table as `Readings`, and `cut_holds` finds its holds. `score` compares methods on holds and
     returns a `ScoreTable`.
 Force
-    `ForceLaw` converts readings of a sheet to newtons with an interval, after calibration with any
-    number of measured forces.
+    `fit_force` fits a sensor to readings with known loads, from files or arrays, and returns a
+    `FittedForce` that converts its other readings to newtons. `ForceLaw` is its law: readings of a
+    sheet to newtons with an interval, after any number of measured forces.
 Grasps
     `open_rig` opens a `Rig`. `Rig.read` returns a `Reading`; `Rig.grasp` returns a `Grip` that
     holds until its release. At a lower level, `plan_grasp` returns a `Plan`, and `run_grasp`
@@ -30,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from palpate.calibrate.recorded_force import FittedForce, fit_force
     from palpate.errors import InputError, PalpateError
     from palpate.estimate.force_law import ForceLaw
     from palpate.grasp.plan import Plan
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Exponential",
+    "FittedForce",
     "ForceGuard",
     "ForceLaw",
     "GraspResult",
@@ -74,6 +77,7 @@ __all__ = [
     "SettledEstimate",
     "Status",
     "cut_holds",
+    "fit_force",
     "load_recording",
     "open_rig",
     "plan_grasp",
@@ -87,6 +91,7 @@ __all__ = [
 
 _MODULES = {
     "Exponential": "palpate.settling.exponential",
+    "FittedForce": "palpate.calibrate.recorded_force",
     "ForceGuard": "palpate.rig.guard",
     "ForceLaw": "palpate.estimate.force_law",
     "GraspResult": "palpate.grasp.result",
@@ -106,6 +111,7 @@ _MODULES = {
     "SettledEstimate": "palpate.settling.result",
     "Status": "palpate.measurement",
     "cut_holds": "palpate.holds.cutting",
+    "fit_force": "palpate.calibrate.recorded_force",
     "load_recording": "palpate.recording",
     "open_rig": "palpate.rig",
     "plan_grasp": "palpate.grasp.planning",

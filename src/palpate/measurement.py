@@ -24,8 +24,8 @@ class Status(StrEnum):
     Attributes
     ----------
     OK : "ok"
-        The interval is reliable: it is supported by holds of this sensor, or the shape is well
-        within the range of real materials.
+        The interval is supported by holds of this sensor, or the shape is well within the range of
+        real materials.
     UNPROVEN : "unproven"
         There are no holds of this sensor, and the shape is outside the range of real materials.
     TOO_SHORT : "too_short"

@@ -24,6 +24,7 @@ REGISTRY: Registry[Any] = Registry().with_resources(
 )
 #: What the commands below read.
 FILES = (
+    "demo force",
     "demo recordings",
     "grasp --seed 3 --object strawberry --rate-hz 15 --record g.mcap",
     "grasp --seed 2 --rate-hz 15 --item A1",
@@ -42,6 +43,8 @@ COMMANDS = (
     ("pattern", "pattern --preset paper-3x2 --out sensor"),
     ("settle", "settle demo-recordings"),
     ("settle", "settle demo-recordings/ohm.csv --until-half-width 9"),
+    ("force", "force demo-force/weights.csv --adc-bits 10"),
+    ("force", "force demo-force/presses.csv --adc-bits 10"),
     ("items", "items"),
     ("item", "items A1"),
     ("items", "items --store demo-packhouse/palpate-items.sqlite"),

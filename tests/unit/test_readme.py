@@ -11,7 +11,7 @@ from tests.pages import ROOT, run_line
 from palpate.cli import VERBS
 
 README = (ROOT / "README.md").read_text()
-#: The paths of three users: what stands in `sh` blocks, but for the `make` lines and the clones.
+#: The paths of four users: what stands in `sh` blocks, but for the `make` lines and the clones.
 PATHS = [
     block
     for block in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
@@ -20,7 +20,7 @@ PATHS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
+@pytest.mark.parametrize("path", PATHS, ids=["recordings", "newtons", "board", "fruit"])
 def test_readme_commands_run_in_an_empty_folder(
     path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -62,7 +62,8 @@ def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
     """Return the law of the force at any time of a calibration.
 
     Dead weights yield settled readings only. The law is then `ForceLaw`, whose prior for the lag of
-    a sheet is derived from other sensors.
+    a sheet is derived from other sensors. The law of a recording is that of the file, because the
+    pairs lack the history of the readings.
 
     Raises
     ------
@@ -72,6 +73,8 @@ def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
     pairs = calibration.force
     if is_made_by_weights(pairs):
         return ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n)
+    if is_made_by_recording(pairs):
+        return ForceLaw.from_dict(calibration.force_law)
     return sheet_law_of(calibration)
 
 
@@ -116,6 +119,11 @@ def contacts_of(pairs: ForcePairs) -> list[tuple[States, FloatArray]]:
 def is_made_by_weights(pairs: ForcePairs) -> bool:
     """Return whether a calibration was made with dead weights."""
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
+
+
+def is_made_by_recording(pairs: ForcePairs) -> bool:
+    """Return whether a calibration was made from a recording under a moving load."""
+    return bool(pairs.since_move_s) and not any(pairs.since_move_s)
 
 
 class HeldOut(NamedTuple):
@@ -198,6 +206,11 @@ def pairs_at(pairs: ForcePairs, *, since_move_s: float) -> tuple[FloatArray, Flo
     if not chosen.any() and is_made_by_weights(pairs):
         raise CalibrationError(
             "the force was calibrated with dead weights, which is insufficient for a grasp: run "
+            "`palpate calibrate force` with a load cell"
+        )
+    if not chosen.any() and is_made_by_recording(pairs):
+        raise CalibrationError(
+            "the force was calibrated from a recording, which is insufficient for a grasp: run "
             "`palpate calibrate force` with a load cell"
         )
     if not chosen.any():

@@ -37,6 +37,7 @@ GROUPS = {
     },
     "Recordings": {
         "settle": "Predict the settled values of recordings from their first seconds.",
+        "force": "Convert readings to newtons, from weights or a load cell.",
         "inspect": "Show the contents of a recording and whether the file is complete.",
         "replay": "Run a recorded grasp through the controller again.",
         "export": "Write a recording as a table of frames or holds, or grasps for LeRobot.",

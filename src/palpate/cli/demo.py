@@ -24,6 +24,15 @@ NAMES = {
             "--method exponential --cutoff 1",
         ),
     ),
+    "force": (
+        "demo-force",
+        (
+            "palpate force demo-force/weights.csv --adc-bits 10",
+            "palpate force demo-force/presses.csv --adc-bits 10 --reference-ohm 10k "
+            "--sensor-leg upper --save demo-force/calibration.json --plot force.png",
+            "palpate force demo-force/new.csv --calibration demo-force/calibration.json",
+        ),
+    ),
     "packhouse": (
         "demo-packhouse",
         (
@@ -39,13 +48,17 @@ NAMES = {
 
 def demo(
     name: Annotated[
-        str, typer.Argument(help="recordings or packhouse.", autocompletion=option.complete_demos)
+        str,
+        typer.Argument(
+            help="recordings, force or packhouse.", autocompletion=option.complete_demos
+        ),
     ],
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
     """Write simulated example files.
 
-    recordings: data-logger files. packhouse: an item store with sorting rules, in about 15 s.
+    recordings: data-logger files. force: readings with known loads. packhouse: an item store with
+    sorting rules, in about 15 s.
 
     All data are simulated and labelled as such.
 
@@ -59,6 +72,10 @@ def demo(
         from palpate.demo.recordings import write_recordings
 
         written = write_recordings(folder)
+    elif name == "force":
+        from palpate.demo.force import write_force
+
+        written = write_force(folder)
     else:
         from palpate.demo.packhouse import write_packhouse
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar, cast
 
 import typer
 
+from palpate.cli import options as option
 from palpate.cli.options import opt
 from palpate.errors import InputError
 from palpate.files import atomic_path
@@ -45,9 +46,7 @@ def init(
     layout: Annotated[
         str | None, opt("--layout", "rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
     ] = None,
-    reference_ohm: Annotated[
-        float | None, opt("--reference-ohm", "The divider's resistor.")
-    ] = None,
+    reference_ohm: option.ReferenceOhmOption = None,
     taxel_leg: Annotated[
         str | None, opt("--taxel-leg", "upper: pixel at the supply; lower: pixel at ground.")
     ] = None,

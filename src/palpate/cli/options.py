@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
@@ -155,6 +156,38 @@ SheetOption: TypeAlias = Annotated[
 DecimalOption: TypeAlias = Annotated[
     Literal["point", "comma"] | None,
     opt("--decimal MARK", "Decimal mark: point or comma. [default: from the numbers]"),
+]
+
+
+#: Prefixes of a resistance, as printed on resistors and in part lists.
+_OHM_PREFIXES = {"": 1.0, "r": 1.0, "k": 1e3, "m": 1e6}
+
+
+def parse_ohm(text: str) -> float:
+    """Return a resistance such as 4700, 4.7k, 4k7 or 1M, ohm.
+
+    Raises `InputError` if it is none.
+
+    >>> [parse_ohm(text) for text in ("4700", "10k", "4k7", "1 MΩ", "10 kOhm")]
+    [4700.0, 10000.0, 4700.0, 1000000.0, 10000.0]
+    """
+    joined = text.strip().replace(" ", "").replace(",", ".")
+    plain = re.sub(r"(?i)(ohms?|\u03a9|\u2126)$", "", joined)
+    found = re.fullmatch(r"(?i)(-?\d*\.?\d+|\d+\.)([rkm]?)(\d*)", plain)
+    if not found or (found[3] and ("." in found[1] or not found[2])):
+        raise InputError(f"{text!r} is not a resistance; give ohms, such as 4700, 4.7k or 10k")
+    number = f"{found[1]}.{found[3]}" if found[3] else found[1]
+    return float(number) * _OHM_PREFIXES[found[2].lower()]
+
+
+#: Requires the default None.
+ReferenceOhmOption: TypeAlias = Annotated[
+    float | None,
+    opt(
+        "--reference-ohm OHM",
+        "The divider's fixed resistor, such as 4700 or 10k.",
+        parser=parse_ohm,
+    ),
 ]
 
 #: Requires the default False.

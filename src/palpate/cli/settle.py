@@ -107,9 +107,7 @@ def settle(
     adc_bits: Annotated[
         int | None, opt("--adc-bits N", "Resolution of the converter, to convert counts to ohms.")
     ] = None,
-    reference_ohm: Annotated[
-        float | None, opt("--reference-ohm OHM", "The divider's fixed resistor.")
-    ] = None,
+    reference_ohm: option.ReferenceOhmOption = None,
     sensor_leg: Annotated[
         Leg | None,
         opt(

@@ -153,7 +153,9 @@ class ForceFollower(ForceSource):
         return np.maximum(np.nan_to_num(excess), 0.0)
 
     def _follow(self, time_s: float, excess: FloatArray) -> Measurement:
-        inputs = self._states.step(time_s, float(log_reading(np.nansum(excess))))
+        total = float(np.nansum(excess))
+        inputs = self._states.step(time_s, float(log_reading(self._law.scale * total)))
+        inputs[0] = log_reading(total)
         return self._law.force(inputs, touched=self._touch.step(excess))
 
 

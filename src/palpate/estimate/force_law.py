@@ -25,7 +25,12 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S, log_reading
+from palpate.estimate.force_states import (
+    CONTACT_EXCESS,
+    TIME_CONSTANTS_S,
+    compute_states,
+    log_reading,
+)
 from palpate.measurement import Measurement, half_width_sds
 
 #: Number of inputs of a sample: the reading, its difference from each copy, and the fall.
@@ -195,6 +200,7 @@ class ForceLaw:
         force_n: ArrayLike,
         contact: Sequence[object] | None = None,
         population: Population | None = None,
+        scale: float = 1.0,
     ) -> Self:
         """Fit the law of a sheet to measured forces, ready for a new contact.
 
@@ -210,6 +216,9 @@ class ForceLaw:
             sample is a separate contact, such as a single dead weight, and all have equal weight.
         population : Population, optional
             Prior; by default the one included in palpate.
+        scale : float, optional
+            Factor from readings with history, made by `trace` of a law with this factor, to those
+            of the population. Settled readings are always scaled by their median.
 
         Raises
         ------
@@ -223,7 +232,8 @@ class ForceLaw:
         if settled:
             law._scale_to(np.asarray(readings, dtype=float), log_n)
         else:
-            law.least_reading = max(float(np.median(_excess_of(inputs))), CONTACT_EXCESS)
+            law.scale, law.contact_reading = scale, CONTACT_EXCESS / scale
+            law.least_reading = max(float(np.median(_excess_of(inputs))), law.contact_reading)
         names = np.arange(len(log_n)) if contact is None else np.asarray(contact)
         if len(names) != len(log_n):
             raise CalibrationError(f"{len(names)} contacts for {len(log_n)} measured forces")
@@ -317,6 +327,21 @@ class ForceLaw:
             unit="n",
             level=level,
         )
+
+    def trace(self, time_s: ArrayLike, excess: ArrayLike) -> FloatArray:
+        """Return the readings with history of a recording from before the contact on.
+
+        `time_s`, `excess`: shape (n,); the excess is summed over pixels.
+        Returns inputs of `fit` and `force`, shape (n, INPUTS). Raises `ValueError` if time runs
+        backwards.
+
+        >>> ForceLaw().trace([0.0, 1.0], [0.0, 9.9]).round(1)[:, 0].tolist()
+        [-2.3, 2.3]
+        """
+        summed = np.asarray(excess, dtype=float)
+        inputs = compute_states(time_s, log_reading(self.scale * summed))
+        inputs[:, 0] = log_reading(summed)
+        return inputs
 
     def threshold_n(self, *, level: float = 0.9) -> float:
         """Return the detection threshold: a force this large would have moved the reading.

@@ -180,6 +180,7 @@ def read_recordings(
     """Read all recordings of a table.
 
     A column such as ``recording_id`` separates them, or a clock that restarts.
+    `source`: as in `read_recording`, or a `Table` that was read before.
     """
     table, stem = _load_table(
         source, sheet=sheet, decimal=decimal, without_clock=interval_s is not None
@@ -313,11 +314,11 @@ def _load_table(
     source: Any, *, sheet: str | None, decimal: str | None, without_clock: bool
 ) -> tuple[Table, str]:
     """Return the table of a source, and its name without extensions."""
+    if isinstance(source, Table):
+        return source, stem_of(source.name)
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        stem = path.name
-        while Path(stem).suffix.lower() in _ENDINGS:
-            stem = Path(stem).stem
+        stem = stem_of(path.name)
         mark = None if decimal is None else MARKS[decimal]
         read = read_table_file(path, sheet=sheet, decimal=mark, without_clock=without_clock)
         return read, stem
@@ -327,6 +328,26 @@ def _load_table(
             "a DataFrame"
         )
     return table_of_arrays(source, name="recording"), "recording"
+
+
+def stem_of(name: str) -> str:
+    """Return the name of a file without its folder and extensions.
+
+    >>> stem_of("bench/log.csv.gz")
+    'log'
+    """
+    stem = Path(name).name
+    while Path(stem).suffix.lower() in _ENDINGS:
+        stem = Path(stem).stem
+    return stem
+
+
+def find_clock(table: Table) -> str | None:
+    """Return the name of the column that is taken as the clock; None if there is none."""
+    try:
+        return _find_clock_column(table, None, remarks=[])
+    except InputError:
+        return None
 
 
 def _find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -> str:

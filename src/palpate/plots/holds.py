@@ -23,7 +23,7 @@ def plot_holds(
     *,
     cutoff_s: float = CUTOFF_S,
     horizon_s: float = 20.0,
-    method: str = "relaxation",
+    method: str | Sequence[str] = "relaxation",
     level: float = 0.9,
 ) -> None:
     """Draw holds with their forecasts, and write the figure.
@@ -34,8 +34,10 @@ def plot_holds(
         At least one; the first nine are drawn. The unit and loading time of the first apply to all.
     path : path
         Output file; the suffix determines the format: .png, .svg or .pdf.
-    cutoff_s, horizon_s, method, level
+    cutoff_s, horizon_s, level
         As in `palpate.predict_settled`.
+    method : str or sequence of str, optional
+        Methods of `palpate.predict_settled` by name; each hold shows the forecasts of all.
 
     Raises
     ------
@@ -50,14 +52,18 @@ def plot_holds(
     >>> import numpy as np
     >>> time_s = np.arange(0.0, 20.0, 0.1)
     >>> hold = Hold(hold_id="a", channel=None, time_s=time_s, values=40.0 - 2.0 * np.log1p(time_s))
-    >>> plot_holds([hold], tempfile.mkdtemp() + "/holds.png")
+    >>> file = tempfile.mkdtemp() + "/holds.png"
+    >>> plot_holds([hold], file, method=["relaxation", "exponential"])
     """
     if not holds:
         raise InputError("no hold to plot; give at least one")
+    names = [method] if isinstance(method, str) else list(dict.fromkeys(method))
+    if not names:
+        raise InputError("no method to plot; give at least one, such as 'relaxation'")
     drawn = holds[:MOST_HOLDS]
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
-        methods={method: adapt_method(find_method(method), unit=drawn[0].unit)},
+        methods={name: adapt_method(find_method(name), unit=drawn[0].unit) for name in names},
         horizon_s=horizon_s,
         level=level,
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.errors import InputError
+from palpate.errors import require_extra
 from palpate.holds import Hold
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.predict import find_method
@@ -65,13 +65,19 @@ class ScoreTable:
     def to_dataframe(self) -> pd.DataFrame:
         """Return the summary as a data frame, with a row for each method and cut-off.
 
-        Raises `InputError` if pandas is not installed.
+        Raises `MissingExtraError` if pandas is not installed.
         """
-        try:
+        with require_extra("a data frame", extra="data"):
             import pandas as pd
-        except ImportError as error:
-            raise InputError("to_dataframe requires pandas; pip install pandas") from error
         return pd.DataFrame(self.summary())
+
+    def __len__(self) -> int:
+        """Return the number of methods and cut-offs."""
+        return len(self.groups())
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Yield one mapping for each method and cut-off, so that `pd.DataFrame(table)` works."""
+        return iter(self.summary())
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield one mapping for each prediction."""

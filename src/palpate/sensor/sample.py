@@ -145,11 +145,13 @@ class SampleReader:
         known = np.isfinite(rest) & (rest > 0)
         readable = known & np.isfinite(ohm)
         clipped = np.maximum(np.where(readable, ohm, 1.0), least_ohm)
-        is_open, missing = known & ~readable, ~known
+        # An open pixel whose rest value is above the range, such as an FSR's, is at rest.
+        at_rest = known & np.isposinf(ohm) & (rest > most_ohm)
+        is_open, missing = known & ~readable & ~at_rest, ~known
         return {
             "resistance_ohm": ohm,
             "change_percent": relative_change_percent(ohm, rest_ohm=rest),
-            "excess": np.where(readable, rest / clipped - 1.0, np.nan),
+            "excess": np.where(readable, rest / clipped - 1.0, np.where(at_rest, 0.0, np.nan)),
             "saturated": readable & (ohm <= least_ohm),
             "open": is_open,
             "lost": is_open & (np.isnan(ohm) | (rest * _REST_STEPS < most_ohm)),

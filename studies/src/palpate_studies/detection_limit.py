@@ -6,9 +6,9 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.estimate.power_law import PowerForceLaw
 from palpate.sensor.sample import relative_change_percent
 from palpate.signal.relative import CONTACT_PERCENT, finger_means
-from palpate_studies.baselines.power_law import PowerForceLaw
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, STILL_S, Session, draw_named, grasps

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
+from palpate.estimate.power_law import PowerForceLaw
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Environment
-from palpate_studies.baselines.power_law import PowerForceLaw
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import SETTLED_MEAN_S, Session, draw_named

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw
-from palpate_studies.baselines.power_law import PowerForceLaw
+from palpate.estimate.power_law import PowerForceLaw
 from palpate_studies.equal_width import r_squared
 from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command

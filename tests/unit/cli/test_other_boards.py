@@ -111,6 +111,11 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     assert mean["low"] < mean["predicted"] < mean["high"]
     # One step of the 8-bit counts is 6 % of a pixel at rest.
     assert abs(mean["error_percent"]) < 15.0
+    arguments = ["force", str(held), "--calibration", str(desk.folder / "pad.json"), "--json"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    (sensor,) = json.loads(desk.capsys.readouterr().out)["sensors"]
+    strongest = max(sensor["contacts"], key=lambda contact: contact["low_n"])
+    assert strongest["low_n"] < 5.0 < strongest["high_n"]
 
 
 @pytest.mark.slow

@@ -201,3 +201,5 @@ def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:
         (method, cutoff_s) for method in NAMES for cutoff_s in CUTOFFS_S
     ]
     assert (table["holds"] == 2).all()
+    pandas = pytest.importorskip("pandas")
+    pandas.testing.assert_frame_equal(pandas.DataFrame(frame), table)

@@ -1,0 +1,70 @@
+"""Settled readings under weights, and the errors of held-out weights."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.calibrate.held_out import FEWEST_HELD_OUT, HeldOut, log_error, predict_power
+from palpate.calibrate.loaded_sensor import LoadedSensor
+from palpate.calibrate.sheet_reading import SheetReading
+from palpate.errors import CalibrationError
+from palpate.estimate.line_law import MIN_PAIRS
+from palpate.estimate.force_law import ForceLaw
+
+
+def pair_weights(
+    sensor: LoadedSensor, reading: SheetReading
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Return the settled excess under each weight, and its newtons."""
+    found, loads, remarks = list[float](), list[float](), list[str]()
+    for part in sensor.parts:
+        total = reading.total(part.values)
+        usable = np.isfinite(total)
+        if sensor.is_settled:
+            for value, load_n in zip(total.tolist(), part.load_n.tolist(), strict=True):
+                if load_n > 0:
+                    found.append(value)
+                    loads.append(load_n)
+        for begin_s, end_s, load_n in part.weighed:
+            inside = (part.time_s >= begin_s) & (part.time_s <= end_s) & usable
+            if load_n > 0:
+                found.append(float(np.median(total[inside])) if inside.any() else np.nan)
+                loads.append(load_n)
+    excess, force_n = np.array(found), np.array(loads)
+    known = np.isfinite(excess)
+    if not known.all():
+        gone = ", ".join(f"{load:g}" for load in force_n[~known][:8])
+        remarks.append(f"no usable reading under {gone} N; omitted")
+    if not known.any():
+        raise CalibrationError(f"{sensor.name}: no weight has a usable reading")
+    return excess[known], force_n[known], remarks
+
+
+def score_loads(excess: FloatArray, force_n: FloatArray) -> HeldOut | None:
+    """Hold out each load in turn."""
+    loads = np.unique(force_n)
+    if loads.size <= FEWEST_HELD_OUT:
+        return None
+    errors, covered, power, power_covered = ([] for _ in range(4))
+    for load in loads:
+        mine = force_n == load
+        known, known_n = excess[~mine], force_n[~mine]
+        law = ForceLaw.fit(known.tolist(), force_n=known_n)
+        for one in excess[mine].tolist():
+            answer = law.force(one)
+            errors.append(log_error(answer.middle, load))
+            covered.append(answer.low <= load <= answer.high)
+        if known.size >= MIN_PAIRS:
+            value, inside = predict_power(known, known_n, excess[mine], force_n[mine])
+            power += value
+            power_covered += inside
+    return HeldOut(
+        what="each weight in turn",
+        groups=int(loads.size),
+        readings=len(errors),
+        median_abs_log_error=float(np.median(errors)),
+        coverage=float(np.mean(covered)),
+        power_median_abs_log_error=float(np.median(power)) if power else None,
+        power_coverage=float(np.mean(power_covered)) if power else None,
+    )

@@ -1,0 +1,118 @@
+"""Readings and loads of any logger are read as `settle` reads them, or refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.logger_forms import FORMS, Form
+
+from palpate.calibrate.loaded_readings import read_loaded
+from palpate.calibrate.loaded_sensor import TableOptions
+from palpate.errors import InputError
+from palpate.holds.recordings import read_recordings
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.what)
+def test_form_of_a_logger_is_read_as_by_settle(form: Form, tmp_path: Path) -> None:
+    path = tmp_path / f"log{form.ending}"
+    content = form.content
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    options = TableOptions(**form.options)
+    try:
+        found = read_recordings(path, **form.options)
+    except InputError:
+        with pytest.raises(InputError) as refusal:
+            read_loaded(path, weights=[1.0], options=options)
+        assert str(refusal.value).count("\n") == 0
+        return
+    if {unit for one in found for unit in one.units.values()} & {"newton", "pascal"}:
+        return  # A load alone is no reading.
+    (sensor,) = read_loaded(path, options=options, require_loads=False)
+    assert len(sensor.parts) == len(found)
+    for part, one in zip(sensor.parts, found, strict=True):
+        np.testing.assert_allclose(part.values, np.column_stack([*one.columns.values()]))
+        np.testing.assert_allclose(part.time_s, one.time_s)
+
+
+@pytest.mark.parametrize(
+    ("head", "factor"),
+    [
+        ("load_n", 1.0),
+        ("weight [g]", 9.80665e-3),
+        ("Load (kg)", 9.80665),
+        ("kraft [mN]", 1e-3),
+        ("force_lbf", 4.4482216),
+    ],
+)
+def test_load_is_converted_by_the_unit_in_its_name(head: str, factor: float) -> None:
+    (sensor,) = read_loaded({head: [0.0, 2.0, 5.0], "R_ohm": [900.0, 300.0, 200.0]})
+    np.testing.assert_allclose(sensor.parts[0].load_n, factor * np.array([0.0, 2.0, 5.0]))
+    assert sensor.is_settled
+
+
+@pytest.mark.parametrize("clock", ["12:30:{:06.3f}", "2024-05-31T12:30:{:06.3f}"])
+def test_load_cell_with_a_later_start_is_on_the_clock_of_the_readings(clock: str) -> None:
+    at_s = np.arange(2.0, 40.0, 0.5)
+    readings = {"time": [clock.format(one) for one in at_s], "R_ohm": 1e3 + at_s}
+    cell_s = np.arange(10.0, 30.0, 0.25)
+    cell = {"time": [clock.format(one) for one in cell_s], "force_n": cell_s / 10.0}
+    (sensor,) = read_loaded(readings, load_cell=cell)
+    known = np.isfinite(sensor.parts[0].load_n)
+    assert known.sum() == np.sum((at_s >= 10.0) & (at_s <= 29.75))
+    np.testing.assert_allclose(sensor.parts[0].load_n[known], at_s[known] / 10.0, atol=1e-9)
+
+
+def test_weights_of_a_log_are_those_of_its_holds_in_order() -> None:
+    time_s = np.arange(0.0, 40.0, 0.05)
+    load_n = np.select([(time_s % 10 > 4) & (time_s % 10 < 9)], [1.0 + time_s // 10], 0.0)
+    log = {"time_s": time_s, "R_ohm": 9000.0 / (1.0 + 4.0 * load_n)}
+    (sensor,) = read_loaded(log, weights=[1.0, 2.0, 3.0, 4.0])
+    for begin_s, end_s, weight_n in sensor.parts[0].weighed:
+        inside = (time_s >= begin_s) & (time_s <= end_s)
+        assert set(load_n[inside]) == {weight_n}
+    with pytest.raises(InputError, match="3 weights above 0, but 4 holds"):
+        read_loaded(log, weights=[1.0, 2.0, 3.0])
+
+
+ROW = {"time_s": [0.0, 1.0, 2.0, 3.0], "R_ohm": [9.0, 8.0, 7.0, 6.0]}
+SETTLED = {"R_ohm": [9.0, 8.0, 7.0]}
+
+
+@pytest.mark.parametrize(
+    ("readings", "loads", "message"),
+    [
+        ({**SETTLED, "load": [0, 1, 2]}, {}, "no unit"),
+        ({**SETTLED, "load_n": [0, 1, 2], "weight_g": [0, 9, 9]}, {}, "--load-column"),
+        ({**SETTLED, "load_n": [0, 1, 2]}, {"weights": [0.0, 1.0, 2.0]}, "omit the weights"),
+        (SETTLED, {"weights": [1.0]}, "no time column"),
+        (ROW, {"weights": [-1.0, 2.0]}, "below 0"),
+        (ROW, {"weights": {"time_s": [90.0], "g": [50]}}, "no reading in the second before"),
+        (ROW, {"load_cell": {"time_s": [50.0, 51.0], "load_n": [0.0, 1.0]}}, "same clock"),
+        (ROW, {"load_cell": {"load_n": [0.0, 1.0]}}, "needs a column of times"),
+        (ROW, {"load_cell": {"time_s": [0.0, 1.0], "R": [0.0, 1.0]}}, "no column of loads"),
+        (
+            ROW,
+            {"load_cell": {"time": ["12:00:00", "12:00:01"], "load_n": [0.0, 1.0]}},
+            "different clocks",
+        ),
+        ({"time_s": [0.0, 1.0, 2.0], "force_n": [0.0, 1.0, 2.0]}, {}, "no column of readings"),
+    ],
+)
+def test_unusable_loads_are_refused(
+    readings: dict[str, list[float]], loads: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as refusal:
+        read_loaded(readings, **loads)
+    assert "\n" not in str(refusal.value)
+
+
+def test_table_of_several_sensors_is_split_by_their_names() -> None:
+    table = {
+        "ladder": ["pad 1"] * 4 + ["pad 2"] * 5,
+        "load_n": [0.0, 1, 2, 3, 0, 1, 2, 3, 4],
+        "R_ohm": np.linspace(900, 100, 9),
+    }
+    assert [sensor.parts[0].load_n.size for sensor in read_loaded(table)] == [4, 5]
