@@ -64,7 +64,7 @@ class FreeMovement:
         if state.estimate.still_s >= READING.quiet_s:
             return 0.0
         ratio = self._plan.squeeze_rate / self._rate if is_gripping(state) else 1.0
-        return self._free * min(ratio, 1.0)
+        return self._free * ratio
 
 
 class _Finger:
@@ -202,7 +202,7 @@ class ResponseMonitor:
             finger.add(min(seen), max(seen), closure=closure, hidden=hidden)
             if is_closing and max(seen) < finger.top - hidden - self._least:
                 wrong = "falls while the hand closes"
-            elif finger.has_stopped_rising(
+            elif max(seen) <= finger.top and finger.has_stopped_rising(
                 began, hidden=hidden, least=self._least, fine=self._plan.fine_step
             ):
                 wrong = "does not rise while the hand closes"
