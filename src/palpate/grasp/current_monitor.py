@@ -43,7 +43,7 @@ class CurrentMonitor:
         self._moving = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._still = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._closure, self._moved_s = math.inf, math.nan
-        #: Bounds of the force while closing that the sheet has not answered yet, after times and closures.
+        #: Times, closures and bounds of the force that the sheet has not answered yet.
         self._pulls = deque[tuple[float, float, float]]()
         self._readings = deque[float](maxlen=READING.fewest_frames)
         self._frame_s = math.nan

@@ -91,9 +91,9 @@ class _Finger:
         """Return whether the load did not rise over a travel that raises any grip force.
 
         D is the travel over which the excess conductance last doubled. 1.5 D further, that of a
-        linear object and sheet is 1.75 times as large; for a sheet whose excess grows with the 0.4th
-        power of the force, 1.38 times. The latter is expected: 1 + travel / (4 D). The expected
-        rise of the load must be certain to exceed what the movement may hide.
+        linear object and sheet is 1.75 times as large. It is 1.38 times as large for a sheet whose
+        excess grows with the 0.4th power of the force, and this is expected: 1 + travel / (4 D).
+        The expected rise of the load must certainly exceed what the movement may hide.
 
         `began`: closure before the sheet's lag. `least`: rise above noise and drift. `fine`:
         shortest D, mm or kPa.
