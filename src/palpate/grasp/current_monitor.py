@@ -34,8 +34,8 @@ class CurrentMonitor:
     upper bound from the sheet, S:
 
     - F(3 sd) of a closing or resting hand > force ceiling;
-    - F(4.5 sd) of a closing hand > 2 S, S from the three frames after the sheet's lag; F of a hand
-      at rest likewise, once the sheet has responded;
+    - F(4.5 sd) of a closing hand > 2 S, S being the largest of three frames at least 0.3 s later,
+      once the sheet has responded; F of a hand at rest likewise;
     - F(3 sd) > 2 S at the end of two successive movements: friction varies between movements, and
       hardly within one.
     """
@@ -45,9 +45,10 @@ class CurrentMonitor:
         self._moving = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._still = deque[tuple[float, float]](maxlen=READING.fewest_frames)
         self._closure, self._moved_s = math.inf, math.nan
-        #: Bounds of the force while closing that the sheet has not answered yet, with their times.
-        self._pulls = deque[tuple[float, float]]()
+        #: Times, closures and bounds of the force that the sheet has not answered yet.
+        self._pulls = deque[tuple[float, float, float]]()
         self._shown = deque[Touch](maxlen=READING.fewest_frames)
+        self._frame_s = math.nan
         self._moving_ma = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
         self._is_checked = True
@@ -70,7 +71,8 @@ class CurrentMonitor:
             self._moving.clear()
             self._is_checked = True
         self._moved_s = estimate.moved_s
-        if estimate.last is not None:
+        if estimate.last is not None and estimate.last.time_s != self._frame_s:
+            self._frame_s = estimate.last.time_s
             self._shown.append(estimate.last)
         if not state.moving:
             self._still.append(reading)
@@ -79,7 +81,6 @@ class CurrentMonitor:
         is_closing = estimate.sent is not None and closure <= estimate.sent
         if not (is_closing or closure > before + self._plan.resolution):
             self._is_checked = True
-            self._pulls.clear()
             return None
         self._moving.append(reading)
         # A replayed recording repeats reports.
@@ -89,7 +90,7 @@ class CurrentMonitor:
         self._is_checked = False
         return (
             self._check_ceiling(self._moving)
-            or self._check_closing(state.time_s)
+            or self._check_closing(state.time_s, closure)
             or self._check_stuck()
             or self._check_sign()
             or self._check_rise(estimate, time_s=state.time_s)
@@ -211,16 +212,19 @@ class CurrentMonitor:
                 least_n = max(least_n, repeated_n)
         return self._report_unseen(least_n, shown_n) if least_n > bound_n else None
 
-    def _check_closing(self, time_s: float) -> Alarm | None:
+    def _check_closing(self, time_s: float, closure: float) -> Alarm | None:
         """Return an alarm if the current of a closing hand showed more than the sheet does now."""
         if len(self._moving) < READING.fewest_frames or self._plan.current is None:
             return None
         least_n = 0.0
-        self._pulls.append((time_s, self._least_n(self._moving, deviations=CURRENT.single_sd)))
-        answered_s = time_s - READING.lag_s
+        bound_n = self._least_n(self._moving, deviations=CURRENT.single_sd)
+        self._pulls.append((time_s, closure, bound_n))
+        answered_s = time_s - READING.quiet_s
         if len(self._shown) == READING.fewest_frames:
             while self._pulls and self._pulls[0][0] <= answered_s:
-                least_n = self._pulls.popleft()[1]
+                _, began, bound_n = self._pulls.popleft()
+                # A hand that has opened since then may hold with less force.
+                least_n = bound_n if began <= closure + self._plan.resolution else 0.0
         if not least_n > 0.0:
             return None
         shown_n = max(self._shown_n(touch) for touch in self._shown)

@@ -66,7 +66,7 @@ class FreeMovement:
         if state.estimate.still_s >= READING.quiet_s:
             return 0.0
         ratio = self._plan.squeeze_rate / self._rate if is_gripping(state) else 1.0
-        return self._free * min(ratio, 1.0)
+        return self._free * ratio
 
 
 class _Finger:
@@ -93,9 +93,9 @@ class _Finger:
         """Return whether the load did not rise over a travel that raises any grip force.
 
         D is the travel over which the excess conductance last doubled. 1.5 D further, that of a
-        linear object and sheet is 1.75 times as large; for a sheet whose excess grows with the
-        0.4th power of the force, 1.38 times. The latter is expected: 1 + travel / (4 D). The
-        expected rise of the load must be certain to exceed what the movement may hide.
+        linear object and sheet is 1.75 times as large. It is 1.38 times as large for a sheet whose
+        excess grows with the 0.4th power of the force, and this is expected: 1 + travel / (4 D).
+        The expected rise of the load must certainly exceed what the movement may hide.
 
         `began`: closure before the sheet's lag. `least`: rise above noise and drift. `fine`:
         shortest D, mm or kPa.
@@ -207,8 +207,12 @@ class ResponseMonitor:
             finger.add(min(seen), max(seen), closure=closure, hidden=hidden)
             if is_closing and max(seen) < finger.top - hidden - self._least:
                 wrong = "falls while the hand closes"
-            elif has_arrived and finger.has_stopped_rising(
-                began, hidden=hidden, least=self._least, fine=self._plan.fine_step
+            elif (
+                has_arrived
+                and max(seen) <= finger.top
+                and finger.has_stopped_rising(
+                    began, hidden=hidden, least=self._least, fine=self._plan.fine_step
+                )
             ):
                 wrong = "does not rise while the hand closes"
         return wrong

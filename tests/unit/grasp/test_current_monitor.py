@@ -167,10 +167,10 @@ def test_current_monitor_weak_force_raises_an_alarm_after_two_successive_movemen
 
 @pytest.mark.parametrize(
     ("lag_s", "fails_at_s", "is_alarm"),
-    [(0.05, 9.0, False), (0.05, 0.5, True), (9.0, 9.0, True)],
+    [(0.25, 9.0, False), (0.05, 0.5, True), (9.0, 9.0, True)],
     ids=["behind by the lag", "lost in the movement", "never shows"],
 )
-def test_current_monitor_compares_a_closing_hand_with_the_sheet_after_its_lag(
+def test_current_monitor_compares_a_closing_hand_with_the_sheet_after_its_response(
     calibrated: Plan, lag_s: float, fails_at_s: float, is_alarm: bool
 ) -> None:
     """The force rises by 8 N/s in one movement; the sheet reads twice the force of the past."""
@@ -191,7 +191,7 @@ def test_current_monitor_compares_a_closing_hand_with_the_sheet_after_its_lag(
             alarm_s = min(alarm_s, time_s)
     assert (alarm_s < 1.2) == is_alarm
     # The least force that a current certainly shows is about 4 N.
-    assert not is_alarm or alarm_s < fails_at_s % 9.0 + 0.7
+    assert not is_alarm or alarm_s < fails_at_s % 9.0 + 0.95
 
 
 @pytest.mark.parametrize(("step_mm", "is_alarm"), [(0.3, True), (0.0625, False)])
