@@ -50,7 +50,7 @@ COMMANDS = (
     ("items", "items --store demo-packhouse/palpate-items.sqlite"),
     ("item", "items fruit-3 --store demo-packhouse/palpate-items.sqlite"),
     ("ripeness", "ripeness --batch Monday --store demo-packhouse/palpate-items.sqlite"),
-    ("identify", "sort --identify fruit-3 --store demo-packhouse/palpate-items.sqlite"),
+    ("identify", "sort --identify fruit-1 --store demo-packhouse/palpate-items.sqlite"),
     (
         "sort",
         "sort --rules demo-packhouse/rules.toml --batch Monday "

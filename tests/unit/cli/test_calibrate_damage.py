@@ -81,7 +81,9 @@ def test_grasp_damage_limit_protects_kiwi_and_is_replayed(
     path = tmp_path / "grasp.mcap"
     grasp = ["grasp", "--object", "kiwi", "--seed", "3", "--rate-hz", "50", "--json"]
     grasp += ["--target-force-n", "4"]
-    unlimited = palpate(*grasp).document
+    # A crushed kiwi yields, which ends the grasp.
+    unlimited = palpate(*grasp, status=3).document
+    assert unlimited["outcome"] == "sensor_lost"
     assert unlimited["damage_limit"] is None
     assert unlimited["truth"]["damaged"] is True
     limits = ("--damage", damage_file, "--kind", "kiwi")

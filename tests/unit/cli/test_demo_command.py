@@ -21,6 +21,7 @@ def test_demo_suggested_commands_run(
     monkeypatch.delenv("PALPATE_STORE", raising=False)
     shown = palpate("demo", "recordings").out
     assert "simulated" in shown
+    palpate("demo", "force")
     shutil.copytree(packhouse, "demo-packhouse")
     for _, suggested in NAMES.values():
         for line in suggested:

@@ -45,7 +45,7 @@ def test_grasp_card_reports_damaged_object_in_red(
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     options = ["--object", "strawberry", "--seed", "3", *SLOW, "--target-force-n"]
-    card = palpate("grasp", *options, "14").out
+    card = palpate("grasp", *options, "14", status=3).out
     assert "\x1b[1;31mThe object was damaged" in card
     assert card.startswith("\x1b[31m╭")
     assert palpate("grasp", *options, "2").out.startswith("\x1b[32m╭")
