@@ -181,7 +181,7 @@ def _format(entries: Iterable[Entry]) -> bytes:
 
 
 def _parse(content: bytes) -> list[Entry]:
-    # With threads, PyArrow may release the bytes after the end of Python, which aborts the process.
+    # With threads, PyArrow may release the bytes after the end of Python, which aborts.
     table = pa.parquet.read_table(io.BytesIO(content), use_threads=False)
     rows: list[dict[str, Any]] = table.to_pylist()
     return [Entry(**row | {"sources": tuple(row["sources"])}) for row in rows]

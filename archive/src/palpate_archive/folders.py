@@ -115,7 +115,7 @@ class Folder:
 
     def read_table(self, place: str, **options: Any) -> Any:
         """Return columns of a Parquet file, fetching only them; options of PyArrow's function."""
-        # With threads, PyArrow may close the file after the end of Python, which aborts the process.
+        # With threads, PyArrow may close the file after the end of Python, which aborts.
         return pyarrow.parquet.read_table(
             self._full(place), filesystem=self.fs, partitioning=None, use_threads=False, **options
         )
@@ -175,8 +175,11 @@ class Folder:
         return f"{self.path}/{place}" if place else self.path
 
     def _put(self, partial: Path, place: str) -> None:
-        if self.pace is None:
+        size = partial.stat().st_size
+        if self.pace is None or size <= _BLOCK:
             self.fs.put_file(str(partial), self._full(place))
+            if self.pace is not None:
+                self.pace.wait(size)
             return
         # Committed at the end, so that an interrupted upload leaves no file.
         target = self.fs.open(self._full(place), "wb", block_size=_BLOCK, autocommit=False)
