@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from archive.tests.drawn import palpate
 from moto.server import ThreadedMotoServer
+from s3fs import S3FileSystem
 
 from palpate_archive.adding import add_recordings
 from palpate_archive.layout import Archive
@@ -55,17 +56,19 @@ def s3_server() -> Iterator[str]:
     server.start()
     host, port = server.get_host_and_port()
     yield f"http://{host}:{port}"
+    # Connections are kept for later calls, also those of workers in threads.
+    for fs in list(S3FileSystem._cache.values()):
+        S3FileSystem.close_session(fs.loop, fs._s3)
+    S3FileSystem.clear_instance_cache()
     server.stop()
 
 
 @pytest.fixture
 def bucket(s3_server: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> str:
     """Return the address of a new bucket."""
-    import fsspec
-
     monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "test")
     name = request.node.name.split("[")[0].replace("_", "-")[:60]
-    fsspec.filesystem("s3", skip_instance_cache=True).mkdir(name)
+    S3FileSystem().mkdir(name)
     return f"s3://{name}"

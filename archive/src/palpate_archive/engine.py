@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from distributed import Client, LocalCluster, as_completed
@@ -72,14 +72,19 @@ def _open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     if scheduler is not None:
         yield scheduler
         return
-    # Any free port serves the dashboard, so that several runs do not warn about each other.
-    with LocalCluster(
+    cluster = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
+        # Any free port, so that several runs do not warn about each other.
         dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL,
-    ) as cluster:
+    )
+    try:
         yield cluster
+    finally:
+        # On a busy computer workers may need longer to end; they end with this process.
+        with suppress(TimeoutError):
+            cluster.close()
 
 
 @contextmanager

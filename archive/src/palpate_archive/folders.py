@@ -19,13 +19,30 @@ import fsspec
 import pyarrow.parquet
 from fsspec.implementations.local import LocalFileSystem
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, MissingExtraError, PalpateError
 from palpate.files import atomic_path
 
 #: Bytes sent at once; S3 accepts no smaller parts.
 _BLOCK = 5 * 2**20
+#: Libraries of stores, whose exceptions are not those of Python, such as missing credentials.
+_LIBRARIES = {"botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "azure"}
 #: Protocol -> extra of this package with its library.
 _EXTRAS = {"s3": "s3", "gs": "gcs", "az": "azure"}
+
+
+@contextmanager
+def explain_store_errors() -> Iterator[None]:
+    """Raise a `PalpateError` of one line instead of an exception of a store's library."""
+    try:
+        yield
+    except Exception as fault:
+        if type(fault).__module__.split(".")[0] not in _LIBRARIES:
+            raise
+        reason = " ".join(str(fault).split())
+        raise PalpateError(
+            f"the store failed: {reason}; check the address, the credentials and the network, and "
+            "run this again to continue"
+        ) from fault
 
 
 class Pace:

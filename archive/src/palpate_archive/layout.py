@@ -19,7 +19,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet
 
-from palpate.errors import InputError, PalpateError
+from palpate.errors import InputError
 from palpate_archive.catalogue import Catalogue, Entry
 from palpate_archive.folders import Folder
 
@@ -69,17 +69,11 @@ class Archive:
         self.folder = Folder.open(root, max_mbit=max_mbit)
         try:
             schema = self._open(create=create)
-        except (PalpateError, PermissionError):
+        except InputError:
             raise
         except (ValueError, KeyError, TypeError) as fault:
             raise InputError(
                 f"{self.folder.name(_MARKER)}: can't be read; restore it from a backup"
-            ) from fault
-        except Exception as fault:
-            # Each store's library has exceptions of its own, such as for missing credentials.
-            reason = " ".join(str(fault).split())
-            raise InputError(
-                f"{root}: can't be opened ({reason}); check the address and the credentials"
             ) from fault
         if schema != SCHEMA:
             raise InputError(

@@ -13,6 +13,7 @@ from palpate.cli import options as option
 from palpate.cli.options import HorizonOption, JsonOption, QuietOption
 from palpate.cli.output import print_message, progress
 from palpate.errors import InputError
+from palpate_archive.folders import explain_store_errors
 
 if TYPE_CHECKING:
     from palpate_archive.jobs import Job
@@ -47,6 +48,7 @@ SchedulerOption: TypeAlias = Annotated[
 ]
 
 
+@explain_store_errors()
 def add(
     files: Annotated[
         list[str] | None, typer.Argument(help="Recordings, or folders of them; or addresses.")
@@ -111,6 +113,7 @@ def add(
     )
 
 
+@explain_store_errors()
 def compact(
     archive: ArchiveArgument,
     grace: Annotated[
@@ -134,6 +137,7 @@ def compact(
         print(f"{archive}: {kind}: {before} -> {after} files", file=sys.stderr)
 
 
+@explain_store_errors()
 def settle(
     archive: ArchiveArgument,
     method: Annotated[
@@ -163,6 +167,7 @@ def settle(
     _work_on(archive, job, to=to, scheduler=scheduler, quiet=quiet)
 
 
+@explain_store_errors()
 def recalibrate(
     archive: ArchiveArgument,
     calibration: Annotated[
@@ -189,6 +194,7 @@ def recalibrate(
     _work_on(archive, job, to=to, scheduler=scheduler, quiet=quiet)
 
 
+@explain_store_errors()
 def compare(
     a: Annotated[str, typer.Argument(help="Results: a folder or an address.", metavar="A")],
     b: Annotated[str, typer.Argument(help="Results of another version.", metavar="B")],
@@ -219,6 +225,7 @@ def compare(
     print_table(columns, [tuple(map(_format, asdict(change).values())) for change in changes])
 
 
+@explain_store_errors()
 def forget(
     archive: ArchiveArgument,
     station: Annotated[str | None, typer.Option(help="Rows of this station.")] = None,
