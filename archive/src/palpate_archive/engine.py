@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -36,6 +37,7 @@ def perform(
     memory, or if the scheduler or its workers stay away.
     """
     found: dict[str, Entry] = {}
+    workers = min(workers or os.cpu_count() or 1, len(tasks))
     with _silence_engine(), _open_cluster(scheduler, workers) as cluster:
         wait_s = _FIRST_WAIT_S
         while left := [task for task in tasks if task.target not in found]:
@@ -67,7 +69,7 @@ def _compute(client: Client, tasks: Sequence[Task]) -> Iterator[tuple[str, Entry
 
 
 @contextmanager
-def _open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+def _open_cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     """Yield what a client connects to."""
     if scheduler is not None:
         yield scheduler

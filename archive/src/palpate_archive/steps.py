@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
+from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
@@ -220,9 +221,11 @@ def compare(
     for name, address in (("a", a), ("b", b)):
         codes = [", ".join(f"{n} {v}" for n, v in code.items()) for code in versions[name]]
         print(f"{name.upper()} = {address}: {'; '.join(codes)}")
-    columns = ["job", "station", "day", ">rows", ">only A", ">only B", ">changed"]
-    columns += [">outside A's interval", ">median %", ">largest %"]
-    print_table(columns, [tuple(map(_format, asdict(change).values())) for change in changes])
+    columns = ["station", "day", ">rows", ">only A", ">only B", ">changed", ">outside"]
+    columns += [">median %", ">largest %"]
+    for job, days in groupby(changes, key=lambda change: change.job):
+        print(f"\n{job}")
+        print_table(columns, [tuple(map(_format, asdict(day).values()))[1:] for day in days])
 
 
 @explain_store_errors()
