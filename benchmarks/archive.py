@@ -36,7 +36,7 @@ from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
 from palpate_archive.layout import Archive, Part
 
-PER_HOLD, HOLDS_PER_FILE, FRAMES_PER_FILE = 2000, 100, 5000
+PER_HOLD, HOLDS_PER_FILE, FRAMES_PER_FILE = 2000, 500, 25_000
 
 
 def draw_holds(archive: Archive, *, holds: int) -> None:

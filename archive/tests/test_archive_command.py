@@ -19,6 +19,8 @@ from palpate_archive.layout import KINDS, Archive
 
 __all__ = ["test_commands_of_page_run"]
 
+pytestmark = pytest.mark.slow
+
 JOB = "settle-log_law"
 
 
@@ -35,7 +37,6 @@ def settle(archive: Archive, to: Path, *, horizon_s: float = 10.0) -> None:
     enter_results(catalogue, entries, of=inputs, grace_s=0.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -142,7 +143,6 @@ def test_forget_deletes_station_and_day_from_files_and_results(
     assert len(archive.catalogue("holds").sources()) == 8
 
 
-@pytest.mark.slow
 def test_forget_item_deletes_its_grasps_and_their_recordings(
     root: Path, recorded: Path, tmp_path: Path
 ) -> None:

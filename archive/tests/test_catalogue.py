@@ -18,6 +18,8 @@ from palpate_archive.catalogue import Entry, list_files
 from palpate_archive.compacting import join_files
 from palpate_archive.layout import KINDS, Archive
 
+pytestmark = pytest.mark.slow
+
 TOTAL = 2 * len(DAYS) * 2 * HOLDS * ROWS
 
 

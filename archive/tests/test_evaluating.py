@@ -22,6 +22,8 @@ from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
 from palpate_archive.layout import Archive
 
+pytestmark = pytest.mark.slow
+
 JOB = "settle-relaxation"
 
 
@@ -166,7 +168,6 @@ def test_worker_with_other_code_is_refused(tmp_path: Path) -> None:
         older.perform()
 
 
-@pytest.mark.slow
 def test_recalibrate_with_own_calibration_reproduces_force(
     root: Path, recorded: Path, tmp_path: Path
 ) -> None:
