@@ -128,4 +128,5 @@ def _differ(a: Any, b: Any) -> NDArray[np.bool_]:
     if pa.types.is_string(a.type):
         return np.asarray(left != right, dtype=bool)
     # Holds in one file share their sums, so joining files changes the last bits.
-    return ~np.isclose(left, right, rtol=1e-9, atol=0.0, equal_nan=True)
+    is_close = np.isclose(left, right, rtol=1e-9, atol=0.0, equal_nan=True)
+    return np.asarray(~is_close, dtype=bool)
