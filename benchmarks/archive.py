@@ -1,39 +1,49 @@
-"""Evaluation of an archive with one and with two processes: time and memory.
+"""Evaluation of an archive: a plain loop, and a Dask scheduler with one and with two workers.
 
-    python benchmarks/archive.py --samples 100000000 --folder /big/disk
+    python benchmarks/archive.py --holds 20000 --frames 1000000 --folder /big/disk
 
-The archive contains drawn holds (no sensor, no twin) of 2000 samples at 100 Hz that creep with the
-logarithm of time, in files of a million rows. `palpate archive settle` runs on them with one and
-with two processes. The peak is the largest memory of one process. The results must be identical.
+The holds are drawn (no sensor, no twin): 2000 samples at 100 Hz that creep with the logarithm of
+time. The frames are those of one simulated grasp, repeated. `settle` and `recalibrate` run on them
+in a plain loop of one process, and on a scheduler with one and with two worker processes, which
+are already started. The peak is the largest memory of one process. All results must be identical.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import json
+import logging
+import os
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
+from distributed import Client, LocalCluster
 
-from palpate_archive.evaluating import create_settle_job, perform, plan_tasks
+from palpate.recording import RecordingReader
+from palpate_archive.adding import add_recordings
+from palpate_archive.engine import perform
+from palpate_archive.evaluating import Task, plan_tasks
+from palpate_archive.folders import Folder
+from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
 from palpate_archive.layout import Archive, Part
 
-PER_HOLD, HOLDS_PER_FILE = 2000, 500
+PER_HOLD, HOLDS_PER_FILE, FRAMES_PER_FILE = 2000, 500, 5000
 
 
-def draw_holds(root: Path, *, samples: int) -> None:
-    """Write an archive of drawn holds."""
-    archive, rng = Archive(root, create=True), np.random.default_rng(3)
+def draw_holds(archive: Archive, *, holds: int) -> None:
+    """Write drawn holds."""
+    rng = np.random.default_rng(3)
     time_s = np.arange(PER_HOLD) / 100
-    for number in range(max(samples // (PER_HOLD * HOLDS_PER_FILE), 1)):
+    for number in range(max(holds // HOLDS_PER_FILE, 1)):
         fall = rng.uniform(100.0, 600.0, (HOLDS_PER_FILE, 1))
         start_s = rng.uniform(0.1, 1.0, (HOLDS_PER_FILE, 1))
         values = 9000.0 - fall * np.log(time_s + start_s)
@@ -47,23 +57,79 @@ def draw_holds(root: Path, *, samples: int) -> None:
             "channel": np.full(values.size, "mean"),
             "unit": np.full(values.size, "ohm"),
         }
-        part = Part(kind="holds", station="drawn", date="2026-01-01", name=f"p{number:04}")
-        archive.write(part, [pa.table(columns)], sources=[f"s{number}"])
+        write(archive, "holds", number, pa.table(columns))
 
 
-def settle(root: Path, results: Path, *, workers: int) -> dict[str, float]:
-    """Evaluate the archive; return seconds and peak memory, GB."""
-    tasks = plan_tasks(
-        create_settle_job(method="relaxation", horizon_s=19.0), Archive(root), to=results
+def repeat_frames(archive: Archive, *, frames: int, folder: Path) -> str:
+    """Write the frames of a simulated grasp again and again; return its calibration."""
+    recording = folder / "one.mcap"
+    command = ["grasp", "--rig", "sim-rigid", "--seed", "1", "--record", str(recording)]
+    subprocess.run(
+        [sys.executable, "-m", "palpate", *command], check=True, stdout=subprocess.DEVNULL
     )
-    started_s = time.perf_counter()
-    perform(tasks, show=lambda _: None, workers=workers)
-    taken_s = time.perf_counter() - started_s
-    peaks = [
-        resource.getrusage(who).ru_maxrss
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    ]
-    return {"seconds": taken_s, "peak_gb": max(peaks) / 1e6}
+    one = Archive(folder / "one", create=True)
+    list(add_recordings(one, [recording]))
+    [part] = one.parts("frames")
+    table = pq.read_table(folder / "one" / part.place, partitioning=None)
+    at = table.column_names.index("recording")
+    for number in range(max(frames // FRAMES_PER_FILE, 1)):
+        copies = [
+            table.set_column(at, "recording", pa.array([f"r{number}-{copy}"] * len(table)))
+            for copy in range(-(-FRAMES_PER_FILE // len(table)))
+        ]
+        write(archive, "frames", number, pa.concat_tables(copies)[:FRAMES_PER_FILE])
+    with RecordingReader(recording) as reader:
+        assert reader.info.calibration is not None
+        return reader.info.calibration
+
+
+def write(archive: Archive, kind: str, number: int, table: pa.Table) -> None:
+    part = Part(kind=kind, station="drawn", date="2026-01-01", name=f"p{number:04}")
+    entry = archive.write(part, [table], sources=[f"{kind}{number}"])
+    archive.catalogue(kind).add("drawn", [entry])
+
+
+def warm_up(task: Task) -> None:
+    """Compute the results of a file without writing them."""
+    with task.archive.fetch(task.source.file) as path:
+        list(task.job.tables(path))
+
+
+def run_plainly(tasks: list[Task]) -> tuple[float, float, float]:
+    """Perform tasks one after another; return seconds, processor seconds and peak memory, GB."""
+    warm_up(tasks[0])
+    started_s, used_s = time.perf_counter(), time.process_time()
+    for task in tasks:
+        task.perform()
+    return time.perf_counter() - started_s, time.process_time() - used_s, measure_peak_gb()
+
+
+def run_on_workers(tasks: list[Task], *, workers: int) -> tuple[float, float, float]:
+    """Perform tasks on a scheduler; return the same, for all workers and for the largest one."""
+    with (
+        suppress(TimeoutError),  # of the end of a worker on a busy machine
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+    ):
+        with Client(cluster) as client:
+            # Imports are not counted, as in the loop.
+            client.run(warm_up, tasks[0])
+            used_s = sum(client.run(time.process_time).values())
+        started_s = time.perf_counter()
+        perform(tasks, show=lambda _: None, scheduler=cluster.scheduler_address)
+        taken_s = time.perf_counter() - started_s
+        with Client(cluster) as client:
+            used_s = sum(client.run(time.process_time).values()) - used_s
+            found = taken_s, used_s, max(client.run(measure_peak_gb).values())
+    return found
+
+
+def measure_peak_gb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
 def hash_results(results: Path) -> str:
@@ -73,36 +139,53 @@ def hash_results(results: Path) -> str:
     return hashlib.sha256("".join(found).encode()).hexdigest()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=10_000_000)
-    parser.add_argument("--folder", type=Path, help="folder for the temporary archive")
-    parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.one:
-        root, results, workers = options.one
-        print(json.dumps(settle(Path(root), Path(results), workers=int(workers))))
-        return
-    folder = Path(tempfile.mkdtemp(dir=options.folder))
-    try:
-        draw_holds(folder / "archive", samples=options.samples)
-        prints = set()
-        for workers in (1, 2):
-            results = folder / f"results-{workers}"
-            command = [sys.executable, __file__, "--one", str(folder / "archive"), str(results)]
-            ended = subprocess.run(
-                [*command, str(workers)], capture_output=True, text=True, check=True
-            )
-            found = json.loads(ended.stdout)
+def compare(
+    job: Job, archive: Archive, folder: Path, *, count: int, unit: str, rounds: int
+) -> bool:
+    """Print the rates of a job; return whether all results are identical."""
+    prints = set()
+    for number in range(rounds):
+        seconds = {}
+        for workers in (0, 1, 2):
+            results = folder / f"{job.name}-{number}-{workers}"
+            tasks = plan_tasks(job, archive, to=Folder.open(results))
+            run = run_on_workers(tasks, workers=workers) if workers else run_plainly(tasks)
+            seconds[workers], used_s, peak_gb = run
             prints.add(hash_results(results))
-            rate = options.samples / found["seconds"] / 1e6
+            name = f"{workers} worker(s)" if workers else "plain loop"
             print(
-                f"{workers} process(es): {found['seconds']:.1f} s, {rate:.2f} million "
-                f"samples/s, peak of one process {found['peak_gb']:.2f} GB",
+                f"{job.name}, {name}: {seconds[workers]:.1f} s, {used_s:.1f} s of processors, "
+                f"{count / seconds[workers]:.0f} {unit}/s, "
+                f"{seconds[0] / seconds[workers]:.2f} of the plain loop, peak {peak_gb:.2f} GB, "
+                f"load of the machine {os.getloadavg()[0]:.1f}",
                 flush=True,
             )
-        print("identical results" if len(prints) == 1 else "DIFFERENT results")
-        sys.exit(len(prints) != 1)
+            shutil.rmtree(results)
+    return len(prints) == 1
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--holds", type=int, default=5000)
+    parser.add_argument("--frames", type=int, default=500_000)
+    parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--folder", type=Path, help="folder for the temporary archive")
+    options = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(dir=options.folder))
+    try:
+        archive = Archive(folder / "archive", create=True)
+        draw_holds(archive, holds=options.holds)
+        calibration = repeat_frames(archive, frames=options.frames, folder=folder)
+        settle = create_settle_job(method="relaxation", horizon_s=19.0)
+        force = create_recalibrate_job(calibration)
+        same = []
+        for job, per, unit in ((settle, PER_HOLD, "holds"), (force, 1, "frames")):
+            count = sum(entry.rows for entry in archive.catalogue(job.reads).files()) // per
+            same.append(
+                compare(job, archive, folder, count=count, unit=unit, rounds=options.rounds)
+            )
+        print("identical results" if all(same) else "DIFFERENT results")
+        sys.exit(not all(same))
     finally:
         shutil.rmtree(folder)
 

@@ -1,9 +1,10 @@
-"""Add recordings and stores to an archive, each part once."""
+"""Add recordings and stores to an archive, each once."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -13,16 +14,24 @@ from typing import Any
 
 import pyarrow as pa
 
-from palpate.errors import RecordingError
+from palpate.errors import InputError, RecordingError
 from palpate.holds import Hold
 from palpate.produce.records import Grasp, Item
 from palpate.produce.store.database import Store
 from palpate.produce.store.export import grasp_row, grasp_schema
 from palpate.recording.exporting import cut_recorded_holds, frame_tables
 from palpate.recording.reader import RecordingReader, load_recording
+from palpate_archive.catalogue import Entry
+from palpate_archive.folders import Folder
 from palpate_archive.layout import SIMULATED, Archive, Part, check_name
 
 _BATCH = 10_000
+#: Seconds between versions of the catalogue; an interrupted call repeats at most that much.
+_COMMIT_S = 60.0
+#: Versions of the catalogue that may still be in use, s.
+GRACE_S = 3600.0
+
+_New = dict[str, dict[str, list[Entry]]]
 
 
 def add_recordings(
@@ -30,79 +39,99 @@ def add_recordings(
 ) -> Iterator[dict[str, int]]:
     """Add the frames and holds of recordings; yield the row counts of each recording.
 
-    `station`: place of the recordings; by default the name of each recording's rig.
-    Yields kind -> rows, empty if the archive already contains the recording. Raises
-    `RecordingError` if a recording is incomplete; `palpate inspect --recover` repairs it. The
-    recordings before it have then been added.
+    `paths`: files or addresses. `station`: place of the recordings; by default the name of each
+    recording's rig. Yields kind -> rows, empty if the archive already contains the recording.
+    Raises `RecordingError` if a recording is incomplete; `palpate inspect --recover` repairs it.
+    The recordings before it have then been added.
     """
-    held = set(archive.sources("frames"))
-    for path in paths:
-        source = _fingerprint(Path(path))
-        yield {} if source in held else _add_recording(archive, Path(path), source, station)
-        held.add(source)
+    held = {kind: archive.catalogue(kind).sources() for kind in ("frames", "holds")}
+    new: _New = {kind: defaultdict(list) for kind in ("holds", "frames")}
+    since_s = time.monotonic()
+    try:
+        for path in paths:
+            folder, _, name = os.fspath(path).rpartition("/")
+            with Folder.open(folder or ".").fetch(name) as local:
+                source = _fingerprint(local)
+                added = {}
+                if source not in held["frames"]:
+                    for entry, its_station in _write_recording(archive, local, source, station):
+                        kind = entry.file.split("/")[0]
+                        added[kind] = entry.rows
+                        # Holds without frames: an earlier call was interrupted between them.
+                        if source not in held[kind]:
+                            new[kind][its_station].append(entry)
+                            held[kind].add(source)
+            yield added
+            if time.monotonic() - since_s > _COMMIT_S:
+                _commit(archive, new)
+                since_s = time.monotonic()
+    finally:
+        _commit(archive, new)
 
 
-def _add_recording(
+def _commit(archive: Archive, new: _New) -> None:
+    """Enter new files in the catalogue; frames last, as they mark a recording as added."""
+    for kind, stations in new.items():
+        for station, entries in stations.items():
+            catalogue = archive.catalogue(kind)
+            catalogue.add(station, entries)
+            catalogue.expire(station, grace_s=GRACE_S)
+        stations.clear()
+
+
+def _write_recording(
     archive: Archive, path: Path, source: str, station: str | None
-) -> dict[str, int]:
+) -> Iterator[tuple[Entry, str]]:
+    """Write the holds and frames of a recording; yield each entry and its station."""
     with RecordingReader(path) as reader:
         info = reader.info
         station = check_name("station", station or Path(info.rig or "unknown").stem)
         date = _format_day(info.clock_zero_unix_ns)
-        name = f"{_sanitize(path.stem)}-{source[:12]}"
+        name = f"{sanitize(path.stem)}-{source[:12]}"
         labels = {"recording": name, "origin": info.origin}
 
-        def part(kind: str) -> Part:
-            return Part(kind=kind, station=station, date=date, name=name)
+        def write(kind: str, tables: Iterable[Any]) -> tuple[Entry, str]:
+            part = Part(kind=kind, station=station, date=date, name=name)
+            return archive.write(part, tables, sources=[source]), station
 
-        added = {}
-        # Frames are written last: their presence marks the recording as added.
         if holds := _cut_holds(path, name):
-            added["holds"] = archive.write(
-                part("holds"), [_hold_table(holds, labels)], sources=[source]
-            )
-        layout = info.layout
-        frames = (
-            _frame_table(table, labels, layout.rows, layout.cols) for table in frame_tables(reader)
-        )
-        added["frames"] = archive.write(part("frames"), frames, sources=[source])
-    return added
+            yield write("holds", [_hold_table(holds, labels)])
+        shape = (info.layout.rows, info.layout.cols)
+        frames = (_frame_table(table, labels, *shape) for table in frame_tables(reader))
+        yield write("frames", frames)
 
 
 def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]:
     """Add the new grasps of a store; return row counts by kind."""
     check_name("station", station)
-    held = {
-        grasp_id
-        for part in archive.parts("grasps")
-        if part.station == station
-        for grasp_id in pa.parquet.read_table(archive.path(part), columns=["grasp_id"])[
-            "grasp_id"
-        ].to_pylist()
-    }
+    catalogue = archive.catalogue("grasps")
+    held = catalogue.sources()
     fresh = (grasp for grasp in store.grasps() if grasp.grasp_id not in held)
-    rows = 0
+    entries = list[Entry]()
     while batch := list(islice(fresh, _BATCH)):
         items = {one.item_id: one for one in store.find_items(list({g.item_id for g in batch}))}
-        rows += _add_grasps(archive, batch, items, station=station)
-    return {"grasps": rows} if rows else {}
+        entries += _write_grasps(archive, batch, items, station=station)
+    if not entries:
+        return {}
+    catalogue.add(station, entries)
+    catalogue.expire(station, grace_s=GRACE_S)
+    return {"grasps": sum(entry.rows for entry in entries)}
 
 
-def _add_grasps(
+def _write_grasps(
     archive: Archive, grasps: Iterable[Grasp], items: dict[str, Item], *, station: str
-) -> int:
+) -> Iterator[Entry]:
     days = defaultdict[str, list[Grasp]](list)
     for grasp in grasps:
         days[f"{grasp.taken_at.astimezone(UTC):%Y-%m-%d}"].append(grasp)
-    rows = 0
     for date, taken in days.items():
         table = pa.Table.from_pylist(
             [grasp_row(grasp, items.get(grasp.item_id)) for grasp in taken], schema=grasp_schema()
         )
-        name = hashlib.sha256("\n".join(g.grasp_id for g in taken).encode()).hexdigest()[:12]
+        sources = [grasp.grasp_id for grasp in taken]
+        name = hashlib.sha256("\n".join(sources).encode()).hexdigest()[:12]
         part = Part(kind="grasps", station=station, date=date, name=f"grasps-{name}")
-        rows += archive.write(part, [table], sources=[name])
-    return rows
+        yield archive.write(part, [table], sources=sources)
 
 
 def _fingerprint(path: Path) -> str:
@@ -116,7 +145,8 @@ def _format_day(clock_zero_unix_ns: int) -> str:
     return f"{datetime.fromtimestamp(clock_zero_unix_ns / 1e9, tz=UTC):%Y-%m-%d}"
 
 
-def _sanitize(stem: str) -> str:
+def sanitize(stem: str) -> str:
+    """Return the part of a recording's label that comes from its file name."""
     return "".join(sign if sign.isalnum() and sign.isascii() else "-" for sign in stem)[:40]
 
 
@@ -179,7 +209,16 @@ def _label_rows(columns: dict[str, Any], labels: dict[str, str]) -> Any:
     return pa.table(named | columns)
 
 
-def find_recordings(paths: Iterable[Path]) -> Iterator[Path]:
-    """Yield the given recordings, and recordings in given folders sorted by name."""
-    for path in paths:
-        yield from sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+def find_recordings(addresses: Iterable[str]) -> Iterator[str]:
+    """Yield the given recordings, and recordings in given folders sorted by name.
+
+    Raises `InputError` if one does not exist.
+    """
+    for address in addresses:
+        folder = Folder.open(address)
+        if not folder.exists():
+            raise InputError(f"{address}: no such file or folder")
+        if folder.fs.isdir(folder.path):
+            yield from (folder.name(place) for place in folder.find() if place.endswith(".mcap"))
+        else:
+            yield address

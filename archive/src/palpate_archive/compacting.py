@@ -1,4 +1,4 @@
-"""Join the small parts of each day into few files with the same rows."""
+"""Join the small files of each day into few files with the same rows."""
 
 from __future__ import annotations
 
@@ -7,66 +7,64 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet
 
-from palpate_archive.layout import Archive, Part, sources_of
+from palpate_archive.catalogue import Entry
+from palpate_archive.layout import Archive, Part, parse_part
 
-#: Largest number of rows of a joined part, which one worker can hold in memory.
+#: Largest number of rows of a joined file, which one worker can hold in memory.
 MOST_ROWS = 1_000_000
 
 
-def join_files(archive: Archive, kind: str) -> tuple[int, int]:
-    """Join the parts of each day; return the numbers of parts before and after.
+def join_files(archive: Archive, kind: str, *, grace_s: float) -> tuple[int, int]:
+    """Join the files of each day; return the numbers of files before and after.
 
-    The joined part is complete before its pieces are deleted. After an interruption in between,
-    both exist until the next call, which deletes the pieces first.
+    A joined file is complete before the catalogue lists it instead of its pieces. The pieces stay
+    for `grace_s` seconds, for readers of the catalogue before; a later call deletes them.
     """
-    before = archive.parts(kind)
-    for _, day in groupby(before, key=lambda part: (part.station, part.date)):
-        left = _delete_joined_pieces(archive, list(day))
-        for pieces in _batches(archive, left):
-            _join(archive, pieces)
-    return len(before), len(archive.parts(kind))
+    catalogue = archive.catalogue(kind)
+    before = catalogue.entries()
+    for station, entries in before.items():
+        for _, day in groupby(entries, key=lambda entry: entry.date):
+            for pieces in _batches(day):
+                _join(archive, station, pieces)
+        catalogue.expire(station, grace_s=grace_s)
+    return sum(map(len, before.values())), len(catalogue.files())
 
 
-def _delete_joined_pieces(archive: Archive, parts: Sequence[Part]) -> list[Part]:
-    """Delete parts whose sources are all in a larger part; return the others."""
-    held = {part: set(sources_of(archive.path(part))) for part in parts}
-    left = []
-    for part in parts:
-        if any(held[part] < held[other] for other in parts):
-            archive.path(part).unlink()
-        else:
-            left.append(part)
-    return left
-
-
-def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
-    """Yield groups of parts to join, in order, up to a row limit."""
-    batch, rows = list[Part](), 0
-    for part in parts:
-        count = int(pa.parquet.read_metadata(archive.path(part)).num_rows)
-        if batch and rows + count > MOST_ROWS:
+def _batches(entries: Iterator[Entry]) -> Iterator[list[Entry]]:
+    """Yield groups of files to join, in order, up to a row limit."""
+    batch, rows = list[Entry](), 0
+    for entry in entries:
+        if batch and rows + entry.rows > MOST_ROWS:
             if len(batch) > 1:
                 yield batch
             batch, rows = [], 0
-        batch.append(part)
-        rows += count
+        batch.append(entry)
+        rows += entry.rows
     if len(batch) > 1:
         yield batch
 
 
-def _join(archive: Archive, pieces: Sequence[Part]) -> None:
-    sources = [name for part in pieces for name in sources_of(archive.path(part))]
-    name = hashlib.sha256("\n".join(sources).encode()).hexdigest()[:12]
-    first = pieces[0]
-    joined = Part(kind=first.kind, station=first.station, date=first.date, name=f"joined-{name}")
-    archive.write(joined, _tables(archive, pieces), sources=sources)
-    for part in pieces:
-        archive.path(part).unlink()
+def _join(archive: Archive, station: str, pieces: Sequence[Entry]) -> None:
+    first = parse_part(pieces[0].file)
+    sources = [name for entry in pieces for name in entry.sources]
+    name = hashlib.sha256("\n".join(entry.sha256 for entry in pieces).encode()).hexdigest()[:12]
+    part = Part(kind=first.kind, station=station, date=first.date, name=f"joined-{name}")
+    joined = archive.write(part, _tables(archive, pieces), sources=sources)
+
+    def decide(before: list[Entry]) -> list[Entry] | None:
+        # Another writer may have joined or deleted pieces meanwhile.
+        if not set(pieces) <= set(before):
+            return None
+        return [*(entry for entry in before if entry not in pieces), joined]
+
+    catalogue = archive.catalogue(first.kind)
+    if not catalogue.change(station, decide) and joined not in catalogue.files():
+        archive.folder.delete([joined.file])
 
 
-def _tables(archive: Archive, pieces: Sequence[Part]) -> Iterator[Any]:
-    for part in pieces:
-        yield pa.parquet.read_table(archive.path(part), partitioning=None)
+def _tables(archive: Archive, pieces: Sequence[Entry]) -> Iterator[Any]:
+    for entry in pieces:
+        with archive.folder.fetch(entry.file) as path:
+            yield pyarrow.parquet.read_table(path, partitioning=None)

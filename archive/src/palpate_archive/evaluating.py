@@ -1,258 +1,137 @@
-"""Evaluate a whole archive, with one atomically written result file per part.
+"""Evaluate a whole archive, with one atomically written file of results per file.
 
-The results do not depend on the order or the number of processes, and a second run evaluates only
-new and changed parts.
+The name of a file of results is determined by its input, the settings and the code, so a second run
+computes only what is missing, and the results do not depend on the order or the number of workers.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
 from importlib.metadata import version
-from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.compute
-import pyarrow.parquet
 from threadpoolctl import threadpool_limits
 
-from palpate.arrays import FloatArray
+import palpate
+import palpate_archive
 from palpate.errors import PalpateError
-from palpate_archive.layout import Archive, write_tables
+from palpate_archive.catalogue import Catalogue, Entry
+from palpate_archive.folders import Folder
+from palpate_archive.jobs import Job
+from palpate_archive.layout import Archive, describe_file, parse_part, write_tables
 
-#: Cut-offs of the settled-value predictions, seconds after the start of a hold.
-CUTOFFS_S = (1.0, 2.5, 5.0)
-#: Rows of frames in memory at once.
-_BATCH = 50_000
-_LEVEL = 0.9
-_JOB = b"palpate.job"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """One kind of evaluation; it must be picklable."""
-
-    #: Name of the folder of results.
-    name: str
-    #: Kind of the parts to evaluate.
-    reads: str
-    #: Settings that determine the results, besides the part and the version of palpate.
-    settings: str
-    #: Yields the results of one part as at least one table of one schema.
-    tables: Callable[[Path], Iterator[Any]]
+#: Name of the description of a result in the metadata of its Parquet file.
+MARK = "palpate.result"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One part and the file of its results."""
+    """One file and the file of its results."""
 
     job: Job
-    source: Path
-    target: Path
-    #: Identifies the job and the part in the file of results.
-    mark: str
+    archive: Folder
+    source: Entry
+    results: Folder
+    target: str
+    #: Versions of the code, which a worker compares with its own.
+    code: dict[str, str]
 
-    @property
-    def is_done(self) -> bool:
-        """Whether the results exist."""
-        try:
-            marks = pa.parquet.read_schema(self.target).metadata or {}
-        except (OSError, ValueError):
-            return False
-        return bool(marks.get(_JOB) == self.mark.encode())
+    def perform(self) -> Entry:
+        """Write the results if they do not exist; return their entry.
 
-    def perform(self) -> int:
-        """Write the results; return the number of rows."""
+        Raises `PalpateError` if this process has other code than the one that planned the task.
+        """
+        if (mine := code_versions()) != self.code:
+            raise PalpateError(
+                f"a worker has other code ({_list_versions(mine)}) than this computer "
+                f"({_list_versions(self.code)}); install the same versions on both"
+            )
+        sources = self.source.sources
+        if self.results.exists(self.target):
+            with self.results.fetch(self.target) as path:
+                return describe_file(path, self.target, sources=sources)
+        mark = {
+            "job": self.job.name,
+            "settings": self.job.settings,
+            "code": self.code,
+            "inputs": [{"file": self.source.file, "sha256": self.source.sha256}],
+        }
         # More threads would change the order of sums, and so the last bits between machines.
-        with threadpool_limits(limits=1):
-            return write_tables(self.target, self.job.tables(self.source), marks={_JOB: self.mark})
+        with threadpool_limits(limits=1), self.archive.fetch(self.source.file) as path:
+            return write_tables(
+                self.results,
+                self.target,
+                self.job.tables(path),
+                sources=sources,
+                marks={MARK: json.dumps(mark)},
+            )
 
 
-def plan_tasks(job: Job, archive: Archive, *, to: Path) -> list[Task]:
-    """Return a task for each part of the job's kind."""
-    identity = f"{job.name}\n{version('palpate')}\n{job.settings}"
-    digest = hashlib.sha256(identity.encode()).hexdigest()
+@cache
+def code_versions() -> dict[str, str]:
+    """Return the versions that determine results; that of palpate has a digest of its files."""
+    found = hashlib.sha256()
+    for package in (palpate, palpate_archive):
+        root = Path(str(package.__file__)).parent
+        for path in sorted(root.rglob("*.*")):
+            # Compiled files, and firmware images that are built where a compiler is.
+            if path.suffix not in {".pyc", ".hex"}:
+                found.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    own = f"{version('palpate')}+{found.hexdigest()[:8]}"
+    return {"palpate": own} | {name: version(name) for name in ("numpy", "scipy", "pyarrow")}
+
+
+def _list_versions(code: dict[str, str]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in code.items())
+
+
+def plan_tasks(job: Job, archive: Archive, *, to: Folder) -> list[Task]:
+    """Return a task for each file of the job's kind."""
+    code = code_versions()
     tasks = []
-    for part in archive.parts(job.reads):
-        source = archive.path(part)
-        place = to / job.name / Path(*part.place.parts[1:])
-        mark = {"job": digest, "part": str(part.place), "bytes": source.stat().st_size}
-        tasks.append(Task(job=job, source=source, target=place, mark=json.dumps(mark)))
+    for source in archive.catalogue(job.reads).files():
+        identity = json.dumps([job.name, job.settings, code, source.sha256])
+        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
+        part = parse_part(source.file)
+        place = f"{job.name}/station={part.station}/date={part.date}/{part.name}-{digest}.parquet"
+        tasks.append(
+            Task(
+                job=job,
+                archive=archive.folder,
+                source=source,
+                results=to,
+                target=place,
+                code=code,
+            )
+        )
     return tasks
 
 
-def perform(
-    tasks: Sequence[Task], *, show: Callable[[float], None], workers: int | None = None
-) -> int:
-    """Perform tasks on all cores; return the number of rows written.
+def find_done(catalogue: Catalogue, tasks: Iterable[Task]) -> list[Entry]:
+    """Return the entries of the tasks whose results are in the catalogue."""
+    known = {entry.file: entry for entry in catalogue.files()}
+    return [known[task.target] for task in tasks if task.target in known]
 
-    Raises `PalpateError` if a process died, for example without enough memory.
+
+def enter_results(
+    catalogue: Catalogue, entries: Sequence[Entry], *, of: Catalogue, grace_s: float
+) -> None:
+    """Let the catalogue list these results alone; delete those before after `grace_s` seconds.
+
+    `of`: catalogue of the input. Results of sources that were deleted since are deleted.
     """
-    rows = 0
-    with ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        try:
-            futures = [pool.submit(Task.perform, task) for task in tasks]
-            for number, future in enumerate(as_completed(futures), start=1):
-                rows += future.result()
-                show(number)
-        except BrokenProcessPool as error:
-            raise PalpateError(
-                "a process of the archive died, possibly from a lack of memory; run it again to "
-                "continue with the remaining parts"
-            ) from error
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return rows
-
-
-def delete_stale_results(results: Path, tasks: Sequence[Task]) -> None:
-    """Delete results of parts that no longer exist, such as parts joined since."""
-    current = {task.target for task in tasks}
-    for path in results.rglob("[!.]*.parquet"):
-        if path not in current and _JOB in (pa.parquet.read_schema(path).metadata or {}):
-            path.unlink()
-
-
-# -- settle ----------------------------------------------------------------------------------------
-
-
-def create_settle_job(*, method: str, horizon_s: float) -> Job:
-    """Return a job that predicts the settled value of every hold."""
-    return Job(
-        name=f"settle-{method}",
-        reads="holds",
-        settings=f"{method} {CUTOFFS_S} {horizon_s} {_LEVEL}",
-        tables=partial(_build_settled_tables, method=method, horizon_s=horizon_s),
-    )
-
-
-def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
-    """Yield one table: a row for each hold, channel and cut-off."""
-    names = ["recording", "hold_id", "channel", "unit", "time_s", "value"]
-    table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
-    rows = [
-        row
-        for alike in _group_holds(table)
-        for row in _build_settled_rows(*alike, method=method, horizon_s=horizon_s)
-    ]
-    text = ("recording", "hold_id", "channel", "unit", "status")
-    numbers = ("cutoff_s", "value", "low", "high", "level", "settled")
-    order = (*text[:4], *numbers[:5], "status", "settled")
-    kinds = dict.fromkeys(text, pa.string()) | dict.fromkeys(numbers, pa.float64())
-    yield pa.Table.from_pylist(rows, schema=pa.schema([(name, kinds[name]) for name in order]))
-
-
-def _build_settled_rows(
-    labels: list[tuple[str, ...]],
-    time_s: FloatArray,
-    values: FloatArray,
-    *,
-    method: str,
-    horizon_s: float,
-) -> Iterator[dict[str, Any]]:
-    from palpate.holds import measure_settled_value
-    from palpate.settling.predict import predict_settled
-
-    settled = [measure_settled_value(time_s, each, horizon_s=horizon_s) for each in values]
-    for cutoff_s in CUTOFFS_S:
-        if not time_s[0] <= cutoff_s <= time_s[-1]:
-            continue
-        found = predict_settled(
-            time_s,
-            values,
-            cutoff_s=cutoff_s,
-            horizon_s=horizon_s,
-            method=method,
-            level=_LEVEL,
-            unit=labels[0][-1],
-        )
-        for index, names in enumerate(labels):
-            one = found.hold(index)
-            yield dict(zip(("recording", "hold_id", "channel", "unit"), names, strict=True)) | {
-                "cutoff_s": cutoff_s,
-                "value": float(one.value),
-                "low": float(one.low),
-                "high": float(one.high),
-                "level": _LEVEL,
-                "status": str(one.status),
-                "settled": None if np.isnan(settled[index]) else float(settled[index]),
-            }
-
-
-def _group_holds(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, FloatArray]]:
-    """Yield groups of holds with one unit and sampling: labels, times, values (holds, times)."""
-    columns = [table[name].combine_chunks() for name in ("recording", "hold_id", "channel", "unit")]
-    changes = np.zeros(max(table.num_rows - 1, 0), dtype=bool)
-    for column in columns:
-        differs = pyarrow.compute.not_equal(column[1:], column[:-1])
-        changes |= differs.to_numpy(zero_copy_only=False)
-    starts = [0, *(np.flatnonzero(changes) + 1).tolist()]
-    labels = list(zip(*(column.take(starts).to_pylist() for column in columns), strict=True))
-    time_s, value = (table[name].to_numpy() for name in ("time_s", "value"))
-    groups = defaultdict[tuple[str, bytes], list[tuple[int, slice]]](list)
-    for number, (start, stop) in enumerate(pairwise([*starts, table.num_rows])):
-        rows = slice(start, stop)
-        groups[labels[number][-1], time_s[rows].tobytes()].append((number, rows))
-    for holds in groups.values():
-        values = np.stack([value[rows] for _, rows in holds])
-        yield [labels[number] for number, _ in holds], time_s[holds[0][1]], values
-
-
-# -- recalibrate -----------------------------------------------------------------------------------
-
-
-def create_recalibrate_job(calibration: str) -> Job:
-    """Return a job that estimates the force of every frame with one calibration file."""
-    return Job(
-        name=f"force-{hashlib.sha256(calibration.encode()).hexdigest()[:8]}",
-        reads="frames",
-        settings=calibration,
-        tables=partial(_build_force_tables, text=calibration),
-    )
-
-
-def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
-    """Yield tables with a row per frame; other layouts have no force."""
-    from palpate.calibrate.laws import force_now
-    from palpate.sensor.calibration import Calibration
-    from palpate.sensor.sample import SampleReader
-
-    calibration = Calibration.from_text(text)
-    reader = SampleReader(calibration.layout, calibration.rest.ohm)
-    shape = (calibration.layout.rows, calibration.layout.cols)
-    names = ("time_s", "force_n", "force_n_low", "force_n_high")
-    schema = pa.schema([("recording", pa.string()), *((name, pa.float64()) for name in names)])
-    now, recording = force_now(calibration), None
-    with pa.parquet.ParquetFile(path) as file:
-        for batch in file.iter_batches(
-            _BATCH, columns=["recording", "time_s", "rows", "cols", "ohm"], use_threads=False
-        ):
-            rows = []
-            for frame in batch.to_pylist():
-                if frame["recording"] != recording:
-                    recording, now = frame["recording"], force_now(calibration)
-                row = {"recording": recording, "time_s": frame["time_s"]}
-                if (frame["rows"], frame["cols"]) == shape:
-                    ohm = np.array(frame["ohm"], dtype=float).reshape(shape)
-                    pixels = reader.read_ohm(ohm)
-                    force = now.step(
-                        frame["time_s"],
-                        pixels.excess,
-                        saturated=pixels.has_saturated,
-                        lost=pixels.has_lost,
-                    )
-                    row |= dict(zip(names[1:], (force.value, force.low, force.high), strict=True))
-                rows.append(row)
-            yield pa.Table.from_pylist(rows, schema=schema)
+    left = {source for entry in of.files() for source in entry.sources}
+    stations = defaultdict[str, list[Entry]](list, {name: [] for name in catalogue.stations()})
+    for entry in sorted(entries, key=lambda entry: entry.file):
+        if left.issuperset(entry.sources):
+            stations[parse_part(entry.file).station].append(entry)
+        else:
+            catalogue.folder.delete([entry.file])
+    for station, listed in stations.items():
+        catalogue.put(station, listed)
+        catalogue.expire(station, grace_s=grace_s)
