@@ -44,7 +44,7 @@ def healthy(pairs: Pairs) -> list[Row]:
         ("held", 0.96, 1.0),
         ("damaged", 0.0, 0.02),
         ("above 1.5 x target + 0.5 N", 0.0, 0.06),
-        ("peak / yield, 90 % of grasps", 0.0, 0.36),
+        ("peak / yield, 90 % of grasps", 0.0, 0.40),
         ("off target, ln", 0.0, 0.12),
         ("force: error, ln", 0.0, 0.13),
         ("force: bias, ln", 0.0, 0.10),

@@ -122,4 +122,11 @@ def compute_quantiles(mixture: Mixture, log_odds: FloatArray) -> FloatArray:
     fraction = (log_odds - known[:-1, None]) / gap[:, None]
     fraction = np.minimum(np.maximum(fraction, _LEAST), _MOST)
     steps = _GAPS.dot(fraction.reshape(_GAPS.size, -1)).reshape(-1, mean.size)
-    return np.asarray(mean + spread * (steps + _POINTS[0]))
+    found = mean + spread * (steps + _POINTS[0])
+    # Between separate components the points are too far apart. The quantile of a mixture is within
+    # those of its components.
+    reach = log_odds * (mixture.deviation / STEEPNESS)
+    reach += mixture.forecast
+    least = np.minimum.reduceat(reach, first, axis=1)
+    most = np.maximum.reduceat(reach, first, axis=1)
+    return np.asarray(np.minimum(np.maximum(found, least), most))

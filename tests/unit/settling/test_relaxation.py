@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.holds import measure_settled_value, read_holds
 from palpate.measurement import Status
 from palpate.settling.calibrated import Calibrated
+from palpate.settling.mixture import Mixture, compute_quantiles
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate
 
@@ -285,3 +286,20 @@ def test_relaxation_of_pure_noise_is_a_misfit() -> None:
     time_s = np.arange(0.0, 3.0, 1 / 15)
     values = 40.0 * np.exp(rng.normal(0, 0.5, time_s.size))
     assert predict(time_s, values).hold(0).status in (Status.MISFIT, Status.NOT_SETTLING)
+
+
+def test_quantiles_between_separate_components_are_within_those_of_the_components() -> None:
+    """The mirrored mixture has mirrored quantiles."""
+    apart = Mixture(
+        first=np.array([0]),
+        hold=np.array([0, 0]),
+        weight=np.array([0.945, 0.055]),
+        forecast=np.array([-5.7, -1.6]),
+        deviation=np.array([0.25, 0.2]),
+        component=np.array([0, 1]),
+    )
+    log_odds = np.arctanh([[-0.9], [0.0], [0.9]])
+    found = compute_quantiles(apart, log_odds)[:, 0]
+    assert -6.5 < found[0] < found[1] < found[2] < -1.2
+    mirrored = compute_quantiles(apart._replace(forecast=-apart.forecast), log_odds)[:, 0]
+    assert mirrored == pytest.approx(-found[::-1], abs=1e-6)
