@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
-from palpate.twin.friction import AT_REST, N_PER_G
+from palpate.twin.friction import AT_REST, N_PER_G, Pull
 from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.placement import PixelGrid
@@ -48,6 +48,7 @@ class World:
     `environment`: temperature, humidity and earlier use.
     `replace_sheet`: returns the sheet to use instead of the drawn sheet, such as another law.
     `soft_mm_per_n`: compliance of soft fingers.
+    `has_partial_slip`: whether a pulled contact shifts before it slides (`palpate.twin.friction`).
 
     >>> import numpy as np
     >>> from palpate.twin.objects import draw_object
@@ -76,6 +77,7 @@ class World:
         environment: Environment | None = None,
         replace_sheet: Callable[[Sheet], Sheet] | None = None,
         soft_mm_per_n: float = SOFT_MM_PER_N,
+        has_partial_slip: bool = True,
     ) -> None:
         self.seed = seed
         self.sheet_seed = seed if sheet_seed is None else sheet_seed
@@ -109,6 +111,7 @@ class World:
             environment=environment or Environment(),
             lock_force_n=LOCK_FORCE_N if gripper == "rigid" else np.inf,
             backlash_mm=self.backlash_mm,
+            has_partial_slip=has_partial_slip,
         )
         start_s = self.clock.now_s()
         self._node: PlantState
@@ -196,20 +199,36 @@ class World:
                 squeeze=RelaxingForce.at_rest(obj),
                 peak_force_n=0.0,
                 ruptured=False,
-                pull_n=0.0,
+                pull=None,
                 slide=AT_REST,
             )
         )
 
-    def lift(self, *, more_n: float = 0.0, time_s: float | None = None) -> None:
+    def lift(
+        self,
+        *,
+        more_n: float = 0.0,
+        rise_s: float = 0.0,
+        n_per_mm: float = 0.0,
+        time_s: float | None = None,
+    ) -> None:
         """Lift the object off its support, so that only friction holds the object.
 
         `more_n`: pull in addition to the weight, such as that of a tearing stem or a hand. Opening
         the fingers first puts the object down again.
+        `rise_s`: time in which this pull rises linearly; at once by default.
+        `n_per_mm`: stiffness of what pulls (`palpate.twin.friction.Pull`); 0 is a dead load.
         """
         now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         if now.obj is not None:
-            self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
+            pull = Pull(
+                weight_n=N_PER_G * now.obj.mass_g,
+                more_n=more_n,
+                start_s=now.time_s,
+                rise_s=rise_s,
+                n_per_mm=n_per_mm,
+            )
+            self._restart(replace(now, pull=pull))
 
     def stop_sheet(self) -> None:
         """Stop computing the sheet, to save time; all counts are 0 from now on.
@@ -217,6 +236,11 @@ class World:
         The forces are as before.
         """
         self._plant.follows_sheet = False
+
+    @property
+    def slid_mm(self) -> float:
+        """Distance by which the object has slid along the pads since its placement."""
+        return self._latest.slide.slid_mm
 
     @property
     def has_dropped(self) -> bool:
@@ -321,6 +345,6 @@ class World:
             rate_mm_per_s=rate_mm_per_s,
         )
         opens = to_mm > now.motion.width_mm(now.time_s)
-        self._restart(replace(now, motion=motion, pull_n=0.0 if opens else now.pull_n))
+        self._restart(replace(now, motion=motion, pull=None if opens else now.pull))
         if now.obj is not None and to_mm < now.obj.size_mm:
             self._hold = self._node
