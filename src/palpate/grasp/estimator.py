@@ -20,6 +20,7 @@ from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
 from palpate.sensor.sample import Sample, SampleReader
+from palpate.signal.pressure_centre import pressure_centres_mm
 from palpate.signal.relative import finger_means, mean_change
 
 _TIME_S = attrgetter("time_s")
@@ -53,6 +54,9 @@ class Touch:
         of its logarithm.
     is_beyond : bool
         Whether a pixel reads more than in the calibration.
+    centres_mm : tuple of float
+        Pressure centre of each finger, along the rows and along the columns; empty if the plan
+        does not need it (`Plan.tighten`).
     """
 
     time_s: float
@@ -61,6 +65,7 @@ class Touch:
     sheet_n: float
     log_sd: float = 0.0
     is_beyond: bool = False
+    centres_mm: tuple[float, ...] = ()
 
     @property
     def weakest_percent(self) -> float:
@@ -300,6 +305,7 @@ class ContactEstimate(HandMotion):
             sheet_n=force.force_n,
             log_sd=float(np.hypot(force.log_sd, SETTLE.drift_sd)),
             is_beyond=force.is_beyond,
+            centres_mm=pressure_centres_mm(sample.excess, plan.layout) if plan.tighten else (),
         )
 
     def _update_sweep(

@@ -120,6 +120,8 @@ class World:
         self._restart(self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj))
         self._hold: PlantState | None = None
         self._damaged_s: float | None = None
+        #: Time at which the object first slid along the pads; None if it never did.
+        self.slid_at_s: float | None = None
         self._readout = Readout(
             sheet=self.sheet,
             layout=layout,
@@ -184,7 +186,7 @@ class World:
                 f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
                 "open them first"
             )
-        self._hold = self._damaged_s = None
+        self._hold = self._damaged_s = self.slid_at_s = None
         if fixture:
             self._plant.placements.fixtures.add(now.placed + 1)
         moving = now.motion.end_s > now.time_s
@@ -324,6 +326,8 @@ class World:
             return self._latest
         while self._next.time_s <= time_s:
             self._node, self._next = self._next, self._plant.advance_to_next_node(self._next)
+            if self.slid_at_s is None and self._node.slide.slid_mm > 0:
+                self.slid_at_s = self._node.time_s
         self._latest = self._node
         if time_s > self._node.time_s:
             self._latest = self._plant.interpolate(self._node, self._next, time_s)
