@@ -19,8 +19,8 @@ from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
+from palpate.sensor.pressure_centre import pressure_centres_mm
 from palpate.sensor.sample import Sample, SampleReader
-from palpate.signal.pressure_centre import pressure_centres_mm
 from palpate.signal.relative import finger_means, mean_change
 
 _TIME_S = attrgetter("time_s")

@@ -1,8 +1,9 @@
 """A grip that tightens when the held object slips.
 
-The hand is at rest, so the centre of the pressure on each finger moves only if the contact does:
-the object shears the pads before it slides (partial slip), and slides afterwards. The sheet measures
-no shear, and a slide changes the sum of its readings only when the object leaves the pads.
+The hand is at rest, so the centre of the pressure on each finger moves only if the contact does.
+The sheet measures no shear, and its total changes only when the object leaves the pads. The shift
+of a contact before it slides (partial slip) is below the noise of the centre in simulation, so a
+slip is found once the object slides. An object on the outermost pixels shows no shift.
 """
 
 from __future__ import annotations

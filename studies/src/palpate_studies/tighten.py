@@ -17,8 +17,8 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.grasp.tighten import measure_shift
 from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.pressure_centre import pressure_centres_mm
 from palpate.sensor.sample import SampleReader
-from palpate.signal.pressure_centre import pressure_centres_mm
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import draw_object
