@@ -136,9 +136,7 @@ class Tighten:
     least_baseline_s : 0.3 to 1 s, twin. Shortest span, before the noise of this hold is known.
     gap_s : 0.05 to 0.2 s, twin. Newest part of a hold that does not count as noise.
     window_s : 0.004 to 0.07 s, guess. Span of the centres averaged for the current value.
-    threshold_sd : 6 to 10 sd, study tighten. Shift that counts as slip, in sd of the noise.
-    least_noise_mm : 0.005 to 0.02 mm, datasheet.
-        Noise assumed at least: a step of a 10-bit converter in one or two of the pixels.
+    threshold_sd : 8 to 16 sd, study tighten. Shift that counts as slip, in sd of the noise.
     force_fraction : 0.5 to 1 1, study tighten. Rise of the grip force relative to the present.
     """
 
@@ -146,8 +144,7 @@ class Tighten:
     least_baseline_s: float = 0.5
     gap_s: float = 0.1
     window_s: float = 0.016
-    threshold_sd: float = 8.0
-    least_noise_mm: float = 0.01
+    threshold_sd: float = 12.0
     force_fraction: float = 1.0
 
 

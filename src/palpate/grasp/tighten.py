@@ -51,14 +51,14 @@ def measure_shift(
     For each coordinate c of each finger, with the mean over the last `TIGHTEN.window_s` and mean
     and standard deviation over the baseline B before it,
 
-        ratio = max over c of |mean_window(c) - mean_B(c)| / (k max(sd_B(c), sd_least)),
+        ratio = max over c of |mean_window(c) - mean_B(c)| / (k hypot(sd_B(c), rounding(c))),
 
-    k = `TIGHTEN.threshold_sd` and sd_least = `TIGHTEN.least_noise_mm`. The baseline ends
-    `TIGHTEN.gap_s` before the newest frame, so that a slip does not count as noise, and is at most
-    `TIGHTEN.baseline_s` long. The creep of the sheet scales all pixels of a finger alike and
-    cancels in the centre; a slow rest of it cancels in the difference.
+    k = `TIGHTEN.threshold_sd`, and the rounding of the converter, whose steps a short baseline may
+    miss. The baseline ends `TIGHTEN.gap_s` before the newest frame, so that a slip does not count
+    as noise, and is at most `TIGHTEN.baseline_s` long. The creep of the sheet scales all pixels of
+    a finger alike and cancels in the centre; a slow rest of it cancels in the difference.
 
-    `touches`: readings since the last movement, with `centres_mm`.
+    `touches`: readings since the last movement, with `centres`.
     `since_s`: time from which the readings are undisturbed.
     `noise_mm`: noise of an earlier baseline, a lower bound; a short baseline then suffices.
 
@@ -74,13 +74,18 @@ def measure_shift(
     short = noise_mm is None and end_s - begin_s < TIGHTEN.least_baseline_s
     if short or last - first < READING.fewest_frames:
         return None
-    before = np.array([touch.centres_mm for touch in touches[first:last]])
-    newest = np.mean([touch.centres_mm for touch in touches[recent:]], axis=0)
-    noise = np.maximum(before.std(axis=0), TIGHTEN.least_noise_mm)
+    before, newest = _stack_places(touches[first:last]), _stack_places(touches[recent:])
+    centres = touches[-1].centres
+    assert centres is not None
+    noise = np.hypot(before.std(axis=0), centres.rounding_mm)
     if noise_mm is not None:
         noise = np.maximum(noise, noise_mm)
-    shift = np.abs(newest - before.mean(axis=0)) / (TIGHTEN.threshold_sd * noise)
+    shift = np.abs(newest.mean(axis=0) - before.mean(axis=0)) / (TIGHTEN.threshold_sd * noise)
     return Shift(ratio=float(shift.max()), noise_mm=noise)
+
+
+def _stack_places(touches: Sequence[Touch]) -> FloatArray:
+    return np.array([one.centres.place_mm for one in touches if one.centres is not None])
 
 
 def tighten(state: GraspState, plan: Plan) -> GripperCommand | None:

@@ -17,7 +17,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.grasp.tighten import measure_shift
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.sensor.pressure_centre import pressure_centres_mm
+from palpate.sensor.pressure_centre import pressure_centres
 from palpate.sensor.sample import SampleReader
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
@@ -195,7 +195,7 @@ def count_quiet_slips(sensor: int, *, rate_hz: float) -> dict[str, Any]:
                 finger_percent=(),
                 relative_percent=0.0,
                 sheet_n=0.0,
-                centres_mm=pressure_centres_mm(sample.excess, world.layout),
+                centres=pressure_centres(sample, world.layout),
             )
         )
         # Readings beyond the baseline do not matter.

@@ -27,6 +27,7 @@ from palpate.recording import RecordingReader
 from palpate.rig import open_rig
 from palpate.rig.job import GraspJob
 from palpate.rig.simulated import calibrate_twin
+from palpate.sensor.pressure_centre import PressureCentres
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.world import World
@@ -37,7 +38,10 @@ RATE_HZ = 15.0
 def hold(along_mm: list[float], *, sheet_n: float = 2.0) -> tuple[Touch, ...]:
     """Return a hold with these pressure centres along both fingers, at 15 frames/s."""
     return tuple(
-        replace(touch(sheet_n, time_s=number / RATE_HZ), centres_mm=(c_mm, 0.0, c_mm, 0.0))
+        replace(
+            touch(sheet_n, time_s=number / RATE_HZ),
+            centres=PressureCentres((c_mm, 0.0, c_mm, 0.0), (0.005,) * 4),
+        )
         for number, c_mm in enumerate(along_mm)
     )
 
