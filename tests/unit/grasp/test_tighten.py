@@ -49,7 +49,7 @@ def hold(along_mm: list[float], *, sheet_n: float = 2.0) -> tuple[Touch, ...]:
 def test_shift_of_a_slide_exceeds_the_limit_and_noise_does_not() -> None:
     noise = 0.02 * np.random.default_rng(4).standard_normal(30)
     quiet, slide = noise.copy(), noise.copy()
-    slide[-1] += 0.5
+    slide[-1] += 1.0
     drift = noise + np.linspace(0.0, 0.3, 30)
     ratios = []
     for along in (quiet, drift, slide):
