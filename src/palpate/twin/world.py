@@ -287,10 +287,11 @@ class World:
         """Return the true values `horizon_s` after the start of the final hold's last movement.
 
         The final hold follows the last command that left the object held. A noise-free copy of the
-        world continues from there with the gripper at rest.
+        world continues from there with the gripper at rest and without a pull.
         """
         now = self._node if self._hold is None else self._hold
-        end = self._plant.run(now, now.motion.start_s + horizon_s)
+        # A tightened grip may still lose the object, whose truth remains available.
+        end = self._plant.run(replace(now, pull=None), now.motion.start_s + horizon_s)
         ohm = self._plant.resistance_ohm(end)
         rest = self._plant.rest_ohm
         deformation_mm = end.closure_mm - self.compliance.deflection_mm(end.force_n)
