@@ -21,6 +21,7 @@ from palpate.cli.options import (
 )
 from palpate.cli.output import print_json, print_message, tolerate_lost_output
 from palpate.errors import InputError
+from palpate.grasp.safety import MOST_TIGHTENINGS
 from palpate.stop_signals import handle_always, handle_stop_signals
 
 #: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
@@ -61,6 +62,15 @@ def grasp(
     kind: Annotated[
         str | None, opt("--kind NAME", "With --damage: kind of produce, if known.")
     ] = None,
+    tighten: Annotated[
+        int,
+        opt(
+            "--tighten TIMES",
+            "Tighten the grip when the held object slips, at most so often; 0: never.",
+            min=0,
+            max=MOST_TIGHTENINGS,
+        ),
+    ] = 0,
     pull_n: Annotated[
         float | None,
         opt("--pull-n NEWTONS", "Check whether the grip withstands this pull.", min=0.01),
@@ -140,6 +150,7 @@ def grasp(
             devices,
             target_force_n=target_force_n,
             expect_size_mm=expect_size_mm,
+            tighten=tighten,
             limit=limit,
             paper=paper,
             record=record,

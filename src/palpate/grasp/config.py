@@ -129,6 +129,26 @@ class Settle:
 
 
 @dataclass(frozen=True, slots=True)
+class Tighten:
+    """Slip of a held object, and the reaction of the hand.
+
+    baseline_s : 0.5 to 2 s, twin. Longest span of the pressure centres compared with.
+    least_baseline_s : 0.3 to 1 s, twin. Shortest span, before the noise of this hold is known.
+    gap_s : 0.05 to 0.2 s, twin. Newest part of a hold that does not count as noise.
+    window_s : 0.004 to 0.07 s, guess. Span of the centres averaged for the current value.
+    threshold_sd : 8 to 16 sd, study tighten. Shift that counts as slip, in sd of the noise.
+    force_fraction : 0.5 to 1 1, study tighten. Rise of the grip force relative to the present.
+    """
+
+    baseline_s: float = 1.0
+    least_baseline_s: float = 0.5
+    gap_s: float = 0.1
+    window_s: float = 0.016
+    threshold_sd: float = 12.0
+    force_fraction: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class Guards:
     """Thresholds of the monitors of sheet, gripper and grip.
 
@@ -216,7 +236,7 @@ class Current:
 
 
 READING, APPROACH, TOUCH = ReadingNumbers(), Approach(), TouchDetection()
-SQUEEZE, SETTLE, GUARDS = Squeeze(), Settle(), Guards()
+SQUEEZE, SETTLE, TIGHTEN, GUARDS = Squeeze(), Settle(), Tighten(), Guards()
 PIXELS, CURRENT = Pixels(), Current()
 GROUPS: dict[str, Any] = {
     name: value for name, value in vars().items() if name.isupper() and not name.startswith("_")

@@ -20,6 +20,7 @@ from palpate.grasp.safety_filter import filter_command, stop_here
 from palpate.grasp.settle import gentle_goal, goal_n, settle
 from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, record_step, squeeze_step
+from palpate.grasp.tighten import tighten
 from palpate.gripper.interface import GripperCommand
 
 #: Handler of a phase: updates the state after a frame, and may request a command.
@@ -123,8 +124,11 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def hold(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Hold for the plan's `hold_s`, then release."""
-    return None if state.phase_time_s < plan.hold_s else state.release(plan, Outcome.HELD)
+    """Hold for the plan's `hold_s`, tightening at a slip, then release."""
+    command = tighten(state, plan)
+    if command is not None or state.tightening.is_unread or state.phase_time_s < plan.hold_s:
+        return command
+    return state.release(plan, Outcome.HELD)
 
 
 def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:

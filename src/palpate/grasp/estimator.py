@@ -19,6 +19,7 @@ from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
+from palpate.sensor.pressure_centre import PressureCentres, pressure_centres
 from palpate.sensor.sample import Sample, SampleReader
 from palpate.signal.relative import finger_means, mean_change
 
@@ -53,6 +54,8 @@ class Touch:
         of its logarithm.
     is_beyond : bool
         Whether a pixel reads more than in the calibration.
+    centres : PressureCentres or None
+        Pressure centre of each finger; None if the plan does not need it (`Plan.tighten`).
     """
 
     time_s: float
@@ -61,6 +64,7 @@ class Touch:
     sheet_n: float
     log_sd: float = 0.0
     is_beyond: bool = False
+    centres: PressureCentres | None = None
 
     @property
     def weakest_percent(self) -> float:
@@ -303,6 +307,7 @@ class ContactEstimate(HandMotion):
             sheet_n=force.force_n,
             log_sd=float(np.hypot(force.log_sd, SETTLE.drift_sd)),
             is_beyond=force.is_beyond,
+            centres=pressure_centres(sample, plan.layout) if plan.tighten else None,
         )
 
     def _update_sweep(

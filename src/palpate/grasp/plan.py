@@ -109,6 +109,9 @@ class Plan:
         Largest error of the settled force, relative to the target, without a correction.
     most_adjustments : int
         Largest number of corrections towards the target.
+    tighten : int
+        Largest number of times that the hand tightens a grip that slips while it holds (0 to 10);
+        afterwards it holds on. Never above the force ceiling or the damage limit.
     hold_s : float
         Hold time between decision and release.
     longest_s : float
@@ -158,6 +161,7 @@ class Plan:
     decide_after_s: float = 0.37
     target_tolerance: float = 0.05
     most_adjustments: int = 6
+    tighten: int = 0
     hold_s: float = HOLD_S
     longest_s: float = LONGEST_S
     level: float = 0.9

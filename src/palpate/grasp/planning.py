@@ -13,7 +13,7 @@ from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
-from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.grasp.safety import FORCE_CEILING_N, MOST_TIGHTENINGS
 from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration
 
@@ -45,6 +45,7 @@ def plan_grasp(
     damage: DamageModel | None = None,
     kind: str = "",
     tries: int = 1,
+    tighten: int = 0,
     hold_s: float = HOLD_S,
     longest_s: float = LONGEST_S,
 ) -> Plan:
@@ -71,6 +72,8 @@ def plan_grasp(
         Kind of object in the damage model; empty if unknown.
     tries : int
         Number of closing attempts until contact.
+    tighten : int
+        Largest number of times that the hand tightens a slipping grip; 0 for never.
     hold_s : float
         Hold time between decision and release, seconds.
     longest_s : float
@@ -79,7 +82,7 @@ def plan_grasp(
     Raises
     ------
     InputError
-        If a force or the expected size is out of range.
+        If a force, the expected size or the number of tightenings is out of range.
     CalibrationError
         If the calibration lacks data for this grasp.
     """
@@ -89,6 +92,10 @@ def plan_grasp(
         raise InputError(
             f"expect_size_mm {expect_size_mm:g}: must be at least {LEAST_SIZE_MM:g} mm; correct or "
             "omit it"
+        )
+    if not 0 <= tighten <= MOST_TIGHTENINGS:
+        raise InputError(
+            f"tighten {tighten}: must be from 0, which never tightens, to {MOST_TIGHTENINGS}"
         )
     width = gripper.limits.drive == "width"
     fit = _fit_width_compliance if width else _fit_pressure_bend
@@ -105,6 +112,7 @@ def plan_grasp(
         damage=damage,
         kind=kind,
         tries=tries,
+        tighten=tighten,
         hold_s=hold_s,
         longest_s=longest_s,
         **fit(calibration.block),

@@ -75,6 +75,7 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
         gripper=gripper,
         target_force_n=info.target_force_n,
         expect_size_mm=info.expect_size_mm,
+        tighten=info.tighten,
         damage=read_recorded_model(info.damage),
         kind=info.kind,
         hold_s=hold_s,

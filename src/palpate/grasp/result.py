@@ -92,7 +92,8 @@ class GraspResult:
         Largest time from the scan of a frame to its use.
     moments : tuple of Moment
         Events in order: `contact` of both fingers, `adjusted`, `on_target`, `damage_limit` (the
-        limit kept the force below the target), `answer`, and the outcome. Events of one finger:
+        limit kept the force below the target), `answer`, `tightened` (at a slip), `slip_at_limit`
+        (no safe tightening), and the outcome. Events of one finger:
         `finger_contact`, `finger_slip`, `finger_removal`, and `touch` (by a person, on the open
         hand).
     faults : tuple of str

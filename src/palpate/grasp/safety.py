@@ -10,6 +10,8 @@ from palpate.grasp.phases import Phase
 
 #: Largest grip force on an unknown object, newtons. The only definition.
 FORCE_CEILING_N = 15.0
+#: Largest number of tightenings of a slipping grip; each may double the force, up to the ceiling.
+MOST_TIGHTENINGS = 10
 
 
 class Danger(StrEnum):

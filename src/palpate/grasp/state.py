@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from palpate.arrays import FloatArray
 from palpate.grasp.answers import measure_settled_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
@@ -64,6 +65,28 @@ class Correction:
 
 
 @dataclass(slots=True, kw_only=True)
+class Tightening:
+    """Progress of a hand that tightens at a slip (`palpate.grasp.tighten`).
+
+    Attributes
+    ----------
+    count : int
+        Number of times that the hand has tightened.
+    is_unread : bool
+        Whether the force of the tightened grip has not yet been measured.
+    held_n : float
+        Largest reading of the sheet before the last tightening, newtons.
+    noise_mm : ndarray or None
+        Noise of the pressure centres in this hold; None before the first tightening.
+    """
+
+    count: int = 0
+    is_unread: bool = False
+    held_n: float = 0.0
+    noise_mm: FloatArray | None = None
+
+
+@dataclass(slots=True, kw_only=True)
 class GraspState:
     """State of a grasp. Watchers receive a snapshot after each frame.
 
@@ -77,6 +100,8 @@ class GraspState:
         Estimate of the contact.
     attempt, correction : Attempt and Correction
         Progress within the phases `approach` and `settle`.
+    tightening : Tightening
+        Progress of the tightening while holding.
     attempts : int
         Number of attempts without contact.
     result : GraspResult
@@ -88,6 +113,7 @@ class GraspState:
     estimate: ContactEstimate = field(default_factory=ContactEstimate)
     attempt: Attempt = field(default_factory=Attempt)
     correction: Correction = field(default_factory=Correction)
+    tightening: Tightening = field(default_factory=Tightening)
     attempts: int = 0
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
 
@@ -133,6 +159,7 @@ class GraspState:
             estimate=replace(self.estimate),
             attempt=replace(self.attempt),
             correction=replace(self.correction),
+            tightening=replace(self.tightening),
         )
 
     def enter(self, phase: Phase | Activity, *, event: str | None = None) -> None:

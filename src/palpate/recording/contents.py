@@ -44,6 +44,8 @@ class RecordingInfo:
         decisions.
     expect_size_mm : float or None
         Expected size of the object.
+    tighten : int
+        Largest number of times that the hand tightens a slipping grip.
     damage : str or None
         Full text of the damage file, if a learned limit applied; a replay needs it.
     kind : str
@@ -65,6 +67,7 @@ class RecordingInfo:
     gripper: GripperLimits | None = None
     target_force_n: float | None = None
     expect_size_mm: float | None = None
+    tighten: int = 0
     damage: str | None = None
     kind: str = ""
     paper: str | None = None

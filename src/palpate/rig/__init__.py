@@ -135,6 +135,7 @@ class Rig:
         expect_size_mm: float | None = None,
         damage: str | os.PathLike[str] | None = None,
         kind: str | None = None,
+        tighten: int = 0,
         record: str | os.PathLike[str] | None = None,
         method: Literal["palpate", "paper"] = "palpate",
         step_mm: float | None = None,
@@ -156,6 +157,9 @@ class Rig:
             File of `palpate calibrate damage`; the force stays below its damage limit.
         kind : str, optional
             With `damage`: kind of produce, if known.
+        tighten : int
+            Largest number of times that the hand tightens the grip when the held object slips,
+            each recorded as the moment ``tightened``; it never tightens by default.
         record : path, optional
             New .mcap file for every frame until release.
         method : str
@@ -196,6 +200,7 @@ class Rig:
             limit=load_limit(damage, kind=kind),
             paper=read_settings(method, settings, names={}),
             record=None if record is None else Path(record),
+            tighten=tighten,
             array=paced,
             hold_s=math.inf,
         )

@@ -37,7 +37,7 @@ class GraspJob:
     ----------
     rig : Rig
         The open rig.
-    target_force_n, lift_force_n, expect_size_mm, tries, hold_s, longest_s
+    target_force_n, lift_force_n, expect_size_mm, tries, tighten, hold_s, longest_s
         The task, as in `plan_grasp`.
     limit : DamageLimit, optional
         Learned damage limit that the grasp obeys.
@@ -97,6 +97,7 @@ class GraspJob:
         array: PressureArray | None = None,
         requests: Requests | None = None,
         tries: int = 1,
+        tighten: int = 0,
         hold_s: float = HOLD_S,
         longest_s: float = LONGEST_S,
     ) -> None:
@@ -104,6 +105,8 @@ class GraspJob:
             raise InputError(
                 "the paper's method has neither a target force nor an expected size; omit them"
             )
+        if paper is not None and tighten:
+            raise InputError("the paper's method does not tighten a grip; omit one of them")
         if isinstance(rig.gripper, NoGripper):
             raise InputError(NO_GRIPPER)
         self._rig, self._limit, self._record = rig, limit, record
@@ -117,6 +120,7 @@ class GraspJob:
             damage=None if limit is None else limit.file.model,
             kind="" if limit is None else limit.kind,
             tries=tries,
+            tighten=tighten,
             hold_s=hold_s,
             longest_s=longest_s,
         )

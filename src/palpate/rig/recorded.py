@@ -70,6 +70,7 @@ def record_grasp(
         gripper=rig.gripper.limits,
         target_force_n=plan.target_force_n,
         expect_size_mm=plan.expect_size_mm,
+        tighten=plan.tighten,
         damage=damage,
         kind=plan.kind,
         paper=None if plan.paper is None else plan.paper.as_text(),

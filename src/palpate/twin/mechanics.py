@@ -39,8 +39,11 @@ class HandCompliance:
 
     def deflection_mm(self, force_n: float) -> float:
         """Return the gripper's deflection under a force."""
-        pad_mm = -self.pad_travel_mm * math.expm1(-force_n / self.pad_force_n)
-        return self.finger_mm_per_n * force_n + pad_mm
+        return self.finger_mm_per_n * force_n + self.pad_deflection_mm(force_n)
+
+    def pad_deflection_mm(self, force_n: float) -> float:
+        """Return the deflection of both pads together under a force."""
+        return -self.pad_travel_mm * math.expm1(-force_n / self.pad_force_n)
 
     def slope_mm_per_n(self, force_n: float) -> float:
         """Return the derivative of `deflection_mm`."""

@@ -14,7 +14,7 @@ from functools import cache, partial
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.twin.friction import AT_REST, N_PER_G, Slide
+from palpate.twin.friction import AT_REST, N_PER_G, Pull, Slide
 from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce, pixel_fractions
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid, Placement, Placements
@@ -26,7 +26,7 @@ from palpate.twin.velostat import Environment, Sheet
 TABLE_FRICTION = 0.4
 #: Margin before the earliest possible contact in which nodes must be close together, mm.
 _CONTACT_MARGIN_MM = 1.0
-#: Node spacing while the object is pulled, and while it slides, seconds.
+#: Node spacing while the object is pulled, and while the pull rises or it slides, seconds.
 _PULLED_S, _SLIDING_S = 0.02, 0.005
 #: Node spacing: minimum and maximum, seconds; travel of the fingers between nodes, mm; fraction of
 #: the time since the last motion.
@@ -49,7 +49,7 @@ class PlantState:
     peak_force_n: float
     ruptured: bool
     finger_mm: float
-    pull_n: float = 0.0
+    pull: Pull | None = None
     slide: Slide = AT_REST
 
     @property
@@ -71,6 +71,7 @@ class Plant:
     `environment`: climate and earlier use.
     `lock_force_n`: force at which the servo locks.
     `backlash_mm`: travel of the servo on reversal before a finger follows.
+    `has_partial_slip`: whether the contact shifts before it slides as a whole.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Plant:
         environment: Environment,
         lock_force_n: float,
         backlash_mm: float = 0.0,
+        has_partial_slip: bool = True,
     ) -> None:
         self._backlash_mm = backlash_mm
         self.sheet, self.compliance, self.grid = sheet, compliance, grid
@@ -91,6 +93,8 @@ class Plant:
         self._lock_force_n = lock_force_n
         #: Whether the state of the sheet is computed; otherwise it remains as it is.
         self.follows_sheet = True
+        #: Whether the contact shifts before it slides (`palpate.twin.friction.shear_mm`).
+        self.has_partial_slip = has_partial_slip
         self._unloaded_n = np.zeros(sheet.rest_ohm.size)
         self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
@@ -142,13 +146,14 @@ class Plant:
                 ruptured=state.ruptured,
             )
         force_n = squeeze.force_n
-        if state.obj is not None and state.pull_n > 0:
+        if state.obj is not None and state.pull is not None:
             slide = slide.advance(
                 step_s,
-                pull_n=state.pull_n,
+                pull_n=state.pull.force_n(time_s, slid_mm=slide.slid_mm),
                 grip_n=force_n,
                 friction=state.obj.friction,
                 mass_g=state.obj.mass_g,
+                pad_mm=0.5 * self.compliance.pad_deflection_mm(force_n) * self.has_partial_slip,
             )
         pixels = state.pixels
         if self.follows_sheet:
@@ -177,7 +182,7 @@ class Plant:
             peak_force_n=max(state.peak_force_n, force_n),
             ruptured=state.ruptured or bursts,
             finger_mm=finger_mm,
-            pull_n=state.pull_n,
+            pull=state.pull,
             slide=slide,
         )
         if slide.is_off_pads:
@@ -221,7 +226,7 @@ class Plant:
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
             ruptured=state.ruptured,
             finger_mm=state.finger_mm,
-            pull_n=state.pull_n,
+            pull=state.pull,
             slide=state.slide,
         )
 
@@ -263,8 +268,9 @@ class Plant:
         return motion.start_s + max(motion.from_mm - touching_mm, 0.0) / motion.rate_mm_per_s
 
     def _next_time_s(self, state: PlantState, contact_s: float) -> float:
-        if state.pull_n > 0:
-            return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
+        if state.pull is not None:
+            is_slow = state.slide.speed_mm_per_s == 0 and not state.pull.is_rising(state.time_s)
+            return state.time_s + (_PULLED_S if is_slow else _SLIDING_S)
         still_s = state.time_s - state.motion.end_s
         spacing_s = _GROWTH * still_s if still_s >= 0 else _TRAVEL_MM / state.motion.rate_mm_per_s
         step_s = min(max(spacing_s, self._time_until_load_s(state), _SHORTEST_S), _LONGEST_S)
@@ -295,7 +301,7 @@ class Plant:
             state.obj,
             closure_mm - self.compliance.deflection_mm(force_n),
             grid=self.grid,
-            off_centre_mm=(along_mm + state.slide.slid_mm, across_mm),
+            off_centre_mm=(along_mm + state.slide.shift_mm, across_mm),
         )
         if force_n <= 0:
             return np.where(self.grid.finger == placement.first_finger, pushed_n * fraction, 0.0)
@@ -303,6 +309,6 @@ class Plant:
 
     def _push_force_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return the force of the first finger while it pushes the object to the middle."""
-        if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
+        if state.obj is None or state.pull is not None or not -placement.lead_mm < closure_mm <= 0:
             return 0.0
         return TABLE_FRICTION * N_PER_G * state.obj.mass_g

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
-from palpate.twin.friction import AT_REST, N_PER_G
+from palpate.twin.friction import AT_REST, N_PER_G, Pull
 from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.placement import PixelGrid
@@ -48,6 +48,7 @@ class World:
     `environment`: temperature, humidity and earlier use.
     `replace_sheet`: returns the sheet to use instead of the drawn sheet, such as another law.
     `soft_mm_per_n`: compliance of soft fingers.
+    `has_partial_slip`: whether a pulled contact shifts before it slides (`palpate.twin.friction`).
 
     >>> import numpy as np
     >>> from palpate.twin.objects import draw_object
@@ -76,6 +77,7 @@ class World:
         environment: Environment | None = None,
         replace_sheet: Callable[[Sheet], Sheet] | None = None,
         soft_mm_per_n: float = SOFT_MM_PER_N,
+        has_partial_slip: bool = True,
     ) -> None:
         self.seed = seed
         self.sheet_seed = seed if sheet_seed is None else sheet_seed
@@ -109,6 +111,7 @@ class World:
             environment=environment or Environment(),
             lock_force_n=LOCK_FORCE_N if gripper == "rigid" else np.inf,
             backlash_mm=self.backlash_mm,
+            has_partial_slip=has_partial_slip,
         )
         start_s = self.clock.now_s()
         self._node: PlantState
@@ -117,6 +120,8 @@ class World:
         self._restart(self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj))
         self._hold: PlantState | None = None
         self._damaged_s: float | None = None
+        #: Time at which the object first slid along the pads; None if it never did.
+        self.slid_at_s: float | None = None
         self._readout = Readout(
             sheet=self.sheet,
             layout=layout,
@@ -181,7 +186,7 @@ class World:
                 f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
                 "open them first"
             )
-        self._hold = self._damaged_s = None
+        self._hold = self._damaged_s = self.slid_at_s = None
         if fixture:
             self._plant.placements.fixtures.add(now.placed + 1)
         moving = now.motion.end_s > now.time_s
@@ -196,20 +201,36 @@ class World:
                 squeeze=RelaxingForce.at_rest(obj),
                 peak_force_n=0.0,
                 ruptured=False,
-                pull_n=0.0,
+                pull=None,
                 slide=AT_REST,
             )
         )
 
-    def lift(self, *, more_n: float = 0.0, time_s: float | None = None) -> None:
+    def lift(
+        self,
+        *,
+        more_n: float = 0.0,
+        rise_s: float = 0.0,
+        n_per_mm: float = 0.0,
+        time_s: float | None = None,
+    ) -> None:
         """Lift the object off its support, so that only friction holds the object.
 
         `more_n`: pull in addition to the weight, such as that of a tearing stem or a hand. Opening
         the fingers first puts the object down again.
+        `rise_s`: time in which this pull rises linearly; at once by default.
+        `n_per_mm`: stiffness of what pulls (`palpate.twin.friction.Pull`); 0 is a dead load.
         """
         now = self._advance_and_notify(self.clock.now_s() if time_s is None else time_s)
         if now.obj is not None:
-            self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
+            pull = Pull(
+                weight_n=N_PER_G * now.obj.mass_g,
+                more_n=more_n,
+                start_s=now.time_s,
+                rise_s=rise_s,
+                n_per_mm=n_per_mm,
+            )
+            self._restart(replace(now, pull=pull))
 
     def stop_sheet(self) -> None:
         """Stop computing the sheet, to save time; all counts are 0 from now on.
@@ -217,6 +238,11 @@ class World:
         The forces are as before.
         """
         self._plant.follows_sheet = False
+
+    @property
+    def slid_mm(self) -> float:
+        """Distance by which the object has slid along the pads since its placement."""
+        return self._latest.slide.slid_mm
 
     @property
     def has_dropped(self) -> bool:
@@ -261,10 +287,11 @@ class World:
         """Return the true values `horizon_s` after the start of the final hold's last movement.
 
         The final hold follows the last command that left the object held. A noise-free copy of the
-        world continues from there with the gripper at rest.
+        world continues from there with the gripper at rest and without a pull.
         """
         now = self._node if self._hold is None else self._hold
-        end = self._plant.run(now, now.motion.start_s + horizon_s)
+        # A tightened grip may still lose the object, whose truth remains available.
+        end = self._plant.run(replace(now, pull=None), now.motion.start_s + horizon_s)
         ohm = self._plant.resistance_ohm(end)
         rest = self._plant.rest_ohm
         deformation_mm = end.closure_mm - self.compliance.deflection_mm(end.force_n)
@@ -300,6 +327,8 @@ class World:
             return self._latest
         while self._next.time_s <= time_s:
             self._node, self._next = self._next, self._plant.advance_to_next_node(self._next)
+            if self.slid_at_s is None and self._node.slide.slid_mm > 0:
+                self.slid_at_s = self._node.time_s
         self._latest = self._node
         if time_s > self._node.time_s:
             self._latest = self._plant.interpolate(self._node, self._next, time_s)
@@ -321,6 +350,6 @@ class World:
             rate_mm_per_s=rate_mm_per_s,
         )
         opens = to_mm > now.motion.width_mm(now.time_s)
-        self._restart(replace(now, motion=motion, pull_n=0.0 if opens else now.pull_n))
+        self._restart(replace(now, motion=motion, pull=None if opens else now.pull))
         if now.obj is not None and to_mm < now.obj.size_mm:
             self._hold = self._node

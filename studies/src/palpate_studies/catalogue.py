@@ -26,6 +26,7 @@ _STUDY_TEXTS = {
     "fatigue": "Figure 4, 2 500 cycles on the twin",
     "size": "Figure 14, size of strawberries in 1 mm steps, simulated",
     "slip": "Slip and removal: detection rates, false alarms, delays, simulated",
+    "tighten": "Holds that tighten at a slip: drops, damage, reaction, false alarms, simulated",
     "speed": "Effect of the actuation speed on every predictor, on the twin",
     "springs": "Figure 10b, springs on the twin",
     "table1": "Table 1 and Figures 5 and 6, on simulated holds",

@@ -8,7 +8,7 @@ const RECENT_S = 30, BEFORE_S = 2, AFTER_S = 3, STEP_S = 5, SHORTEST_S = 15, NAR
 // Upper limit of plotted changes: a loose pixel with 100 times its rest value must not set the scale.
 const HIGHEST = 100;
 const LEFT = 46, RIGHT = 12, TOP = 16, FOOT = 24;
-const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "damage limit", damaged: "damaged", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
+const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", tightened: "tightened", damage_limit: "damage limit", damaged: "damaged", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
 let chosen = "grasp", zoomed = null, pointed = null, view = null, doc = null, drawn = "", ink = {}, inkOf = "";
 const plots = {};
 
