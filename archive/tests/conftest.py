@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import shutil
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,6 +49,18 @@ def filled(tmp_path_factory: pytest.TempPathFactory, recorded: Path) -> Path:
 def root(filled: Path, tmp_path: Path) -> Path:
     """Return the folder of an archive of two recordings."""
     return Path(shutil.copytree(filled, tmp_path / "archive"))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _collect_connections() -> Iterator[None]:
+    """Collect the connections that the libraries of schedulers and stores leave to the collector.
+
+    Otherwise their warnings appear in a later test.
+    """
+    yield
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

@@ -140,7 +140,7 @@ def test_grasp_released_by_user_is_an_episode_if_its_end_is_recorded(tmp_path: P
     assert (track.outcome, len(track.time_s)) == ("held", result.frames)
     for phase, recorded_end, reason in (
         (Phase.HOLD, False, "gripper_fault"),
-        (Phase.SQUEEZE, True, "the user stopped the grasp"),
+        (Phase.APPROACH, True, "the user stopped the grasp"),
     ):
         cut = tmp_path / f"{phase.value}.mcap"
         release_during(cut, phase=phase, recorded_end=recorded_end)
@@ -214,7 +214,10 @@ def test_lower_fps_selects_nearest_frames(recorded: Path, tmp_path: Path) -> Non
     file = recorded / "gentle.mcap"
     assert palpate("export", file, "--lerobot", folder, "--fps", 5, "--task", "Touch.") == 0
     assert info_of(folder)["fps"] == 5
-    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::3], rel=1e-6)
+    nearest, found = track.state[::3], read(folder, DATA)["observation.state"]
+    # The last tick may be nearest to the last frame.
+    assert len(found) - len(nearest) in (0, 1)
+    assert found[: len(nearest)] == pytest.approx(nearest, rel=1e-6)
     assert pd.read_parquet(folder / "meta/tasks.parquet").index.tolist() == ["Touch."]
 
 
