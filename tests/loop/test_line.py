@@ -242,7 +242,8 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Statio
             with pytest.raises(ua.UaStatusCodeError):
                 await hand.grasp(stops=stops - 1)
             await hand.call("Release")
-            assert await hand.value("State") == "stopped"
+            # A hand that had hardly closed is open at once.
+            assert await hand.value("State") in ("stopped", "idle")
             await hand.reach("idle")
 
     asyncio.run(work())

@@ -213,7 +213,7 @@ def test_killed_client_leaves_time_limited_grasp(
     client: Any, launch: Any, joints: list[JointState], action: str, name: str
 ) -> None:
     """Without a request the object is held for `hold_s`, then released."""
-    launch("gripper_node", rig="bench", speed=4.0, object="strawberry", hold_s=4.0)
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry", hold_s=20.0)
     program = (
         "import rclpy; from rclpy.node import Node; from rclpy.action import ActionClient;"
         f"{action}; rclpy.init(); n = Node('doomed'); goal = Action.Goal();"
