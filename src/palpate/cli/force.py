@@ -17,9 +17,9 @@ from palpate.calibrate.recorded_force import (
     use_calibration,
 )
 from palpate.cli import options as option
-from palpate.cli.force_report import ForceReport, check_output, print_report, write_output
+from palpate.cli.force_report import ForceReport, print_report, write_output
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import print_json, print_message
+from palpate.cli.output import check_table_file, print_json, print_message
 from palpate.cli.settle_source import Leg, make_divider, parse_rest
 from palpate.errors import InputError
 from palpate.files import check_not_input, check_writable
@@ -122,7 +122,7 @@ def force(
     """
     inputs = [one for one in (readings, weights, load_cell, calibration) if one is not None]
     check_plot(plot)
-    check_output(output, inputs=inputs)
+    check_table_file(output, option="--output", inputs=inputs)
     if save is not None:
         check_writable(save)
         check_not_input(save, inputs=inputs)

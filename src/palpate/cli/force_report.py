@@ -16,13 +16,11 @@ from palpate.calibrate.held_out import HeldOut
 from palpate.calibrate.loaded_sensor import LoadedSensor
 from palpate.calibrate.recorded_force import FittedForce, ForceTrace
 from palpate.cli.output import finite_or_none
-from palpate.errors import InputError
-from palpate.files import atomic_path, check_not_input, check_writable, escape_csv_cell
+from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.table_files import import_pyarrow
 from palpate.plots.force_trace import DrawnForce
 from palpate.terminal_table import make_console, print_table
 
-_ENDINGS = (".csv", ".parquet", ".json")
 #: Most lines of the printed table.
 _SHOWN = 20
 
@@ -98,18 +96,6 @@ class ForceReport:
             else None,
             "contacts": None if settled else self.contacts(),
         }
-
-
-def check_output(output: Path | None, *, inputs: Sequence[Path]) -> None:
-    """Raise `InputError` early if the output file is an input or can't be written."""
-    if output is None:
-        return
-    if output.suffix.lower() not in _ENDINGS:
-        raise InputError(f"--output {output}: the name must end in .csv, .parquet or .json")
-    check_writable(output)
-    check_not_input(output, inputs=inputs)
-    if output.suffix.lower() == ".parquet":
-        import_pyarrow("--output FILE.parquet")
 
 
 def write_output(found: Sequence[ForceReport], output: Path) -> None:

@@ -8,9 +8,10 @@ import math
 import os
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
 from rich.panel import Panel
@@ -18,6 +19,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from palpate.errors import InputError
+from palpate.files import check_not_input, check_writable
 from palpate.terminal_table import fit_table, shortest_width
 
 #: Width of a card's frame and padding, characters per line.
@@ -160,3 +163,21 @@ def progress(
     with bar:
         task = bar.add_task(title, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+#: Endings of tables that a command writes.
+TABLE_ENDINGS = (".json", ".csv", ".parquet")
+
+
+def check_table_file(path: Path | None, *, option: str, inputs: Sequence[Path]) -> None:
+    """Raise `InputError` early if a table's file is an input or can't be written."""
+    if path is None:
+        return
+    if path.suffix.lower() not in TABLE_ENDINGS:
+        raise InputError(f"{option} {path}: the name must end in .json, .csv or .parquet")
+    check_writable(path)
+    check_not_input(path, inputs=inputs)
+    if path.suffix.lower() == ".parquet":
+        from palpate.holds.table_files import import_pyarrow
+
+        import_pyarrow(f"{option} FILE.parquet")

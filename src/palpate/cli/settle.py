@@ -14,7 +14,7 @@ from palpate.cli import options as option
 from palpate.cli import settle_report as report
 from palpate.cli.calibrate_settling import get_holds_path
 from palpate.cli.options import HorizonOption, JsonOption, QuietOption, opt
-from palpate.cli.output import print_json, print_message, progress
+from palpate.cli.output import check_table_file, print_json, print_message, progress
 from palpate.cli.settle_source import (
     HoldSource,
     Leg,
@@ -173,7 +173,7 @@ def settle(
     )
     files = source.files()
     check_plot(plot)
-    report.check_out(out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
+    check_table_file(out, option="--out", inputs=[*files, *(fit_on or []), *(learn_from or [])])
     own = [*(learn_from or []), *([] if rig is None else [_find_own_holds(rig)])]
     _check_held_out(own, files=files)
     chosen = _make_methods(

@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli.settle_source import HoldSource
-from palpate.errors import InputError
-from palpate.files import atomic_path, check_not_input, check_writable, escape_csv_cell
+from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.cutting import CutColumn
 from palpate.holds.table_files import import_pyarrow
 from palpate.plots.settle import MOST_OVERVIEWS, Panel, settle_figure
@@ -32,21 +31,8 @@ from palpate.scoring.table import (
 from palpate.settling.result import SettlingMethod
 from palpate.terminal_table import make_console, print_table
 
-OUT_ENDINGS = (".json", ".csv", ".parquet")
 #: Number of listed holds, largest errors first.
 ROWS_SHOWN = 10
-
-
-def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
-    """Raise `InputError` early if the output file is an input or can't be written."""
-    if out is None:
-        return
-    if out.suffix.lower() not in OUT_ENDINGS:
-        raise InputError(f"--out {out}: the name must end in .json, .csv or .parquet")
-    check_writable(out)
-    check_not_input(out, inputs=inputs)
-    if out.suffix.lower() == ".parquet":
-        import_pyarrow("--out FILE.parquet")
 
 
 def write(document: ScoreTable, out: Path) -> None:
