@@ -79,13 +79,8 @@ def force(
         str | None,
         opt("--rest START:END", "Interval without load, seconds. [default: from the loads]"),
     ] = None,
-    time_column: Annotated[
-        str | None, opt("--time-column NAME", "Time column. [default: from common names]")
-    ] = None,
-    time_unit: Annotated[
-        Literal["s", "ms", "us", "unix"] | None,
-        opt("--time-unit UNIT", "s, ms, us or unix. [default: from column name and values]"),
-    ] = None,
+    time_column: option.TimeColumnOption = None,
+    time_unit: option.TimeUnitOption = None,
     interval: option.IntervalOption = None,
     sheet: option.SheetOption = None,
     decimal: option.DecimalOption = None,
@@ -96,21 +91,12 @@ def force(
             "Column of a pixel; may be repeated. [default: from common names]",
         ),
     ] = None,
-    unit: Annotated[
-        Literal["ohm", "percent", "counts", "volt"] | None,
-        opt("--unit UNIT", "ohm, percent, counts or volt. [default: from column names]"),
-    ] = None,
+    unit: option.UnitOption = None,
     adc_bits: Annotated[
         int | None, opt("--adc-bits N", "Resolution of the converter of counts.", min=1, max=32)
     ] = None,
     reference_ohm: option.ReferenceOhmOption = None,
-    sensor_leg: Annotated[
-        Leg | None,
-        opt(
-            "--sensor-leg LEG",
-            "Position of the sensor: upper (at the supply) or lower (at ground).",
-        ),
-    ] = None,
+    sensor_leg: option.SensorLegOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Convert readings to newtons, from weights or a load cell.

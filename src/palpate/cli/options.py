@@ -190,6 +190,23 @@ ReferenceOhmOption: TypeAlias = Annotated[
     ),
 ]
 
+#: Each requires the default None: how a table is read.
+TimeColumnOption: TypeAlias = Annotated[
+    str | None, opt("--time-column NAME", "Time column. [default: from common names]")
+]
+TimeUnitOption: TypeAlias = Annotated[
+    Literal["s", "ms", "us", "unix"] | None,
+    opt("--time-unit UNIT", "s, ms, us or unix. [default: from column name and values]"),
+]
+UnitOption: TypeAlias = Annotated[
+    Literal["ohm", "percent", "counts", "volt"] | None,
+    opt("--unit UNIT", "ohm, percent, counts or volt. [default: from column names]"),
+]
+SensorLegOption: TypeAlias = Annotated[
+    Literal["upper", "lower"] | None,
+    opt("--sensor-leg LEG", "Position of the sensor: upper (at the supply) or lower (at ground)."),
+]
+
 #: Requires the default False.
 QuietOption: TypeAlias = Annotated[
     bool, opt("--quiet", "Hide the progress bar (always hidden without a terminal).")

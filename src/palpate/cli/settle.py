@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isnan
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -17,7 +17,6 @@ from palpate.cli.options import HorizonOption, JsonOption, QuietOption, opt
 from palpate.cli.output import check_table_file, print_json, print_message, progress
 from palpate.cli.settle_source import (
     HoldSource,
-    Leg,
     ReadingOptions,
     make_divider,
     parse_cut,
@@ -83,13 +82,8 @@ def settle(
             "Predict each hold as soon as the half-width of its interval is below this.",
         ),
     ] = None,
-    time_column: Annotated[
-        str | None, opt("--time-column NAME", "Time column. [default: from common names]")
-    ] = None,
-    time_unit: Annotated[
-        Literal["s", "ms", "us", "unix"] | None,
-        opt("--time-unit UNIT", "s, ms, us or unix. [default: from column name and values]"),
-    ] = None,
+    time_column: option.TimeColumnOption = None,
+    time_unit: option.TimeUnitOption = None,
     interval: option.IntervalOption = None,
     sheet: option.SheetOption = None,
     decimal: option.DecimalOption = None,
@@ -100,21 +94,12 @@ def settle(
             "Column of readings; may be repeated. [default: from common names]",
         ),
     ] = None,
-    unit: Annotated[
-        Literal["ohm", "percent", "counts", "volt"] | None,
-        opt("--unit UNIT", "ohm, percent, counts or volt. [default: from column names]"),
-    ] = None,
+    unit: option.UnitOption = None,
     adc_bits: Annotated[
         int | None, opt("--adc-bits N", "Resolution of the converter, to convert counts to ohms.")
     ] = None,
     reference_ohm: option.ReferenceOhmOption = None,
-    sensor_leg: Annotated[
-        Leg | None,
-        opt(
-            "--sensor-leg LEG",
-            "Position of the sensor: upper (at the supply) or lower (at ground).",
-        ),
-    ] = None,
+    sensor_leg: option.SensorLegOption = None,
     cut: Annotated[
         str,
         opt(
