@@ -51,12 +51,11 @@ _UNKNOWN = 5
 #: covered by the grid of gains, because large changes of gain have nonlinear effects.
 _SOLVED_FRACTION = 0.5
 
-#: Uncertainty of a reading just after a step, because the sheet lags, as a fraction of the lagging
-#: rise (ln force). On development closings of the twin, compared with the true forces, readings
-#: were low by 0.16 on springs, and by 0.05 if half of the objects relax like fruit. Relaxation
-#: bends the curve in the opposite direction, so a stiffness estimated from the bend needs no
-#: correction on average.
-LAG_SD = 0.08
+#: A reading just after a step is low, because the sheet lags: by this fraction of the lagging rise
+#: (ln force). On development closings of the twin, compared with the true forces, 0.16 on springs;
+#: 0.05 if half of the objects relax like fruit. Relaxation bends the curve in the opposite
+#: direction, so a stiffness estimated from the bend needs no correction on average.
+LAG, LAG_SD = 0.1, 0.08
 #: Fraction of a sheet's lag that disappears with each closing step.
 _RECOVERY = 0.3
 #: Scatter of a contact's exponent relative to the law's, per unit of ln force. It has two causes:
