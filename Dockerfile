@@ -5,7 +5,7 @@ FROM python:3.12-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends make gcc-avr avr-libc binutils-avr
 COPY . /src
 WORKDIR /src
-RUN make -C firmware image && pip wheel --no-deps --wheel-dir /dist . ./archive ./bridges/lerobot-dataset
+RUN make -C firmware image && pip wheel --no-deps --wheel-dir /dist . ./packages/archive ./packages/lerobot-dataset
 
 FROM python:3.12-slim
 RUN apt-get update && apt-get install -y --no-install-recommends avrdude && rm -rf /var/lib/apt/lists/*

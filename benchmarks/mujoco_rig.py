@@ -5,7 +5,7 @@
 
 For each seed one object is drawn and grasped on each rig with its own calibration. Prints mean and
 standard deviation of the errors relative to the rig's truth, and the coverage of the 90 %
-intervals. Requires `pip install -e bridges/mujoco`. There is no limit.
+intervals. Requires `pip install -e packages/mujoco`. There is no limit.
 """
 
 from __future__ import annotations

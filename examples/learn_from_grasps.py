@@ -5,7 +5,7 @@
 GRASPS fruits are grasped at 2 N and exported like `palpate export --lerobot`, and a small network
 learns to imitate the commands. It then grasps TRIALS new fruits with other hands, once without a
 limit and once through `PolicyHand` with a force limit of 4 N. Everything is simulated. Requires
-scikit-learn and `bridges/lerobot-dataset`.
+scikit-learn and `packages/lerobot-dataset`.
 """
 
 from __future__ import annotations

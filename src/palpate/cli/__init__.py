@@ -25,7 +25,7 @@ from palpate.cli.output import (
 from palpate.errors import DISK_FAILURES, DamageWarning, PalpateError
 from palpate.stop_signals import HANGUP, install, interrupt
 
-_STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
+_STUDIES, _ARCHIVE = ("palpate-studies", "packages/studies"), ("palpate-archive", "packages/archive")
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
 #: `palpate.cli.VERB.VERB`.
 GROUPS = {

@@ -52,7 +52,7 @@ def export(
     if lerobot is not None:
         if to is not None or holds or out is not None:
             raise InputError("--lerobot can't be combined with --to, --holds or --out")
-        package = ("palpate-lerobot", "bridges/lerobot-dataset")
+        package = ("palpate-lerobot", "packages/lerobot-dataset")
         point = find_entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
         point.load()(files, folder=lerobot, task=task, fps=fps)
         return

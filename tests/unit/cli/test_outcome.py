@@ -92,10 +92,10 @@ def test_run_failure_while_acting_is_reported_with_its_status(
 @pytest.mark.parametrize(
     ("command", "folder"),
     [
-        ("study table1", "studies"),
-        ("bench settling", "studies"),
+        ("study table1", "packages/studies"),
+        ("bench settling", "packages/studies"),
         ("archive settle archive", "archive"),
-        ("export run.mcap --lerobot grasps", "bridges/lerobot-dataset"),
+        ("export run.mcap --lerobot grasps", "packages/lerobot-dataset"),
     ],
 )
 def test_missing_package_names_what_to_install(

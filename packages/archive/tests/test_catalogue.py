@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
-from archive.tests.drawn import DAYS, HOLDS, ROWS, draw_archive, palpate, read
+from packages.archive.tests.drawn import DAYS, HOLDS, ROWS, draw_archive, palpate, read
 
 from palpate.errors import InputError
 from palpate_archive.adding import add_recordings

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from archive.tests.drawn import palpate
+from packages.archive.tests.drawn import palpate
 from moto.server import ThreadedMotoServer
 from s3fs import S3FileSystem
 

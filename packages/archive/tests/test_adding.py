@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from archive.tests.drawn import palpate, read, read_bytes
+from packages.archive.tests.drawn import palpate, read, read_bytes
 
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store

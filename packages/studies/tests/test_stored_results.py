@@ -26,7 +26,7 @@ from palpate_studies.stored_results import (
 )
 from palpate_studies.study_code import ProductCode
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
 SYMBOL = "palpate.law:estimate"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bridges.mujoco.tests.lying import contact_n
+from packages.mujoco.tests.lying import contact_n
 
 from palpate.twin.devices import TwinArray
 from palpate.twin.mechanics import object_force_n

@@ -1,6 +1,6 @@
 """Check that LeRobot records with palpate's robot and camera, on the twin.
 
-Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4 or 0.6,
+Run `python packages/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4 or 0.6,
 palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. The function of `lerobot-record`
 records two episodes in which the hand is commanded to close fully, with a force limit of 3 N. The
 exit status is 1 if a check fails.

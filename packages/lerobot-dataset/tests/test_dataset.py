@@ -1,6 +1,6 @@
 """Simulated grasps as a LeRobot data set, read by pyarrow and pandas as LeRobot does.
 
-LeRobot itself is too heavy for the tests; `bridges/lerobot/check_with_lerobot.py` uses it.
+LeRobot itself is too heavy for the tests; `packages/lerobot/check_with_lerobot.py` uses it.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def test_import_data_writes_readable_strokes_and_ladders(
 def test_readme_data_commands_run_on_example_clones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+    readme = (Path(__file__).resolve().parents[3] / "README.md").read_text()
     (block,) = (b for b in re.findall(r"```sh\n(.*?)```", readme, re.DOTALL) if "git clone" in b)
     monkeypatch.setattr(paired, "DRAWS", 100)
     velostat = Files()

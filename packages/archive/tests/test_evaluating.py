@@ -8,8 +8,8 @@ from pathlib import Path
 
 import dask
 import pytest
-from archive.tests import archive_jobs
-from archive.tests.drawn import DAYS, draw_archive, palpate, read, read_bytes
+from packages.archive.tests import archive_jobs
+from packages.archive.tests.drawn import DAYS, draw_archive, palpate, read, read_bytes
 from distributed import LocalCluster
 
 from palpate.errors import PalpateError

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from bridges.mujoco.tests.lying import PALM, UP, WEIGHT_N, contact_n, lying
+from packages.mujoco.tests.lying import PALM, UP, WEIGHT_N, contact_n, lying
 
 from palpate.errors import DeviceTimeoutError, InputError
 from palpate.sensor.array import ArrayLayout, find_impossible_count

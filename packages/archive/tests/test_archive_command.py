@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from archive.tests.drawn import HOLDS, ROWS, draw_archive, palpate, read
+from packages.archive.tests.drawn import HOLDS, ROWS, draw_archive, palpate, read
 from tests.pages import test_commands_of_page_run
 
 from palpate_archive import evaluating

@@ -1,6 +1,6 @@
 """Check that LeRobot reads the data sets of `palpate export --lerobot`.
 
-Run `python bridges/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4 or 0.6;
+Run `python packages/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4 or 0.6;
 palpate is not required. The data set is opened with LeRobot's loader, the statistics of each
 episode are compared with LeRobot's, and a torch loader reads batches with a window of past ticks.
 The exit status is 1 if a check fails.

@@ -1,6 +1,6 @@
 """Write the files of a LeRobot v3.0 data set: frames, episodes, tasks, statistics, info.
 
-The layout is that of LeRobot 0.4's writer; `bridges/lerobot/check_with_lerobot.py` reads the files
+The layout is that of LeRobot 0.4's writer; `packages/lerobot/check_with_lerobot.py` reads the files
 with its loader.
 """
 
