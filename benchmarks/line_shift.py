@@ -29,9 +29,9 @@ from pymodbus.client import AsyncModbusTcpClient
 from tests.loop.test_line import OpcUa, free_port, reach, read_registers
 from tests.served_pages import SIMULATED, Machine, serve_dashboard
 
-from palpate.line import modbus
-from palpate.line.machine import LineState
-from palpate.line.results import list_measurements
+from palpate_station.line import modbus
+from palpate_station.line.machine import LineState
+from palpate_station.line.results import list_measurements
 
 #: Polling period of a client, seconds.
 POLL_S = 0.01

@@ -134,8 +134,8 @@ def time_results(port: int, folder: Path, *, count: int) -> None:
     """Measure and print the time of a result from the publisher's call to a subscriber."""
     from tests.mosquitto import Subscriber
 
-    from palpate.mqtt.broker import Broker
-    from palpate.mqtt.publisher import Publisher
+    from palpate_station.mqtt.broker import Broker
+    from palpate_station.mqtt.publisher import Publisher
 
     subscriber = Subscriber(port, "bench")
     broker = Broker(host="127.0.0.1", port=port, tls=False, topic="bench")

@@ -27,8 +27,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import PalpateError
-from palpate.produce.store import Store
-from palpate.produce.store.sender import Sender
+from palpate_station.store import Store
+from palpate_station.store.sender import Sender
 from store import invent_grasps
 
 DEBIAN = Path("/usr/lib/postgresql")

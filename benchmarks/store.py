@@ -21,10 +21,10 @@ import numpy as np
 
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.records import MEASURED, About, Grasp, Verdict
-from palpate.produce.store import Store
-from palpate.produce.store.export import export_grasps
-from palpate.produce.store.item_history import read_item_histories, read_item_history
+from palpate_station.records import MEASURED, About, Grasp, Verdict
+from palpate_station.store import Store
+from palpate_station.store.export import export_grasps
+from palpate_station.store.item_history import read_item_histories, read_item_history
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 PER_ITEM = 20

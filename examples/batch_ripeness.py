@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness.history import firmness_history, judge_ripeness, learn_rule
-from palpate.produce.ripeness.stages import RIPE, STAGES
-from palpate.produce.store import Store
+from palpate_station.demo_packhouse import write_packhouse
+from palpate_station.ripeness.history import firmness_history, judge_ripeness, learn_rule
+from palpate_station.ripeness.stages import RIPE, STAGES
+from palpate_station.store import Store
 
 
 def main(arguments: list[str]) -> None:

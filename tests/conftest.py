@@ -76,7 +76,7 @@ def real_data() -> Path:
 @pytest.fixture(scope="session")
 def packhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder that `palpate demo packhouse` writes; copy what a test changes."""
-    from palpate.demo.packhouse import write_packhouse
+    from palpate_station.demo_packhouse import write_packhouse
 
     shared = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

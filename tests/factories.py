@@ -14,7 +14,7 @@ from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
-from palpate.produce.records import Grasp
+from palpate_station.records import Grasp
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object

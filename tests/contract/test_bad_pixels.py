@@ -20,7 +20,7 @@ from tests.unit.sensor.test_pixel_excess import make_live, read_by_rig, read_liv
 from palpate.calibrate.dead_weights import measure_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError
-from palpate.foxglove.channels import encode_change
+from palpate_foxglove.channels import encode_change
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperState

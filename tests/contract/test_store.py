@@ -15,9 +15,9 @@ from tests.factories import make_grasp
 from palpate.errors import InputError, StoreError
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement, Status
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store, schema
-from palpate.produce.store.engine import make_engine, store_url
+from palpate_station.records import About, Grasp, Item, Source, Verdict
+from palpate_station.store import Store, schema
+from palpate_station.store.engine import make_engine, store_url
 
 MORNING = datetime(2026, 5, 1, 8, 30, 0, 123456, tzinfo=UTC)
 
@@ -158,7 +158,7 @@ def test_store_refuses_a_record_without_its_item_and_adds_nothing(store: Store) 
 def test_store_iterates_over_all_grasps_in_batches(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.produce.store.reading._BATCH", 3)
+    monkeypatch.setattr("palpate_station.store.reading._BATCH", 3)
     taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
     store.add_grasps(taken)
     store.add_item(Item(item_id="i1", kind="lime"))
@@ -171,7 +171,7 @@ def test_store_iterates_over_all_grasps_in_batches(
 def test_store_returns_histories_in_the_order_of_the_names(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.produce.store.reading._MOST_VALUES", 2)
+    monkeypatch.setattr("palpate_station.store.reading._MOST_VALUES", 2)
     store.add_grasps([grasp(f"i{n % 3}", hours=-n) for n in range(9)])
     predicted = verdict("i1")
     store.add_verdict(predicted)

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from palpate.measurement import Status
-from palpate.produce.records import About, Source
-from palpate.produce.store import Store
-from palpate.produce.store.schema import NEWEST
+from palpate_station.records import About, Source
+from palpate_station.store import Store
+from palpate_station.store.schema import NEWEST
 
 FOLDER = Path(__file__).parent / "store"
 SCHEMAS = range(1, NEWEST["sqlite"] + 1)

@@ -18,8 +18,8 @@ from pymodbus.exceptions import ModbusException
 from tests.epcis import read_epcis
 from tests.served_pages import SIMULATED, Machine, run_server
 
-from palpate.line import modbus
-from palpate.line.machine import LineState
+from palpate_station.line import modbus
+from palpate_station.line.machine import LineState
 
 #: Maximum number of polls for a state, and the pause between polls, seconds.
 MAX_POLLS, POLL_PERIOD_S = 3000, 0.02

@@ -17,8 +17,8 @@ from tests.unit.test_json_schemas import faults
 
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.mqtt.broker import Broker, read_broker
-from palpate.mqtt.publisher import Publisher
+from palpate_station.mqtt.broker import Broker, read_broker
+from palpate_station.mqtt.publisher import Publisher
 
 TOPIC = "palpate/line-1"
 

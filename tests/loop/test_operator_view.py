@@ -30,8 +30,8 @@ from tests.served_pages import (
     wait_for_draws,
 )
 
-from palpate.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
-from palpate.dashboard.messages import DeviceActivity
+from palpate_station.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
+from palpate_station.dashboard.messages import DeviceActivity
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
 from palpate.measurement import Measurement

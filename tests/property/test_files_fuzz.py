@@ -19,7 +19,7 @@ from palpate.errors import PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.holds import read_holds
 from palpate.holds.recordings import read_recordings
-from palpate.produce.sorting.rules_file import read_rules
+from palpate_station.sorting.rules_file import read_rules
 from palpate.rig.file import open_file, read_rig_file
 from palpate.sensor.calibration import Calibration
 

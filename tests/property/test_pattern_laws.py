@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from shapely.geometry import Polygon, box
 
 from palpate.errors import InputError
-from palpate.fabrication.design import Cutter, SensorDesign
-from palpate.fabrication.pattern import Pattern, lay_out
-from palpate.fabrication.refusals import check_design, check_pattern
-from palpate.fabrication.shapes import Rect, Stroke
+from palpate_pattern.design import Cutter, SensorDesign
+from palpate_pattern.pattern import Pattern, lay_out
+from palpate_pattern.refusals import check_design, check_pattern
+from palpate_pattern.shapes import Rect, Stroke
 
 CUTTER = Cutter()
 

@@ -12,11 +12,11 @@ from hypothesis.extra.numpy import arrays
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
-from palpate.produce.bruise.shape import contrast, fit_load_shape, pixel_contrast
-from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.learning import FALSE_REJECT, UNKNOWN
-from palpate.produce.sorting.conditions import Evidence, OneOf, Within
-from palpate.produce.sorting.rules import Rule, RuleBook, decide
+from palpate_station.bruise.shape import contrast, fit_load_shape, pixel_contrast
+from palpate_station.identify.identifier import Identifier, Identity
+from palpate_station.learning import FALSE_REJECT, UNKNOWN
+from palpate_station.sorting.conditions import Evidence, OneOf, Within
+from palpate_station.sorting.rules import Rule, RuleBook, decide
 
 LN = st.floats(-3.0, 6.0)
 

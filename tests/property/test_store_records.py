@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement, Status
-from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store
+from palpate_station.records import MEASURED, About, Grasp, Item, Source, Verdict
+from palpate_station.store import Store
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 maybe = st.none() | numbers

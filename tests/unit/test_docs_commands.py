@@ -73,9 +73,9 @@ def test_docs_board_command_has_existing_verb_and_options(page: str, line: str) 
 
 
 def test_docs_sensor_picture_matches_pattern_drawing() -> None:
-    from palpate.fabrication.design import PRESETS
-    from palpate.fabrication.drawing import draw_combined_svg
-    from palpate.fabrication.pattern import lay_out
+    from palpate_pattern.design import PRESETS
+    from palpate_pattern.drawing import draw_combined_svg
+    from palpate_pattern.pattern import lay_out
 
     shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
     assert shown == draw_combined_svg(lay_out(PRESETS["paper-3x2"]))

@@ -10,7 +10,7 @@ import pytest
 from packages.archive.tests.drawn import palpate, read, read_bytes
 
 from palpate.holds import read_holds
-from palpate.produce.store.database import Store
+from palpate_station.store.database import Store
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 from palpate_archive.adding import add_recordings, add_store

@@ -146,7 +146,7 @@ def test_forget_deletes_station_and_day_from_files_and_results(
 def test_forget_item_deletes_its_grasps_and_their_recordings(
     root: Path, recorded: Path, tmp_path: Path
 ) -> None:
-    from palpate.produce.store.database import Store
+    from palpate_station.store.database import Store
 
     archive = Archive(root)
     with Store.open(str(recorded / "items.sqlite")) as store:

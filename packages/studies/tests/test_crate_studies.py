@@ -12,7 +12,7 @@ import pytest
 from tests.factories import make_grasp
 
 from palpate.measurement import Measurement
-from palpate.produce.sorting.hand import TimedGrasp
+from palpate_station.sorting.hand import TimedGrasp
 from palpate_studies.crates import CrateItemGrasps, write_crates
 
 pytestmark = pytest.mark.slow

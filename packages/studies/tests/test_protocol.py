@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
-from palpate.produce.qualify import agreement
+from palpate_station.qualify import agreement
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
 from palpate_studies.qualify import FIGURES, Pool, check_coverage, read_side_pairs

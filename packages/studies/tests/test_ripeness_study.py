@@ -16,7 +16,7 @@ from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.measurement import Measurement
-from palpate.produce.records import Grasp
+from palpate_station.records import Grasp
 from palpate_studies import ripeness_station
 from palpate_studies.ripeness import judge
 from palpate_studies.ripeness_station import DAYS, run_station

@@ -77,7 +77,7 @@ def demo(
 
         written = write_force(folder)
     else:
-        from palpate.demo.packhouse import write_packhouse
+        from palpate_station.demo_packhouse import write_packhouse
 
         with progress("grasping", total=1.0) as show:
             written = write_packhouse(folder, progress=show)

@@ -114,7 +114,7 @@ def grasp(
     """
     # Imported here to keep help and completion fast.
     from palpate.cli.grasp_card import print_card
-    from palpate.cli.grasp_extras import open_store_entry
+    from palpate_station.cli.grasp_entry import open_store_entry
     from palpate.grasp.damage_limit import load_limit
     from palpate.grasp.pull import judge_pull
     from palpate.grasp.requests import Requests

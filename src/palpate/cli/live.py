@@ -24,8 +24,8 @@ from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
 from palpate.estimate.force_follower import ForceSource
-from palpate.foxglove import LAYOUT
-from palpate.foxglove.channels import Link
+from palpate_foxglove import LAYOUT
+from palpate_foxglove.channels import Link
 from palpate.recording import Event
 from palpate.sensor.array import Frame
 from palpate.stop_signals import handle_stop_signals, interrupt
@@ -134,7 +134,7 @@ class LiveStream:
     """
 
     def __init__(self, reading: LiveReading, *, clock: Clock, address: str) -> None:
-        from palpate.foxglove.server import FoxgloveServer
+        from palpate_foxglove.server import FoxgloveServer
 
         source = reading.source
         host, port = parse_address(address, option="--foxglove")

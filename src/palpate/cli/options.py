@@ -70,7 +70,7 @@ def complete_rigs(incomplete: str) -> list[str]:
 def complete_items(context: typer.Context, incomplete: str) -> list[str]:
     """Return the item names of the requested or default store."""
     from palpate.errors import PalpateError
-    from palpate.produce.store import Store
+    from palpate_station.store import Store
 
     try:
         with Store.open(context.params.get("store"), create=False) as store:

@@ -9,7 +9,7 @@ from typing import Any
 from tests.factories import NOON, make_grasp
 
 from palpate.measurement import Measurement, Status
-from palpate.produce.records import MEASURED, Grasp
+from palpate_station.records import MEASURED, Grasp
 
 
 def stored_grasp(

@@ -10,7 +10,7 @@ from tests.commands import Command
 from tests.pages import run_line
 
 from palpate.cli.demo import NAMES
-from palpate.produce.store import Store
+from palpate_station.store import Store
 
 
 @pytest.mark.slow

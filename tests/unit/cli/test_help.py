@@ -14,8 +14,8 @@ from tests.commands import Command
 
 from palpate import __version__
 from palpate.cli import VERBS, build_app
-from palpate.produce.records import Item
-from palpate.produce.store import Store
+from palpate_station.records import Item
+from palpate_station.store import Store
 
 #: Verbs of other packages that parse the rest of the line themselves.
 NAMED = ("study", "bench")

@@ -14,8 +14,8 @@ from tests.commands import Command
 from tests.factories import NOON
 from tests.unit.cli.stored import stored_grasp
 
-from palpate.produce.records import About, Grasp, Item, Verdict
-from palpate.produce.store import Store, engine
+from palpate_station.records import About, Grasp, Item, Verdict
+from palpate_station.store import Store, engine
 
 pytestmark = pytest.mark.usefixtures("folder")
 

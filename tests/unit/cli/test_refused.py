@@ -10,8 +10,8 @@ from tests.commands import Command
 from tests.unit.cli.test_sort_and_identify import RULES, SIZE_RULES, fill_store
 from tests.unit.cli.test_teach_command import write_readings
 
-from palpate.produce.records import Item
-from palpate.produce.store import Store
+from palpate_station.records import Item
+from palpate_station.store import Store
 
 #: Command lines, and the essential part of the message.
 USAGE = [

@@ -15,8 +15,8 @@ from tests.unit.cli.stored import stored_grasp
 
 from palpate.grasp.result import Outcome
 from palpate.measurement import Status
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store
+from palpate_station.records import About, Grasp, Item, Source, Verdict
+from palpate_station.store import Store
 
 VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
 VOID = {"meta", "br", "img", "link"}

@@ -10,8 +10,8 @@ import pytest
 from tests.commands import Command
 from tests.pdf_fonts import check_fonts
 
-from palpate.produce.records import About, Source
-from palpate.produce.store import Store
+from palpate_station.records import About, Source
+from palpate_station.store import Store
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "batch_ripeness.py"
 

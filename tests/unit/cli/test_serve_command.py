@@ -27,7 +27,7 @@ def test_serve_taken_port_is_reported(tmp_path: Path) -> None:
 def test_serve_missing_extra_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
-    for name in ("palpate.dashboard.server", "palpate.dashboard.access"):
+    for name in ("palpate_station.dashboard.server", "palpate_station.dashboard.access"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
         monkeypatch.setitem(sys.modules, name, None)

@@ -14,8 +14,8 @@ from tests.commands import Command
 from tests.factories import NOON
 from tests.unit.cli.stored import stored_grasp
 
-from palpate.produce.records import About, Grasp, Item, Verdict
-from palpate.produce.store import Store
+from palpate_station.records import About, Grasp, Item, Verdict
+from palpate_station.store import Store
 
 KINDS = {"egg": (44.0, 12.0), "kiwi": (50.0, 1.5), "lime": (45.0, 3.5)}
 RULES = """\

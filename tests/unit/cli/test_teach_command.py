@@ -10,8 +10,8 @@ from tests.commands import Command
 from tests.factories import NOON
 from tests.unit.cli.stored import stored_grasp
 
-from palpate.produce.records import About, Item, Source, Verdict
-from palpate.produce.store import Store
+from palpate_station.records import About, Item, Source, Verdict
+from palpate_station.store import Store
 
 
 def write_table(path: Path, *, unlabelled: int = 2) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.unit.dashboard.test_live import SOURCE
 
-from palpate.dashboard.session import Session
+from palpate_station.dashboard.session import Session
 
 
 @pytest.fixture

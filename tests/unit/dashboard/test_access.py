@@ -10,7 +10,7 @@ from urllib.parse import quote
 import pytest
 from starlette.responses import PlainTextResponse
 
-from palpate.dashboard.access import (
+from palpate_station.dashboard.access import (
     COOKIE,
     MAX_WRONG_TOKENS,
     AccessControl,

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from tests.unit.dashboard.test_live import HOLDING, SOURCE
 
-from palpate.dashboard import folder as folder_module
-from palpate.dashboard.app_state import AppState, Settings
-from palpate.dashboard.folder import RecordingList
-from palpate.dashboard.messages import (
+from palpate_station.dashboard import folder as folder_module
+from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.folder import RecordingList
+from palpate_station.dashboard.messages import (
     GraspOrder,
     LinkStatus,
     OrderStarted,
@@ -22,8 +22,8 @@ from palpate.dashboard.messages import (
 )
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
-from palpate.produce.sorting.conditions import Within
-from palpate.produce.sorting.rules import Rule, RuleBook
+from palpate_station.sorting.conditions import Within
+from palpate_station.sorting.rules import Rule, RuleBook
 
 RULES = RuleBook(
     rules=(Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),),

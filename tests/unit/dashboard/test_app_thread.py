@@ -14,8 +14,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from palpate.dashboard import transport
-from palpate.dashboard.transport import AppThread, external_url
+from palpate_station.dashboard import transport
+from palpate_station.dashboard.transport import AppThread, external_url
 
 
 async def ask(app: AppThread, path: str) -> list[dict[str, Any]]:

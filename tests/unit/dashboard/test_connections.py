@@ -19,9 +19,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
 
-from palpate.dashboard import front, listening
-from palpate.dashboard import transport as connections
-from palpate.dashboard.transport import BoundedConnection
+from palpate_station.dashboard import front, listening
+from palpate_station.dashboard import transport as connections
+from palpate_station.dashboard.transport import BoundedConnection
 
 STOP = b"POST /stop HTTP/1.1\r\nHost: robot\r\nContent-Length: 2\r\n\r\n{}"
 #: Time limit of each operation, seconds.

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
-from palpate.dashboard.device_process import DeviceProcess
-from palpate.dashboard.messages import (
+from palpate_station.dashboard.device_process import DeviceProcess
+from palpate_station.dashboard.messages import (
     CalibrateForce,
     CalibrateRest,
     Confirm,
@@ -258,7 +258,7 @@ def test_failure_during_a_stop_is_reported_as_a_failure(
         assert stop_received.wait(60)
         raise DeviceError("the load cell does not answer")
 
-    monkeypatch.setattr("palpate.dashboard.jobs.open_twin_bench", broken)
+    monkeypatch.setattr("palpate_station.dashboard.jobs.open_twin_bench", broken)
     first = CalibrateForce(file=tmp_path / "calibration.json")
     with run_device_process() as page:
         assert not page.done(RIG).trouble

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.dashboard.folder import (
+from palpate_station.dashboard.folder import (
     delete_recording,
     describe_damage,
     find_recording,

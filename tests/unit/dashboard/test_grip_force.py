@@ -10,9 +10,9 @@ from tests.factories import make_sheet_law
 from tests.unit.dashboard.test_live import SOURCE, frames, page_of, progress
 
 from palpate.calibrate.laws import follow_force
-from palpate.dashboard.live import Live
-from palpate.dashboard.messages import Frames
-from palpate.dashboard.session import Session
+from palpate_station.dashboard.live import Live
+from palpate_station.dashboard.messages import Frames
+from palpate_station.dashboard.session import Session
 from palpate.sensor.array import RIGID_LAYOUT
 
 LAW = make_sheet_law(8)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.folder import LISTED_GRASPS, Entry, History
-from palpate.dashboard.panel_history import counts_html, entry_html
+from palpate_station.dashboard.folder import LISTED_GRASPS, Entry, History
+from palpate_station.dashboard.panel_history import counts_html, entry_html
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.dashboard.grasp_progress import GraspProgress
-from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import (
+from palpate_station.dashboard.grasp_progress import GraspProgress
+from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S, Live
+from palpate_station.dashboard.messages import (
     Action,
     DeviceActivity,
     Frames,
@@ -20,8 +20,8 @@ from palpate.dashboard.messages import (
     LinkStatus,
     Update,
 )
-from palpate.dashboard.page_document import document
-from palpate.dashboard.session import Session
+from palpate_station.dashboard.page_document import document
+from palpate_station.dashboard.session import Session
 from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames
 
-from palpate.dashboard.messages import (
+from palpate_station.dashboard.messages import (
     Action,
     Confirm,
     DeviceActivity,
@@ -33,8 +33,8 @@ from palpate.dashboard.messages import (
     StopNow,
     Update,
 )
-from palpate.dashboard.page_document import document
-from palpate.dashboard.session import GraspForm, Session
+from palpate_station.dashboard.page_document import document
+from palpate_station.dashboard.session import GraspForm, Session
 from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE
 
-from palpate.dashboard import telemetry as telemetry_module
-from palpate.dashboard.messages import Trouble, Update
-from palpate.dashboard.telemetry import Telemetry
+from palpate_station.dashboard import telemetry as telemetry_module
+from palpate_station.dashboard.messages import Trouble, Update
+from palpate_station.dashboard.telemetry import Telemetry
 from palpate.sensor.array import Frame
 
 

@@ -8,9 +8,9 @@ from threading import Thread
 import pytest
 from nicegui import ui
 
-from palpate.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
-from palpate.dashboard.session import Session
-from palpate.dashboard.viewer import Viewer, finite_number
+from palpate_station.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
+from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.viewer import Viewer, finite_number
 
 
 def test_viewer_refuses_a_late_press_that_would_move_the_hand(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate.dashboard.jobs import JobContext, StoppedByUserError, calibrate_force, calibrate_rest
-from palpate.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
-from palpate.dashboard.telemetry import Telemetry
+from palpate_station.dashboard.jobs import JobContext, StoppedByUserError, calibrate_force, calibrate_rest
+from palpate_station.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
+from palpate_station.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig

@@ -14,9 +14,9 @@ from shapely import affinity
 from shapely.geometry import Polygon
 from tests.commands import Command
 
-from palpate.fabrication.design import PRESETS, SensorDesign
-from palpate.fabrication.drawing import draw_layer_svg
-from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
+from palpate_pattern.design import PRESETS, SensorDesign
+from palpate_pattern.drawing import draw_layer_svg
+from palpate_pattern.pattern import MARK_MM, Pattern, lay_out
 
 PX_PER_MM = 96 / 25.4
 ROUND_MM = {"pixel_width_mm": 5.0, "pixel_height_mm": 5.0, "corner_mm": 2.5, "tail_mm": 30.0}

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from foxglove import layouts
 
-from palpate.foxglove import LAYOUT
-from palpate.foxglove.channels import live_schemas
+from palpate_foxglove import LAYOUT
+from palpate_foxglove.channels import live_schemas
 from palpate.recording.channels import SCHEMAS
 from palpate.sensor.array import RIGID_LAYOUT
 

@@ -10,10 +10,10 @@ from tests.epcis import read_epcis
 from tests.factories import make_grasp
 
 from palpate.grasp.result import Outcome
-from palpate.line.epcis import epcis_document
+from palpate_station.line.epcis import epcis_document
 from palpate.measurement import Measurement, Status
-from palpate.produce.records import About, Item, Verdict
-from palpate.produce.store.item_history import ItemHistory
+from palpate_station.records import About, Item, Verdict
+from palpate_station.store.item_history import ItemHistory
 
 pytestmark = pytest.mark.system
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.errors import InputError
-from palpate.line.gs1 import item_uri, read_label
+from palpate_station.line.gs1 import item_uri, read_label
 
 ITEM = "(01)04012345000016(21)A17"
 

@@ -15,10 +15,10 @@ from pymodbus.client import AsyncModbusTcpClient
 from tests.loop.test_line import OpcUa, free_port, read_registers
 from tests.unit.dashboard.test_app_state import app_state_of
 
-from palpate.cli.serve import open_lines
-from palpate.dashboard.server import _serve_lines
-from palpate.dashboard.transport import LoopThread
-from palpate.line import modbus
+from palpate_station.cli.serve import open_lines
+from palpate_station.dashboard.server import _serve_lines
+from palpate_station.dashboard.transport import LoopThread
+from palpate_station.line import modbus
 
 pytestmark = pytest.mark.slow
 TOKEN = "correct-horse-battery"

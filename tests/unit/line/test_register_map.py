@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.line import modbus
-from palpate.line.machine import LineState, line_state
-from palpate.line.modbus import TEXT_REGISTERS, decode_text, encode_text
-from palpate.line.results import MEASUREMENTS, OUTCOME_NUMBERS
+from palpate_station.line import modbus
+from palpate_station.line.machine import LineState, line_state
+from palpate_station.line.modbus import TEXT_REGISTERS, decode_text, encode_text
+from palpate_station.line.results import MEASUREMENTS, OUTCOME_NUMBERS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "packhouse.md"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.mqtt.broker import PASSWORD_VARIABLE, Broker, read_broker
+from palpate_station.mqtt.broker import PASSWORD_VARIABLE, Broker, read_broker
 
 SECRET = {PASSWORD_VARIABLE: "sesame"}
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.produce.records import Item
-from palpate.produce.store import Store
+from palpate_station.records import Item
+from palpate_station.store import Store
 
 
 def drain_outbox(store: Store) -> list[str]:

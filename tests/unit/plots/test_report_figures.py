@@ -10,8 +10,8 @@ from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.plots.inline_svg import THEME, inline_svg, page_figure
 from palpate.plots.style import INK
-from palpate.produce.records import Grasp, Item, Verdict
-from palpate.produce.store.item_history import ItemHistory
+from palpate_station.records import Grasp, Item, Verdict
+from palpate_station.store.item_history import ItemHistory
 
 
 def make_measurement(value: float, unit: str, *, above: float = 0.5) -> Measurement:

@@ -20,8 +20,8 @@ import sqlalchemy as sa
 from palpate.errors import StoreAwayError
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.records import Grasp
-from palpate.produce.store import Store
+from palpate_station.records import Grasp
+from palpate_station.store import Store
 
 
 def write(store: Store, number: int) -> None:

@@ -12,15 +12,15 @@ from tests.factories import make_grasp
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.bruise.examination import (
+from palpate_station.bruise.examination import (
     ItemBruise,
     examine_item,
     learn_bruise_model,
     usable_grasps,
 )
-from palpate.produce.bruise.model import BRUISED, SOUND, BruiseModel, default_model
-from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store
+from palpate_station.bruise.model import BRUISED, SOUND, BruiseModel, default_model
+from palpate_station.records import About, Grasp, Item, Source, Verdict
+from palpate_station.store import Store
 
 MONDAY = datetime(2026, 5, 4, 8, tzinfo=UTC)
 TUESDAY = MONDAY + timedelta(days=1)

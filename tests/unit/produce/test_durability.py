@@ -15,9 +15,9 @@ import pytest
 
 from palpate.errors import StoreAwayError
 from palpate.files import atomic_path
-from palpate.produce.records import Item
-from palpate.produce.store import Store
-from palpate.produce.store.engine import make_engine, store_url
+from palpate_station.records import Item
+from palpate_station.store import Store
+from palpate_station.store.engine import make_engine, store_url
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_frozen_server_neither_loses_records_nor_blocks_writers(
 ) -> None:
     import psycopg
 
-    from palpate.produce.store import postgresql as store_postgresql
+    from palpate_station.store import postgresql as store_postgresql
 
     monkeypatch.setattr(store_postgresql, "ANSWER_S", 0.3)
     url = f"{postgresql_url}&connect_timeout=2"

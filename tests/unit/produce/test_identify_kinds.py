@@ -7,8 +7,8 @@ import pytest
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.produce.identify.identifier import Identifier
-from palpate.produce.learning import UNKNOWN, LabelLearner
+from palpate_station.identify.identifier import Identifier
+from palpate_station.learning import UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
 KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}

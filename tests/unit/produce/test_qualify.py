@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.produce.qualify import agreement
-from palpate.produce.qualify.agreement import (
+from palpate_station.qualify import agreement
+from palpate_station.qualify.agreement import (
     Demand,
     calculate_agreement,
     count_grades,
     estimate_effort,
     measure_agreement,
 )
-from palpate.produce.qualify.readings import PairedReadings
-from palpate.produce.qualify.scatter import deming_lines, estimate_scatter
+from palpate_station.qualify.readings import PairedReadings
+from palpate_station.qualify.scatter import deming_lines, estimate_scatter
 
 BETWEEN, REFERENCE_SD, GRASP_SD, SLOPE = 2.0, 1.0, 0.4, 0.5
 CEILING = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)

@@ -15,17 +15,17 @@ from palpate.errors import InputError
 from palpate.estimate.firmness import firmness_index
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.records import Grasp
-from palpate.produce.ripeness.course import Course
-from palpate.produce.ripeness.firmness import DayFirmness, firmness_of, group_by_day
-from palpate.produce.ripeness.history import (
+from palpate_station.records import Grasp
+from palpate_station.ripeness.course import Course
+from palpate_station.ripeness.firmness import DayFirmness, firmness_of, group_by_day
+from palpate_station.ripeness.history import (
     firmness_history,
     judge_ripeness,
     learn_rule,
 )
-from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
-from palpate.produce.ripeness.stages import STAGES
-from palpate.produce.store import Store
+from palpate_station.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
+from palpate_station.ripeness.stages import STAGES
+from palpate_station.store import Store
 
 FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 #: Course of the simulated items: stiffness falls from 6 to 1 N/mm; boundaries in N/mm.

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.produce.sorting.conditions import OneOf, Within
-from palpate.produce.sorting.rules import RuleBook
-from palpate.produce.sorting.rules_file import check_kinds, read_rules
+from palpate_station.sorting.conditions import OneOf, Within
+from palpate_station.sorting.rules import RuleBook
+from palpate_station.sorting.rules_file import check_kinds, read_rules
 
 GOOD = """\
 default = "by hand"

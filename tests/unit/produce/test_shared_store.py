@@ -16,14 +16,14 @@ from tests.factories import make_grasp
 from tests.postgresql import PostgresqlProcess, programs
 from tests.unit.test_json_schemas import faults
 
-from palpate.dashboard.panel_history import item_html
+from palpate_station.dashboard.panel_history import item_html
 from palpate.errors import StoreAwayError, StoreError
-from palpate.produce.records import About, Grasp, Item, Verdict
-from palpate.produce.store import Store
-from palpate.produce.store import sender as store_sender
-from palpate.produce.store.item_history import item_document, read_item_history
-from palpate.produce.store.sender import Sender
-from palpate.produce.store.writing import calibration_id_of
+from palpate_station.records import About, Grasp, Item, Verdict
+from palpate_station.store import Store
+from palpate_station.store import sender as store_sender
+from palpate_station.store.item_history import item_document, read_item_history
+from palpate_station.store.sender import Sender
+from palpate_station.store.writing import calibration_id_of
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
 OpenStore = Callable[[str], AbstractContextManager[Store]]

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
-from palpate.produce.sorting.hand import SortingHand
+from palpate_station.sorting.hand import SortingHand
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CrateTable, draw_crate
 

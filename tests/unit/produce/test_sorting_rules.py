@@ -12,14 +12,14 @@ from tests.factories import NOON, make_grasp
 
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.learning import UNKNOWN
-from palpate.produce.records import About, Verdict
-from palpate.produce.sorting.conditions import Evidence, OneOf, Within
-from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import Rule, RuleBook, decide
-from palpate.produce.sorting.run import bin_verdict, combine_evidence, sort_item
-from palpate.produce.sorting.score import Placed, find_true_bin, score_sorting
+from palpate_station.identify.identifier import Identifier, Identity
+from palpate_station.learning import UNKNOWN
+from palpate_station.records import About, Verdict
+from palpate_station.sorting.conditions import Evidence, OneOf, Within
+from palpate_station.sorting.hand import TimedGrasp
+from palpate_station.sorting.rules import Rule, RuleBook, decide
+from palpate_station.sorting.run import bin_verdict, combine_evidence, sort_item
+from palpate_station.sorting.score import Placed, find_true_bin, score_sorting
 
 KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)

@@ -18,16 +18,16 @@ import pytest
 import sqlalchemy as sa
 from tests.factories import make_grasp
 
-from palpate.cli.items import open_store
-from palpate.dashboard.item_store import ItemStore
+from palpate_station.cli.items import open_store
+from palpate_station.dashboard.item_store import ItemStore
 from palpate.errors import InputError, MissingExtraError, PalpateError, StoreAwayError, StoreError
 from palpate.measurement import Measurement
-from palpate.produce.records import About, Item, Verdict
-from palpate.produce.store import Store
-from palpate.produce.store import engine as store_engine
-from palpate.produce.store.engine import make_engine, show_url, store_url
-from palpate.produce.store.export import require_parquet
-from palpate.produce.store.item_history import read_item_histories
+from palpate_station.records import About, Item, Verdict
+from palpate_station.store import Store
+from palpate_station.store import engine as store_engine
+from palpate_station.store.engine import make_engine, show_url, store_url
+from palpate_station.store.export import require_parquet
+from palpate_station.store.item_history import read_item_histories
 
 SCHEMA_1 = Path(__file__).parents[2] / "golden" / "store" / "schema-1.sql"
 SEEN = datetime(2026, 5, 1, tzinfo=UTC)

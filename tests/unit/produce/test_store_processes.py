@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.produce.store import Store
+from palpate_station.store import Store
 
 pytestmark = pytest.mark.slow
 

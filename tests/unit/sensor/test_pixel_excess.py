@@ -16,11 +16,11 @@ from tests.unit.dashboard.test_live import frames as page_frames
 from palpate.cli.live_reading import LiveReading
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.dashboard.live import Live
+from palpate_station.dashboard.live import Live
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.sheet_follower import SheetFollower
-from palpate.foxglove.channels import encode_force
+from palpate_foxglove.channels import encode_force
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame

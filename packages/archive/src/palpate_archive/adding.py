@@ -16,9 +16,9 @@ import pyarrow as pa
 
 from palpate.errors import InputError, RecordingError
 from palpate.holds import Hold
-from palpate.produce.records import Grasp, Item
-from palpate.produce.store.database import Store
-from palpate.produce.store.export import grasp_row, grasp_schema
+from palpate_station.records import Grasp, Item
+from palpate_station.store.database import Store
+from palpate_station.store.export import grasp_row, grasp_schema
 from palpate.recording.exporting import cut_recorded_holds, frame_tables
 from palpate.recording.reader import RecordingReader, load_recording
 from palpate_archive.catalogue import Entry

@@ -81,7 +81,7 @@ def add(
 
     Example: palpate archive add recordings --to s3://fleet/archive --station north
     """
-    from palpate.produce.store.database import Store
+    from palpate_station.store.database import Store
     from palpate_archive.adding import add_recordings, add_store, find_recordings
     from palpate_archive.layout import Archive, check_name
 

@@ -20,7 +20,7 @@ from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
 from palpate.files import atomic_path
-from palpate.produce.bruise.model import (
+from palpate_station.bruise.model import (
     BRUISED,
     REFERENCES,
     BruiseModel,
@@ -29,8 +29,8 @@ from palpate.produce.bruise.model import (
     default_model,
     load_simulated_sides,
 )
-from palpate.produce.bruise.shape import LoadShape, fit_load_shape, median_shape
-from palpate.produce.learning import LabelledTable, make_pipeline
+from palpate_station.bruise.shape import LoadShape, fit_load_shape, median_shape
+from palpate_station.learning import LabelledTable, make_pipeline
 from palpate.sensor.sample import SampleReader, relative_change_percent
 from palpate.signal.relative import CONTACT_PERCENT, mean_change
 from palpate.twin.devices import TwinArray
@@ -66,7 +66,7 @@ APPLES_PER_SENSOR = 24
 _FIRST_SENSOR = {"learn": 20_000, "test": 30_000}
 #: Method without training: the paper's mean over all pixels after 20 s, as named in stored results.
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
-#: Baseline with the same contrasts as input -> name in `palpate.produce.learning.METHODS`.
+#: Baseline with the same contrasts as input -> name in `palpate_station.learning.METHODS`.
 LEARNERS = {"linear discriminant": "discriminant", "boosted trees": "trees"}
 #: The shipped pipeline with all references at once.
 TOGETHER = f"logistic regression against all three references at once, {EARLY_S:g} s"

@@ -18,8 +18,8 @@ from palpate.arrays import FloatArray
 from palpate.cli.output import finite_or_none
 from palpate.errors import InputError
 from palpate.holds import Hold, measure_settled_value, read_holds
-from palpate.produce.learning import make_pipeline
-from palpate.produce.qualify.scatter import estimate_scatter
+from palpate_station.learning import make_pipeline
+from palpate_station.qualify.scatter import estimate_scatter
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import Table

@@ -15,15 +15,15 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
 from palpate.measurement import Measurement
-from palpate.produce.qualify.agreement import (
+from palpate_station.qualify.agreement import (
     FIGURES,
     Demand,
     Estimate,
     calculate_agreement,
     measure_agreement,
 )
-from palpate.produce.qualify.readings import PairedReadings
-from palpate.produce.qualify.scatter import Scatter
+from palpate_station.qualify.readings import PairedReadings
+from palpate_station.qualify.scatter import Scatter
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object

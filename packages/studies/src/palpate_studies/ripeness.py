@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 
 from palpate.errors import InputError
-from palpate.produce.ripeness.rule import CONFIDENT_PROBABILITY
-from palpate.produce.ripeness.stages import RIPE
+from palpate_station.ripeness.rule import CONFIDENT_PROBABILITY
+from palpate_station.ripeness.stages import RIPE
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies import ripeness_virtual

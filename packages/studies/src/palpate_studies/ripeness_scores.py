@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.produce.learning import LabelLearner
-from palpate.produce.ripeness.firmness import DayFirmness
-from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
-from palpate.produce.ripeness.stages import RIPE, STAGES
+from palpate_station.learning import LabelLearner
+from palpate_station.ripeness.firmness import DayFirmness
+from palpate_station.ripeness.rule import judge_by_first_day, learn_stages
+from palpate_station.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.ripeness_station import DAYS

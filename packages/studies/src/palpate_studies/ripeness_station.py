@@ -22,13 +22,13 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.produce.answer_pixels import answer_pixel_percent
-from palpate.produce.grasp_record import hold_measurements, list_answers
-from palpate.produce.records import Drive, Grasp
-from palpate.produce.ripeness.closing import ClosingWatch
-from palpate.produce.ripeness.firmness import RIPENESS_N
-from palpate.produce.ripeness.rule import RipenessRule
-from palpate.produce.ripeness.shared_load import measure_shared_pixels
+from palpate_station.answer_pixels import answer_pixel_percent
+from palpate_station.grasp_record import hold_measurements, list_answers
+from palpate_station.records import Drive, Grasp
+from palpate_station.ripeness.closing import ClosingWatch
+from palpate_station.ripeness.firmness import RIPENESS_N
+from palpate_station.ripeness.rule import RipenessRule
+from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.produce.ripeness.firmness import DayFirmness
-from palpate.produce.ripeness.rule import RipenessRule
-from palpate.produce.ripeness.stages import RIPE, STAGES
+from palpate_station.ripeness.firmness import DayFirmness
+from palpate_station.ripeness.rule import RipenessRule
+from palpate_station.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import StudyReport, Table

@@ -17,13 +17,13 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
-from palpate.produce.identify.identifier import FEATURES, Identifier, label_identity
-from palpate.produce.identify.kinds import item_features
-from palpate.produce.learning import FALSE_REJECT, UNKNOWN
-from palpate.produce.sorting.conditions import Evidence, OneOf, Within
-from palpate.produce.sorting.rules import Rule, RuleBook, decide
-from palpate.produce.sorting.run import sort_item
-from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, find_true_bin, score_sorting
+from palpate_station.identify.identifier import FEATURES, Identifier, label_identity
+from palpate_station.identify.kinds import item_features
+from palpate_station.learning import FALSE_REJECT, UNKNOWN
+from palpate_station.sorting.conditions import Evidence, OneOf, Within
+from palpate_station.sorting.rules import Rule, RuleBook, decide
+from palpate_station.sorting.run import sort_item
+from palpate_station.sorting.score import CARRY_S, TURN_S, Placed, find_true_bin, score_sorting
 from palpate_studies.crates import (
     SORTED_GRASPS,
     CrateItemGrasps,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 Guess: TypeAlias = Callable[[Mapping[str, Measurement]], str | None]
 NEAREST_MEAN, PALPATE = "nearest mean, may abstain", "ours"
 #: Learners in place of palpate's linear discriminant, with the same background class -> names in
-#: `palpate.produce.learning.METHODS`.
+#: `palpate_station.learning.METHODS`.
 LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
 #: Training items of each kind: as many as a packhouse has at hand.
 TRAINING_ITEMS = 10

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.produce.records import Grasp
-from palpate.produce.ripeness.firmness import DayFirmness
-from palpate.produce.ripeness.history import firmness_history
-from palpate.produce.ripeness.rule import RipenessRule
-from palpate.produce.ripeness.stages import STAGES
+from palpate_station.records import Grasp
+from palpate_station.ripeness.firmness import DayFirmness
+from palpate_station.ripeness.history import firmness_history
+from palpate_station.ripeness.rule import RipenessRule
+from palpate_station.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
 from palpate_studies.twin_avocado import Avocado
 

@@ -32,7 +32,7 @@ PACKAGES: Mapping[str, Path] = {
 }
 _PRESENTATION = (
     "palpate.cli",
-    "palpate.dashboard",
+    "palpate_station.dashboard",
     "palpate.errors",
     "palpate.plots",
     "palpate.terminal_table",

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import require_extra
-from palpate.produce.ripeness.firmness import DayFirmness
+from palpate_station.ripeness.firmness import DayFirmness
 
 #: Learner -> description.
 STAGE_LEARNERS = {

@@ -1,0 +1,206 @@
+"""`palpate serve`: the dashboard in a browser."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from palpate.cli import options as option
+from palpate.cli.options import opt, parse_address
+from palpate.cli.output import print_message
+from palpate.errors import DeviceError, InputError, require_extra
+from palpate.estimate.damage_file import DamageFile
+from palpate.rig import BUILT_IN, rig_names
+from palpate.twin.objects import OBJECTS
+
+if TYPE_CHECKING:
+    # Each requires an extra.
+    from palpate_station.dashboard.server import LineOpener
+    from palpate_station.line.machine import Line, Machine
+    from palpate_station.line.modbus import ModbusStation
+    from palpate_station.line.opcua import OpcUaStation
+    from palpate_station.mqtt.publisher import Publisher
+    from palpate_station.sorting.rules import RuleBook
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def serve(
+    rig: option.RigOption = "",
+    object_name: option.ObjectOption = None,
+    seed: option.SeedOption = 0,
+    rate_hz: option.SimulatedRateOption = None,
+    speed: Annotated[
+        float, opt("--speed", "Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
+    ] = 1.0,
+    folder: Annotated[
+        Path, opt("--folder DIR", "Folder of recordings and of calibrations of simulated rigs.")
+    ] = Path("palpate-data"),
+    store: option.StoreOption = None,
+    damage: option.DamageOption = None,
+    rules: Annotated[
+        Path | None,
+        opt("--rules FILE", "Show the bin of each grasped item: a rules file of `palpate sort`."),
+    ] = None,
+    host: Annotated[
+        str, opt("--host", "Listening address; addresses other than loopback require --token.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, opt("--port", "TCP port; 0 selects a free port.", min=0, max=65535)
+    ] = 8080,
+    token: Annotated[
+        str | None,
+        opt("--token", "Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
+    ] = None,
+    mqtt: Annotated[
+        Path | None,
+        opt(
+            "--mqtt FILE",
+            "Publish results and state to the broker described in this file "
+            "(docs: Connect a packhouse).",
+        ),
+    ] = None,
+    opcua: Annotated[
+        str | None,
+        opt(
+            "--opcua [HOST:]PORT",
+            "Serve OPC UA, encrypted with --token as the password; required beyond loopback.",
+        ),
+    ] = None,
+    modbus: Annotated[
+        str | None,
+        opt(
+            "--modbus [HOST:]PORT",
+            "Serve Modbus TCP, which has no password: every client with access can start grasps.",
+        ),
+    ] = None,
+) -> None:
+    """Serve the dashboard: pixels, prediction and verdict; grasp, calibrate, replay.
+
+    Example: palpate serve --rig sim-rigid --object avocado-day-3
+    """
+    with require_extra("the dashboard", extra="dashboard"):
+        from palpate_station.dashboard.app_state import Settings
+        from palpate_station.dashboard.item_store import ItemStore
+        from palpate_station.dashboard.server import serve as serve_page
+
+    if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
+        raise InputError(
+            f"no rig {rig!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
+        )
+    if rate_hz is not None and rig not in BUILT_IN:
+        raise InputError(f"--rate-hz is for {', '.join(BUILT_IN)}, not for {rig}")
+    if object_name is not None and object_name not in OBJECTS:
+        raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
+    settings = Settings(
+        rigs=tuple(dict.fromkeys((rig, *rig_names()))),
+        objects=tuple(OBJECTS),
+        folder=folder,
+        store=store,
+        object_name=object_name,
+        seed=seed,
+        speed=speed,
+        rate_hz=rate_hz,
+        damage=None if damage is None else DamageFile.load(damage),
+        damage_path=damage,
+        rules=None if rules is None else _read_rules(rules),
+    )
+    ItemStore(store).check_usable()
+    existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"--folder {folder}: {existing} is not a writable folder; choose another")
+    serve_page(
+        settings,
+        # IPv6 addresses may be given in brackets.
+        host=host.strip("[]"),
+        port=port,
+        token=token,
+        announce=lambda address: print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True),
+        publisher=None if mqtt is None else _open_publisher(mqtt, store=store),
+        lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
+    )
+
+
+def _open_publisher(file: Path, *, store: str | None) -> Publisher:
+    """Connect to a broker; results wait in the store until it acknowledges them."""
+    from palpate_station.mqtt.broker import read_broker
+    from palpate_station.mqtt.publisher import Publisher
+
+    return Publisher(
+        read_broker(file),
+        store=store,
+        on_error=lambda text: print_message(f"palpate serve: {text}"),
+    )
+
+
+def _read_rules(path: Path) -> RuleBook:
+    """Read the sorting rules; requires the extra `produce`."""
+    with require_extra("--rules", extra="produce"):
+        import sqlalchemy
+    del sqlalchemy
+    from palpate_station.sorting.rules_file import read_rules
+
+    return read_rules(path)
+
+
+def open_lines(
+    *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
+) -> list[LineOpener]:
+    """Return openers for the requested protocols.
+
+    Raises `InputError` if an address is invalid, or OPC UA would be reachable from other machines
+    without a token; `DeviceError` if a port is taken.
+    """
+    openers: list[LineOpener] = []
+    if opcua is not None:
+        from palpate_station.line.opcua import USER, OpcUaStation
+
+        host, port = _parse_unused_address("--opcua", opcua)
+        if host not in _LOOPBACK and not token:
+            raise InputError(
+                f"--opcua {host}:{port}: other machines could move the gripper; add --token, the "
+                f"password of user {USER}"
+            )
+        station = partial(OpcUaStation, password=token, folder=folder)
+        text = "OPC UA at opc.tcp://{}:{}/palpate"
+        openers.append(partial(_start, station_of=station, host=host, port=port, text=text))
+    if modbus is not None:
+        from palpate_station.line.modbus import ModbusStation
+
+        host, port = _parse_unused_address("--modbus", modbus)
+        text = "Modbus TCP at {}:{}"
+        openers.append(partial(_start, station_of=ModbusStation, host=host, port=port, text=text))
+    return openers
+
+
+def _parse_unused_address(option: str, text: str) -> tuple[str, int]:
+    """Parse ``[HOST:]PORT``; raise `DeviceError` if the address can't be bound."""
+    host, port = parse_address(text, option=option)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Checked before the devices are opened, because a later error would leave them running.
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise DeviceError(f"{option} {text}: {error.strerror}; give another address") from error
+    return host, port
+
+
+async def _start(
+    machine: Machine,
+    *,
+    station_of: Callable[[Machine], OpcUaStation | ModbusStation],
+    host: str,
+    port: int,
+    text: str,
+) -> Line:
+    """Start a station and print its host and port in the format `text`."""
+    station = station_of(machine)
+    actual_port = await station.start(host, port)
+    print_message(f"palpate serve: {text.format(host, actual_port)}")
+    return station

@@ -1,0 +1,248 @@
+"""HTTP and JSON API, described by OpenAPI, with the same access rules as the page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import FastAPI, HTTPException, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+import palpate
+from palpate_station.dashboard.app_state import AppState
+from palpate.errors import InputError, PalpateError
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate_station.line.machine import CommandRefusedError
+from palpate_station.line.results import NO_ITEM
+from palpate_station.records import Item
+
+#: Driver name shared by all API clients; every client with access is trusted, as on the page.
+DRIVER = "machine"
+_SCHEMAS = Path(palpate.__file__).parent / "schemas"
+_SCHEMA_NAMES = ("measurement", "grasp", "state", "items", "item")
+
+
+class GraspRequest(BaseModel):
+    """Item and target force of a grasp."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    target_force_n: float | None = Field(
+        None,
+        gt=0,
+        le=FORCE_CEILING_N,
+        description="Grip force, newtons; a gentle squeeze if omitted.",
+    )
+    item_id: str = Field(
+        "", max_length=80, description="Name of the item; the grasp is not stored if omitted."
+    )
+    kind: str = Field("", max_length=80, description="Kind of produce, for its damage limit.")
+    stops: int | None = Field(
+        None,
+        ge=0,
+        description="Last known `stops` of the state; the grasp is refused after a newer stop.",
+    )
+
+
+class GraspStarted(BaseModel):
+    """A grasp has been ordered."""
+
+    recording: str = Field(description="Name of the recording; the result has the same name.")
+    not_stored: str | None = Field(
+        description="Reason why the grasp will not be stored; null if it will be."
+    )
+
+
+class Stopped(BaseModel):
+    """The response to a stop."""
+
+    stopped: bool = Field(
+        description="Whether the devices confirmed that the hand received the stop."
+    )
+
+
+class Released(BaseModel):
+    """The hand has been ordered to open."""
+
+    accepted: bool
+
+
+class Refusal(BaseModel):
+    """The reason of a refusal."""
+
+    detail: str = Field(description="One line with the problem and the remedy.")
+
+
+def build_api(app_state: AppState, *, token: bool) -> FastAPI:
+    """Return the API application; `token`: whether clients must send a token."""
+    api = FastAPI(
+        title="palpate",
+        version="1",
+        docs_url=None,
+        redoc_url=None,
+        responses=_refusals(401, 403, 429) if token else {},
+    )
+    api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
+    _add_validation_handler(api)
+    _add_queries(api, app_state)
+    _add_orders(api, app_state)
+    return api
+
+
+def _add_queries(api: FastAPI, app_state: AppState) -> None:
+    """Add the read-only routes."""
+
+    @api.get("/state", responses=_documents("state"))
+    async def state() -> JSONResponse:
+        """Current activity, and whether a grasp can start."""
+        return JSONResponse(app_state.state())
+
+    @api.get("/result", responses=_documents("grasp") | _refusals(404))
+    async def result() -> JSONResponse:
+        """The last grasp of this run, in the format of `palpate grasp --json`."""
+        _, last = app_state.result()
+        if last is None:
+            raise HTTPException(404, "no grasp has ended since palpate serve was started")
+        return JSONResponse(last.to_dict())
+
+    # Plain functions run in worker threads, because a store may be slow or not answer.
+    @api.get("/items", responses=_documents("items") | _refusals(503))
+    def items(limit: Annotated[int, Query(ge=1, le=1000)] = 50) -> JSONResponse:
+        """Items of the store, last grasped first, in the format of `palpate items --json`."""
+        from palpate_station.store.item_history import items_document
+
+        with _translate_errors():
+            return JSONResponse(items_document(app_state.item_store.pages(limit=limit)))
+
+    @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
+    def item(item_id: str) -> JSONResponse:
+        """One item with its grasps, in the format of `palpate items ITEM --json`."""
+        from palpate_station.store.item_history import item_document
+
+        with _translate_errors():
+            Item(item_id=item_id)
+            return JSONResponse(item_document(app_state.item_store.page(item_id)))
+
+    @api.get("/epcis/{item_id:path}", responses=_refusals(404, 503))
+    def epcis(item_id: str) -> JSONResponse:
+        """The grasps of one item as EPCIS 2.0 events in JSON-LD."""
+        from palpate_station.line.epcis import epcis_document
+
+        with _translate_errors():
+            Item(item_id=item_id)
+            history = app_state.item_store.page(item_id)
+            return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
+
+
+def _add_orders(api: FastAPI, app_state: AppState) -> None:
+    """Add the command routes, with the same rules as on the page."""
+
+    @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
+    async def grasp(body: GraspRequest) -> GraspStarted:
+        """Start a grasp; the object is held until its release, at most for one minute."""
+        with _translate_errors(bad_value=422):
+            recording = await app_state.grasp(DRIVER, **body.model_dump())
+        return GraspStarted(recording=recording, not_stored=None if body.item_id else NO_ITEM)
+
+    @api.post("/release", status_code=202, responses=_refusals(409))
+    async def release() -> Released:
+        """Release the object, or open the hand; `hand_open` of the state reports the end."""
+        with _translate_errors():
+            await app_state.release(DRIVER)
+        return Released(accepted=True)
+
+    @api.put("/driver", status_code=204)
+    async def take_over() -> None:
+        """Take control, even from another driver."""
+        await app_state.take_over(DRIVER)
+
+    @api.delete("/driver", status_code=204)
+    async def leave() -> None:
+        """Release control."""
+        await app_state.leave(DRIVER)
+
+    @api.post("/stop", responses={504: {"model": Stopped}})
+    async def stop() -> JSONResponse:
+        """Stop all movement, also without control; 504 without a confirmation."""
+        stopped = await app_state.stop()
+        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+
+@contextmanager
+def _translate_errors(*, bad_value: int = 404) -> Iterator[None]:
+    try:
+        yield
+    except CommandRefusedError as error:
+        raise HTTPException(409, str(error)) from error
+    except InputError as error:
+        raise HTTPException(bad_value, str(error)) from error
+    except PalpateError as error:
+        raise HTTPException(503, str(error)) from error
+
+
+def _add_validation_handler(api: FastAPI) -> None:
+    """Answer invalid requests with one line that names the invalid field."""
+
+    @api.exception_handler(RequestValidationError)
+    async def refuse(request: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        return JSONResponse({"detail": f"{where}: {first['msg']}"}, status_code=422)
+
+
+# -- OpenAPI description ------------------------------------------------------------------------
+
+
+def _documents(name: str) -> dict[int | str, dict[str, Any]]:
+    schema = {"$ref": f"#/components/schemas/{name}"}
+    return {200: {"content": {"application/json": {"schema": schema}}}}
+
+
+def _refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    return {status: {"model": Refusal} for status in statuses}
+
+
+def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
+    """Return the OpenAPI document, which includes the published schemas unchanged."""
+    about = (
+        "Start and stop grasps, and read their results. Any client may stop the hand; all other "
+        "commands require control."
+    )
+    found = get_openapi(
+        title=api.title,
+        version=api.version,
+        description=about,
+        routes=api.routes,
+        servers=[{"url": "/api"}],
+    )
+    components = found["components"]
+    components["schemas"] |= {name: _load_schema(name) for name in _SCHEMA_NAMES}
+    for operation in (one for path in found["paths"].values() for one in path.values()):
+        if 422 in map(int, operation["responses"]):
+            refused = operation["responses"]["422"]["content"]["application/json"]
+            refused["schema"] = {"$ref": "#/components/schemas/Refusal"}
+    for unused in ("HTTPValidationError", "ValidationError"):
+        components["schemas"].pop(unused, None)
+    if token:
+        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        found["security"] = [{"token": []}]
+    return found
+
+
+def _load_schema(name: str) -> dict[str, Any]:
+    """Return a published schema with its references adapted to the OpenAPI components."""
+    text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
+    for schema_name in _SCHEMA_NAMES:
+        text = text.replace(
+            f'"$ref": "{schema_name}.json"', f'"$ref": "#/components/schemas/{schema_name}"'
+        )
+    schema: dict[str, Any] = json.loads(text)
+    return {key: value for key, value in schema.items() if key not in ("$schema", "$id")}

@@ -1,0 +1,522 @@
+"""Application state shared by all pages and clients: session, devices, recordings, items."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from palpate_station.dashboard.device_process import run_devices
+from palpate_station.dashboard.folder import (
+    Entry,
+    History,
+    RecordingList,
+    delete_recording,
+    make_entry,
+    make_recording_path,
+    rename_recording,
+)
+from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind
+from palpate_station.dashboard.item_store import ItemStore
+from palpate_station.dashboard.messages import (
+    DeviceActivity,
+    DevicesLost,
+    Grasped,
+    GraspOrder,
+    OpenRig,
+    Order,
+    OrderEnded,
+    Request,
+    Shutdown,
+    StopConfirmed,
+    Update,
+)
+from palpate_station.dashboard.page_document import state_document
+from palpate_station.dashboard.panel_html import count_of
+from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.transport import run_on
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.damage_limit import choose_limit
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import Outcome
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate_station.line.gs1 import read_label
+from palpate_station.line.machine import CommandRefusedError
+from palpate_station.line.results import NO_ITEM
+from palpate_station.records import Item
+from palpate.rig.file import find_calibration_file
+
+if TYPE_CHECKING:
+    from palpate_station.sorting.rules import RuleBook
+
+_Answer = TypeVar("_Answer")
+_POLL_S = 0.01
+#: Maximum time that a stop waits for its confirmation, seconds.
+STOP_TIMEOUT_S = 2.0
+#: Maximum time that a result waits for the store and its bin, seconds. It is longer than the 5 s
+#: timeout of an unreachable shared store, after which the local store is used.
+_STORE_TIMEOUT_S = 8.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """The options of `palpate serve`."""
+
+    #: Available rigs; the first is opened at the start.
+    rigs: tuple[str, ...]
+    #: Available objects of simulated rigs.
+    objects: tuple[str, ...]
+    #: Folder of the recordings and of the calibrations of simulated rigs.
+    folder: Path
+    #: Path or URL of the item store; None for the default store.
+    store: str | None
+    #: Object, seed and speed of the first rig, if it is simulated.
+    object_name: str | None
+    seed: int
+    speed: float
+    #: Frame rate of simulated rigs, Hz; None for their own.
+    rate_hz: float | None = None
+    #: Learned damage limits of the grasps, and their file.
+    damage: DamageFile | None = None
+    damage_path: Path | None = None
+    #: Sorting rules that assign each item to a bin.
+    rules: RuleBook | None = None
+
+
+#: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
+_EXIT_TIMEOUT_S = 15.0
+
+
+class DeviceClient:
+    """Starts the device process, sends messages to it, and forwards its updates.
+
+    Parameters
+    ----------
+    on_update : callable
+        Called from a background thread with every update, and with `DevicesLost` at the end.
+    """
+
+    def __init__(self, on_update: Callable[[Update | DevicesLost], None]) -> None:
+        # Spawned, because a fork of a multithreaded process may deadlock.
+        context = multiprocessing.get_context("spawn")
+        self._on_update = on_update
+        self._connection, child_end = context.Pipe()
+        self._process = context.Process(
+            target=run_devices, args=(child_end,), name="palpate-devices"
+        )
+        self._process.start()
+        child_end.close()
+        self._sending = threading.Lock()
+        self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
+        self._thread.start()
+
+    def send(self, message: Order | Request) -> None:
+        """Send an order or a request; ignored if the process has ended."""
+        with self._sending, suppress(OSError):
+            self._connection.send(message)
+
+    def close(self) -> None:
+        """Stop the running job and end the process."""
+        self.send(Shutdown())
+        self._process.join(_EXIT_TIMEOUT_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._thread.join()
+        self._connection.close()
+
+    def _receive(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self._on_update(self._connection.recv())
+        self._on_update(DevicesLost("the device process has ended; restart palpate serve"))
+
+
+class AppState:
+    """Connects the session to the device process; implements `palpate_station.line.machine.Machine`.
+
+    Commands may be called from any event loop. All commands except `stop` run on the session's
+    loop.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.item_store = ItemStore(settings.store, rules=settings.rules)
+        self.history = History(settings.folder)
+        self.recordings = RecordingList(settings.folder)
+        #: Number of finished grasps, and the document of the last one.
+        self._results = 0
+        self._last_document: GraspDocument | None = None
+        #: Called with each grasp document.
+        self.on_result: list[Callable[[GraspDocument], None]] = []
+        self.session = Session(
+            send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
+        )
+        #: The session's event loop; None before `open`.
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self._process: DeviceClient | None = None
+        self._last_message_s: float | None = None
+        #: Number of the newest confirmed stop.
+        self._stop_confirmed = 0
+        #: Callbacks that wake the stops waiting for a confirmation.
+        self._stop_waiters = set[Callable[[], object]]()
+        self._is_process_lost = False
+        #: Generation and measurements of the last predicted bin.
+        self._predicted_for: object = None
+        #: Reference that keeps the running task from garbage collection.
+        self._task: asyncio.Future[None] | None = None
+
+    async def open(self) -> None:
+        """Start the device process, wait until it accepts stops, and open the first rig."""
+        self.loop = asyncio.get_running_loop()
+        settings = self.settings
+        self._process = DeviceClient(self.receive_update)
+        first = OpenRig(
+            name=settings.rigs[0],
+            object_name=settings.object_name,
+            seed=settings.seed,
+            speed=settings.speed,
+            rate_hz=settings.rate_hz,
+        )
+        while self._last_message_s is None:  # set by the first update, or by the process's end
+            await asyncio.sleep(_POLL_S)
+        self.session.send_order(first)
+
+    def close(self) -> None:
+        """Stop the running job and end the process."""
+        if self._process is not None:
+            self._process.close()
+
+    def state(self) -> Mapping[str, Any]:
+        """Return the state document."""
+        return state_document(self.session)
+
+    def result(self) -> tuple[int, GraspDocument | None]:
+        """Return the number of finished grasps and the document of the last grasp."""
+        return self._results, self._last_document
+
+    async def grasp(
+        self,
+        driver: str,
+        *,
+        target_force_n: float | None,
+        item_id: str,
+        kind: str,
+        stops: int | None,
+    ) -> str:
+        """Start a grasp; return the name of its recording.
+
+        Raises `CommandRefusedError` if it can't start now, `InputError` for an invalid value.
+        """
+
+        def order_grasp() -> str:
+            """Order the grasp, unless a stop unknown to the client has occurred."""
+            order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
+            with self.session.stop_lock:
+                if stops is not None and stops < self.session.stops:
+                    raise CommandRefusedError(
+                        "refused: a stop has occurred since you last read the state; read it "
+                        "again, then resend the command"
+                    )
+                self._run_for_driver(driver, partial(self.session.order, driver, order))
+            return order.recording.name
+
+        return await self._on_session_loop(order_grasp)
+
+    async def release(self, driver: str) -> None:
+        """Release the object, or open the hand.
+
+        Raises `CommandRefusedError` if the release is refused now.
+        """
+        command = partial(self.session.release, driver)
+        await self._on_session_loop(partial(self._run_for_driver, driver, command))
+
+    async def take_over(self, driver: str) -> None:
+        """Make this client the driver."""
+        await self._on_session_loop(partial(self.session.take_over, driver))
+
+    async def leave(self, driver: str) -> None:
+        """Leave the session, so that another client can drive."""
+        await self._on_session_loop(partial(self.session.leave, driver))
+
+    def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
+        """Join the session as this driver, and run a command."""
+        self.session.join(driver)
+        try:
+            command()
+        except InputError as error:
+            raise CommandRefusedError(str(error)) from error
+
+    async def _on_session_loop(self, command: Callable[[], _Answer]) -> _Answer:
+        """Run a command on the session's loop; may be called from any loop."""
+
+        async def work() -> _Answer:
+            return command()
+
+        if self.loop is None:
+            raise CommandRefusedError("the devices are not open yet: try again in a moment")
+        return await run_on(self.loop, work())
+
+    async def stop(self, *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
+        """Stop the running job; return whether the device process confirmed it in time.
+
+        May be called from any event loop; it waits only for the device process.
+        """
+        updated = asyncio.Event()
+        wake = partial(asyncio.get_running_loop().call_soon_threadsafe, updated.set)
+        self._stop_waiters.add(wake)
+        try:
+            number = self.session.stop()
+            async with asyncio.timeout(timeout_s):
+                while self._stop_confirmed < number and not self._is_process_lost:
+                    await updated.wait()
+                    updated.clear()
+        except TimeoutError:
+            pass
+        finally:
+            self._stop_waiters.discard(wake)
+        return self._stop_confirmed >= number
+
+    def grasp_order(
+        self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
+    ) -> GraspOrder:
+        """Return a grasp order with a new recording name.
+
+        Raises
+        ------
+        InputError
+            If the force is out of range, the item name is invalid, or the kind is unknown.
+        """
+        if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
+            raise InputError(
+                f"the target force must be above 0 N and at most {FORCE_CEILING_N:g} N"
+            )
+        if item_id:
+            item_id = check_item(item_id)
+        settings = self.settings
+        limit = choose_limit(
+            settings.damage,
+            path=settings.damage_path,
+            kind=kind or None,
+            names={"damage": "a damage file (`palpate serve --damage FILE`)"},
+        )
+        return GraspOrder(
+            target_force_n=target_force_n,
+            recording=make_recording_path(self.settings.folder, "grasp"),
+            item_id=item_id,
+            limit=limit,
+        )
+
+    def rename(self, name: str, stem: str) -> None:
+        """Rename a recording.
+
+        Raises
+        ------
+        InputError
+            If the recording is in use, or in the cases of `rename_recording`.
+        """
+        self._check_idle(name)
+        renamed = rename_recording(self.settings.folder, name, stem)
+        try:
+            self.history.rename(name, renamed.name)
+        except OSError as error:
+            self.session.devices.trouble = (
+                f"the recording was renamed, but the history still has the old name: {error}"
+            )
+
+    def delete(self, name: str) -> None:
+        """Delete a recording.
+
+        Raises
+        ------
+        InputError
+            If the recording is in use, or in the cases of `delete_recording`.
+        """
+        self._check_idle(name)
+        delete_recording(self.settings.folder, name)
+
+    def _check_idle(self, name: str) -> None:
+        if name in self.session.devices.files_in_use:
+            raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
+
+    def calibration_file(self) -> Path:
+        """Return the rig's calibration file: named in the rig file, or in the folder."""
+        rig = self.session.rig
+        if rig is not None and rig.name.endswith(".toml"):
+            named = find_calibration_file(Path(rig.name))
+            if named is not None:
+                return named
+        name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"
+        return self.settings.folder / f"calibration-{name}.json"
+
+    @property
+    def silent_s(self) -> float:
+        """Time since the last message of the device process, seconds; 0 before the first."""
+        return 0.0 if self._last_message_s is None else time.monotonic() - self._last_message_s
+
+    def idle_texts(self) -> list[str]:
+        """Return the texts of an idle page: last grasp, today's counts, calibration age."""
+        source = self.session.devices.live.source
+        texts = self.history.idle_texts()
+        if source is not None and source.calibrated_at:
+            texts.append(f"calibrated {age_text(source.calibrated_at)}")
+        return texts
+
+    def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
+        """Store a finished grasp and publish its result."""
+        live = self.session.devices.live
+        entry = make_entry(
+            grasped,
+            kind=outcome_kind(grasped.document),
+            item_id=order.item_id,
+            curve=list(live.curve),
+        )
+        document = replace(
+            grasped.document,
+            item_id=order.item_id,
+            recording=order.recording.name,
+            ended_at=entry.ended_at,
+        )
+        source = live.source
+        if source is None or not (order.item_id or self.settings.rules):
+            why = "the devices have no source" if order.item_id else NO_ITEM
+            self._publish(entry, replace(document, stored=False, not_stored=why), order=order)
+            return
+        place = partial(
+            self.item_store.sort_grasp,
+            document,
+            source=source,
+            recording=grasped.recording if order.item_id else None,
+            closing=grasped.closing,
+        )
+        # The activity stays "grasping" until the result is published, because clients read the
+        # result and the item at the end of the activity.
+        self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
+        self._task = asyncio.ensure_future(
+            self._place_and_publish(place, entry, document, order=order)
+        )
+
+    async def _place_and_publish(
+        self,
+        place: Callable[[], GraspDocument],
+        entry: Entry,
+        document: GraspDocument,
+        *,
+        order: GraspOrder,
+    ) -> None:
+        """Store a grasp, find its bin, and then publish its result."""
+        devices, grasped = self.session.devices, self.session.devices.grasped
+        try:
+            async with asyncio.timeout(_STORE_TIMEOUT_S):
+                placed = await asyncio.get_running_loop().run_in_executor(None, place)
+        except TimeoutError:
+            why = f"the store has not answered for {_STORE_TIMEOUT_S:g} s"
+            placed = self.item_store.place_without_store(document, why=why)
+        if devices.grasped is grasped:
+            devices.placed = placed
+        self._publish(entry, placed, order=order)
+        if devices.activity is DeviceActivity.GRASPING:
+            devices.mark_idle()
+
+    def _publish(self, entry: Entry, document: GraspDocument, *, order: GraspOrder) -> None:
+        """Add a grasp to the history, and publish its document."""
+        devices, chosen, item = self.session.devices, document.bin, document.item
+        again = chosen is not None and chosen.again
+        is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
+        self.session.form.return_item(order, again=is_repeated)
+        devices.not_stored = document.not_stored
+        entry = replace(
+            entry,
+            bin=None if chosen is None else chosen.name,
+            again=None if chosen is None else again,
+            why=document.no_bin or None if chosen is None else chosen.why,
+            stage=None if item is None else item.stage,
+            bruised=None if item is None else item.bruised,
+        )
+        if document.not_stored and entry.item_id:
+            devices.trouble = f"the grasp was not stored: {document.not_stored}"
+        try:
+            self.history.add(entry)
+        except OSError as error:
+            devices.trouble = f"the grasp was not added to the history: {error}"
+        self._results += 1
+        self._last_document = document
+        for listener in self.on_result:
+            listener(document)
+
+    def _predict_bin(self) -> None:
+        """Find and show the bin of the held object after its measurement."""
+        devices, rules = self.session.devices, self.settings.rules
+        order, progress, source = devices.order, devices.live.progress, devices.live.source
+        if rules is None or progress is None or source is None or devices.grasped is not None:
+            return
+        if not (isinstance(order, GraspOrder) and progress.decided and progress.phase == "hold"):
+            return
+        answer = replace(progress.answer, outcome=Outcome.HELD)
+        key = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
+        if key == self._predicted_for:
+            return
+        self._predicted_for = key
+        # A client that sees the answer reads the bin at the same time.
+        devices.is_placing = devices.placed is None or not devices.placed.is_sorted
+
+        def show(placed: asyncio.Future[GraspDocument]) -> None:
+            """Show the bin, unless the grasp has ended in the meantime."""
+            if devices.live.generation == key[0] and devices.grasped is None:
+                devices.is_placing = False
+                devices.placed = found = placed.result()
+                again = found.bin is not None and found.bin.again
+                self.session.form.return_item(order, again=again)
+
+        measured = GraspDocument(result=answer, item_id=order.item_id)
+        place = partial(self.item_store.sort_grasp, measured, source=source)
+        asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
+
+    def _send(self, message: Order | Request) -> None:
+        if self._process is not None:
+            self._process.send(message)
+
+    def receive_update(self, update: Update | DevicesLost) -> None:
+        """Process an update of the device process, on the receiving thread."""
+        self._last_message_s = time.monotonic()
+        if isinstance(update, Update):
+            stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
+            self._stop_confirmed = max([self._stop_confirmed, *stops])
+        self._is_process_lost = isinstance(update, DevicesLost)
+        for wake in tuple(self._stop_waiters):
+            wake()
+        loop = self.loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._apply_update, update)
+
+    def _apply_update(self, update: Update | DevicesLost) -> None:
+        self.session.devices.apply_update(update)
+        for note in update.notes if isinstance(update, Update) else ():
+            match note:
+                case OrderEnded(order=GraspOrder() as order, found=None):
+                    # The hand has not measured the item, which is to be grasped again.
+                    self.session.form.return_item(order, again=True)
+        self._predict_bin()
+
+
+def check_item(text: str) -> str:
+    """Return the item identifier of a typed or scanned text.
+
+    Raises `InputError` if the label is damaged, or the text can't be a name.
+    """
+    return Item(item_id=read_label(text)).item_id
+
+
+def age_text(made_at: str) -> str:
+    """Return the age of an ISO 8601 time, such as ``3 days ago`` or ``today``."""
+    days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
+    return "today" if days < 1 else f"{count_of(days, 'day')} ago"

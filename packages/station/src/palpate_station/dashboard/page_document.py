@@ -1,0 +1,304 @@
+"""The state of a session as JSON, for the page and for other clients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate_station.dashboard.grasp_progress import GraspProgress
+from palpate_station.dashboard.headline import headline_of, operator_view, phase_text
+from palpate_station.dashboard.live import Live, finite_or_none
+from palpate_station.dashboard.messages import DeviceActivity
+from palpate_station.dashboard.session import Session
+from palpate.estimate.firmness import firmness_text, is_determined
+from palpate.grasp.phases import Phase
+from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.grasp.verdict import outcome_text
+from palpate.measurement import Measurement
+from palpate.sensor.health import Health
+
+#: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).
+_MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
+_MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
+
+
+def state_document(session: Session) -> dict[str, object]:
+    """Return the state document of a session."""
+    live, source = session.devices.live, session.devices.live.source
+    placed = session.devices.placed
+    # Until the devices start the grasp, the progress belongs to the previous grasp.
+    is_grasping = (
+        session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
+    )
+    running = live.progress if is_grasping else None
+    return {
+        "activity": session.devices.activity.value,
+        "phase": None if running is None else running.phase,
+        "answered": running is not None and running.decided and not session.devices.is_placing,
+        "bin": (placed and placed.bin_name) or None,
+        "rig": None if session.rig is None else session.rig.name,
+        "simulated": None if source is None else source.is_simulated,
+        "fresh": not live.link.stale and session.silence_s is None,
+        "hand_open": live.is_hand_open,
+        "driver": session.driver is not None,
+        "trouble": session.devices.trouble,
+        "stops": session.stops,
+        "stopped_after_s": session.devices.stopped_after_s,
+    }
+
+
+def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
+    """Return the document of the page.
+
+    Parameters
+    ----------
+    session : Session
+        The session.
+    generation, after_s : int, float
+        Generation and newest time of the page's curve. The document contains later points only, or
+        the whole curve if the generation differs.
+    """
+    live, link = session.devices.live, _link(session)
+    headline = headline_of(session, stale=link["stale"])
+    after_s = after_s if generation == live.generation else -math.inf
+    source = live.source
+    return {
+        **state_document(session),
+        "generation": live.generation,
+        "source": None
+        if source is None
+        else {
+            "name": source.name,
+            "subject": source.subject,
+            "origin": source.origin,
+            "simulated": source.is_simulated,
+            "replayed": source.replayed,
+            "newtons": source.law is not None,
+        },
+        "link": link,
+        "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
+        "pixels": _pixels(session),
+        "past": _past_moments(live) if after_s == -math.inf else [],
+        "curve": [
+            [point.time_s, round(point.percent, 2), *_newtons(point.force)]
+            for point in live.points_after(after_s)
+        ],
+        "frozen_s": live.frozen[-1].time_s if live.frozen else None,
+        "moves": list(live.moves),
+        "band": [
+            [band.time_s, band.low, band.value, band.high, *_newtons(band.force)]
+            for band in live.band
+            if band.time_s > after_s - 1.0
+        ],
+        "grasp": _grasp(live.progress, live),
+        "replay": _replay(live),
+        "guide": None if session.devices.guide is None else asdict(session.devices.guide),
+        "verdict": headline,
+        "operator": operator_view(session, headline=headline),
+        "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
+        "item": session.devices.item_id,
+        "not_stored": session.devices.not_stored,
+        "kind": session.form.kind,
+        "measured": _list_measurements(session),
+        "recording": None if session.devices.recording is None else session.devices.recording.name,
+    }
+
+
+def _newtons(force: Measurement | None) -> list[float]:
+    """Return low, value and high rounded to 1 mN; empty without a force."""
+    return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
+
+
+def _replay(live: Live) -> dict[str, Any] | None:
+    """Return the replay position and the phases and events of the whole recording."""
+    timeline, playing = live.timeline, live.playing
+    if timeline is None or playing is None:
+        return None
+    return {
+        "start_s": timeline.start_s,
+        "end_s": timeline.end_s,
+        "phases": _phase_texts(timeline.phases),
+        "grasp": _grasp(timeline.ended, live),
+        "time_s": playing.time_s,
+        "paused": playing.paused,
+        "speed": playing.speed,
+    }
+
+
+def _phase_texts(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
+    return [[time_s, phase_text(phase)] for time_s, phase in phases]
+
+
+def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
+    """Return phase and events of the running or last grasp."""
+    if progress is None:
+        return None
+    return {
+        "phase": progress.phase,
+        "phases": _phase_texts(live.phases),
+        "began_s": progress.began_s,
+        "touched_s": progress.touched_s,
+        "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
+        "fingers": [] if live.is_hand_open else _fingers_in_contact(progress.moments),
+        "bounds": asdict(progress.bounds),
+    }
+
+
+def _fingers_in_contact(moments: Sequence[Moment]) -> list[int]:
+    """Return the fingers in contact according to the controller's events."""
+    touching: set[int] = set()
+    for moment in moments:
+        if moment.finger is not None and moment.name == "finger_contact":
+            touching.add(moment.finger)
+        elif moment.finger is not None and moment.name == "finger_removal":
+            touching.discard(moment.finger)
+    return sorted(touching)
+
+
+def _link(session: Session) -> dict[str, Any]:
+    link, hung_s = session.devices.live.link, session.silence_s
+    hung = hung_s is not None
+    counted = asdict(replace(link, age_s=link.age_s + (hung_s or 0.0)))
+    waiting = session.devices.activity in (
+        DeviceActivity.OPENING,
+        DeviceActivity.IDLE,
+        DeviceActivity.REPLAYING,
+    )
+    return dict(zip(counted, finite_or_none(list(counted.values())), strict=True)) | {
+        "hung_s": hung_s,
+        "stale": hung or (link.stale and not waiting),
+        "waiting": waiting and not hung,
+    }
+
+
+def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[str, Any] | None:
+    limits = None if live.source is None else live.source.gripper
+    if limits is None:
+        return None
+    (value,) = finite_or_none([reported])
+    return {
+        "drive": limits.drive,
+        "value": value,
+        "closed": None if value is None else abs(value - limits.target(0.0)) / limits.span,
+        "moving": moving,
+        "open": live.is_open(reported, moving=moving),
+        "opening": released and moving,
+    }
+
+
+def _pixels(session: Session) -> dict[str, Any] | None:
+    live = session.devices.live
+    if live.source is None or live.percent is None or live.ohm is None:
+        return None
+    return {
+        **_pads(live, live.time_s, live.percent, live.ohm, live.force),
+        "finger_of_row": live.source.layout.finger_of_row,
+        "touching": live.touching_fingers,
+        "findings": _pixel_findings(session.devices.health),
+    }
+
+
+def _pads(
+    live: Live,
+    time_s: float,
+    percent: FloatArray,
+    ohm: FloatArray,
+    force: Measurement | None,
+) -> dict[str, Any]:
+    """Return the readings of all pixels and fingers at one time."""
+    return {
+        "time_s": finite_or_none([time_s])[0],
+        "percent": [finite_or_none(row) for row in percent],
+        "ohm": [finite_or_none(row) for row in ohm],
+        "finger_percent": finite_or_none(live.finger_percent(percent)),
+        "finger_n": [round(one, 2) for one in live.finger_forces_n(force, ohm)],
+    }
+
+
+def _past_moments(live: Live) -> list[dict[str, Any]]:
+    """Return decimated past readings of the pads and the hand for a newly opened page."""
+    points = [point for point in live.points_after(-math.inf) if point.ohm.size]
+    if not points:
+        return []
+    released_s = next(
+        (at_s for at_s, phase in live.phases if phase == Phase.RELEASE.value), math.inf
+    )
+    max_moments = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // points[0].ohm.size, 1))
+    return [
+        {
+            **_pads(live, point.time_s, pixels.change_percent, point.ohm, point.force),
+            "touching": point.touching,
+            "hand": _hand(
+                live,
+                point.reported,
+                moving=point.moving,
+                released=point.time_s >= released_s,
+            ),
+        }
+        for point in points[:: math.ceil(len(points) / max_moments)]
+        if (pixels := live.signals_at(point.ohm)) is not None
+    ]
+
+
+def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
+    """Return the health findings for each affected pixel."""
+    if health is None:
+        return []
+    return [
+        {"row": row, "col": col, "severity": str(found.severity), "text": found.text}
+        for found in health.findings
+        for row, col in np.ndindex(*health.pixels.rest_ohm.shape)
+        if found.affects_pixel(row, col)
+    ]
+
+
+def _list_measurements(session: Session) -> dict[str, Any]:
+    """Return the measurements with intervals, and the twin's true values."""
+    grasped, progress = session.devices.grasped, session.devices.live.progress
+    result: GraspResult | None = None
+    truth: Mapping[str, object] = {}
+    if grasped is not None:
+        result, truth = grasped.document.result, grasped.document.truth or {}
+    elif progress is not None:
+        result = progress.answer
+    rows = {name: None if result is None else getattr(result, name) for name in _MEASUREMENTS}
+    return {
+        "values": {
+            name: _measurement_document(value, truth.get(name)) for name, value in rows.items()
+        },
+        "decided": grasped is not None or (progress is not None and progress.decided),
+        "decision_time_s": None if result is None else result.decision_time_s,
+        "data_s": None if progress is None else progress.data_s,
+        "settled": _horizon_document(session.devices.live),
+        "limited": result is not None and result.is_limited,
+        "damaged": truth.get("damaged"),
+        "damaged_s": truth.get("damaged_s"),
+        "force_now": _measurement_document(session.devices.live.force, None),
+        "holds": grasped is None and session.devices.live.is_hand_open is not True,
+        "faults": [] if result is None or grasped is None else list(result.faults),
+    }
+
+
+def _horizon_document(live: Live) -> dict[str, Any] | None:
+    """Return the values measured at the forecast horizon; None before the horizon."""
+    if live.settled_measurement is None:
+        return None
+    percent, force = live.settled_measurement
+    return {"settled_percent": {"value": percent}, "force_n": _measurement_document(force, None)}
+
+
+def _measurement_document(measured: Measurement | None, true: object) -> dict[str, Any] | None:
+    if measured is None:
+        return None
+    content = {"status": str(measured.status), "truth": true}
+    if not measured.has_value:
+        return content | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
+    if measured.unit == "index" and not is_determined(measured):
+        content["text"] = firmness_text(measured)
+    value, low, high = finite_or_none([measured.middle, measured.low, measured.high])
+    return content | {"value": value, "low": low, "high": high}

@@ -1,0 +1,216 @@
+"""The panel of item, target force and rig, with the buttons of a grasp."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from palpate_station.dashboard.app_state import AppState, check_item
+from palpate_station.dashboard.folder import make_recording_path
+from palpate_station.dashboard.messages import Action, OpenRig, Record, SetSpeed
+from palpate_station.dashboard.session import GraspForm
+from palpate_station.dashboard.viewer import Viewer, finite_number
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.rig import BUILT_IN
+
+SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
+#: Value of the object choice "random"; no object has this name.
+_DRAWN_BY_SEED = ""
+
+
+def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
+    """Fill the panel."""
+    with ui.element("div").classes("form"):
+        with ui.element("div").classes("form") as next_grasp:
+            _add_grasp_form(app_state, viewer)
+            ui.separator()
+        viewer.show_with_gripper(next_grasp)
+        _add_rig_form(app_state, viewer)
+        ui.separator()
+        _add_recording_switch(app_state, viewer)
+
+
+def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
+    form = app_state.session.form
+
+    def set_target(force_n: object) -> None:
+        if viewer.is_driver:
+            form.target_force_n = finite_number(force_n)
+
+    force = ui.number(
+        "Target force, N (empty: a gentle squeeze)",
+        value=form.target_force_n,
+        min=0.1,
+        step=0.5,
+        on_change=lambda event: set_target(event.value),
+    ).props("outlined dense clearable")
+    viewer.enable_for_driver(force)
+    viewer.on_refresh(lambda: force.set_value(form.target_force_n))
+    add_item_field(app_state, viewer, label="Item")
+    hint = "Grasps of a named item are stored; the tab Items shows them."
+    ui.label(hint).classes("muted")
+    if app_state.settings.damage is not None:
+        _add_kind_choice(app_state.settings.damage, form, viewer)
+
+
+def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
+    """Add the field for the next item's name: typed, scanned or the last name.
+
+    A damaged label is shown in red with the reason, and is not taken.
+    """
+    form = app_state.session.form
+
+    def set_item(item_id: object) -> None:
+        if viewer.is_driver:
+            form.set_item(item_id.strip() if isinstance(item_id, str) else "")
+
+    def fault() -> InputError | None:
+        """Return why the text is not an item."""
+        try:
+            if form.item_id:
+                check_item(form.item_id)
+        except InputError as error:
+            return error
+        return None
+
+    def refuse_label() -> None:
+        """Report a damaged label at the end of a scan."""
+        error = fault()
+        if error is not None and viewer.is_driver:
+            viewer.refuse(error)
+        viewer.refresh()
+
+    item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
+    # Enter selects the text, so that the next scan replaces it.
+    item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
+    item.on("keydown.enter", js_handler="(event) => event.target.select()")
+    item.on("keydown.enter", refuse_label, args=[])
+    with item.add_slot("append"):
+        same_item = viewer.button(
+            "", lambda: set_item(form.last_item_id), props="id=same-item", small=True
+        )
+    viewer.enable_for_driver(item)
+
+    def show() -> None:
+        if (item.value or "").strip() != form.item_id:
+            item.set_value(form.item_id)
+        state = "" if not form.item_id else "taken" if fault() is None else "refused"
+        item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
+        hint = {"": ": none, not stored", "refused": ": label refused, scan again"}.get(state, "")
+        item.props["label"] = f"{label}{hint}"
+        same_item.set_text(f"Same item again: {form.last_item_id}")
+        same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
+
+    viewer.on_refresh(show)
+
+
+def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
+    """Add the choice of the kind among the kinds with a learned damage limit."""
+
+    def set_kind(kind: str) -> None:
+        if viewer.is_driver:
+            form.kind = kind
+
+    options = {"": "not given", **{kind: kind for kind in damage.kinds}}
+    kind = ui.select(options, value=form.kind, on_change=lambda event: set_kind(event.value))
+    kind.props("outlined dense behavior=dialog").classes("w-full")
+    kind.props["label"] = "Kind (for its damage limit)"
+    viewer.enable_for_driver(kind)
+    viewer.on_refresh(lambda: kind.set_value(form.kind))
+    hint = "Grasps stay below the learned damage limit of this kind."
+    ui.label(hint).classes("muted")
+
+
+def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
+    """Add the buttons Grasp and Release at the bottom of the panel or window."""
+    form = app_state.session.form
+
+    def grasp() -> None:
+        """Order a grasp with the settings of the form, or show a refusal."""
+        try:
+            order = app_state.grasp_order(
+                target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind
+            )
+        except InputError as error:
+            viewer.refuse(error)
+            return
+        if viewer.order(order):
+            form.take_item(order)
+            viewer.refresh()
+
+    with ui.element("div").classes("panel-foot") as foot:
+        grasp_button = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
+        grasp_button.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
+        viewer.enable_when_allowed(grasp_button, Action.GRASP)
+        shortcut = 'id=release aria-keyshortcuts="F9"'
+        release_button = viewer.button(
+            "Release", viewer.release, props=shortcut, action=Action.RELEASE
+        )
+        release_button.style("font-size: 19px")
+    viewer.show_with_gripper(foot)
+
+
+def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
+    def record(is_wanted: bool) -> None:
+        """Start or end a recording, if its state differs."""
+        if is_wanted != (app_state.session.devices.recording is not None):
+            folder = app_state.settings.folder
+            viewer.order(Record(make_recording_path(folder, "watched") if is_wanted else None))
+
+    recording = ui.switch("Record between grasps")
+    recording.on_value_change(lambda event: record(event.value))
+    viewer.enable_when_allowed(recording, Action.RECORD)
+
+    def show() -> None:
+        recording.set_value(app_state.session.devices.recording is not None)
+
+    viewer.on_refresh(show)
+    hint = "Every grasp is recorded. The hand holds until Release, at most 60 s."
+    viewer.show_with_gripper(ui.label(hint).classes("muted"))
+
+
+def _seed_of(value: object) -> int:
+    """Return the seed of the form; -1, which the session refuses, if not an integer."""
+    number = finite_number(0 if value is None else value)
+    return -1 if number is None or number % 1 else int(number)
+
+
+def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
+    settings, requested = app_state.settings, app_state.session.rig
+    name = ui.select(list(settings.rigs), value=requested.name if requested else settings.rigs[0])
+    name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = "Rig"
+    with ui.element("div").classes("form") as simulated:
+        object_name = requested.object_name if requested else None
+        named = {name: name for name in settings.objects}
+        object_choice = ui.select(
+            {_DRAWN_BY_SEED: "random, from the seed", **named}, value=object_name or _DRAWN_BY_SEED
+        )
+        object_choice.props("outlined dense behavior=dialog")
+        object_choice.props["label"] = "Object between the fingers"
+        with ui.element("div").classes("two"):
+            seed = ui.number(
+                "Seed", value=requested.seed if requested else 0, min=0, step=1, format="%d"
+            )
+            seed.props("outlined dense")
+            speed = ui.toggle(
+                SPEEDS,
+                value=requested.speed if requested and requested.speed in SPEEDS else None,
+                on_change=lambda event: viewer.request(SetSpeed(event.value)),
+            ).props("unelevated no-caps")
+            speed.props["aria-label"] = "Speed of simulated time"
+            speed.props["title"] = "Simulated seconds per real second"
+    simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
+
+    def open_rig() -> None:
+        """Order the chosen rig to be opened."""
+        viewer.order(
+            OpenRig(
+                name=name.value,
+                object_name=object_choice.value or None,
+                seed=_seed_of(seed.value),
+                speed=speed.value or (requested.speed if requested else 1.0),
+                rate_hz=settings.rate_hz if name.value in BUILT_IN else None,
+            )
+        )
+
+    viewer.button("Use this rig", open_rig, props="id=use-rig", action=Action.OPEN)

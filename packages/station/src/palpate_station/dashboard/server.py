@@ -1,0 +1,249 @@
+"""The web server: pages, live-state endpoint polled by the pages, API and STOP route."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import os
+import tempfile
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.folder import find_recording
+from palpate_station.dashboard.front import STOP_PATHS
+from palpate_station.dashboard.listening import bind_port
+from palpate_station.dashboard.page_document import document
+from palpate_station.dashboard.transport import LoopThread
+from palpate.errors import InputError, require_extra
+from palpate_station.line.machine import Line, Machine
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from palpate_station.mqtt.publisher import Publisher
+
+#: Starts a line protocol for this server.
+LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
+
+_STATIC = Path(__file__).parent / "static"
+#: Period at which line protocols are refreshed, seconds.
+_LINE_REFRESH_S = 0.05
+#: Period at which the state is published, seconds.
+_PUBLISH_PERIOD_S = 0.1
+#: A driver with a broken connection stays the driver for this time, seconds.
+_RECONNECT_TIMEOUT_S = 10.0
+
+
+def serve(
+    settings: Settings,
+    *,
+    host: str,
+    port: int,
+    token: str | None,
+    announce: Callable[[str], None],
+    publisher: Publisher | None = None,
+    lines: Sequence[LineOpener] = (),
+) -> None:
+    """Serve the dashboard until Ctrl-C; then stop the running job and the hand.
+
+    `announce` is called with the URL (without the token) when the server is ready. `publisher`
+    receives every result and the state. `lines` start the protocols for line controllers.
+
+    Raises
+    ------
+    InputError
+        If the token is too short, or if other machines could connect without a token.
+    DeviceError
+        If the port is in use.
+    MissingExtraError
+        If NiceGUI is not installed.
+    """
+    # NiceGUI requires a storage folder, although this page stores nothing in it.
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
+    with require_extra("the dashboard", extra="dashboard"):
+        import uvicorn
+        from fastapi import FastAPI
+
+        from palpate_station.dashboard.access import AccessControl, check_token, is_loopback
+        from palpate_station.dashboard.api import build_api
+        from palpate_station.dashboard.transport import AppThread, BoundedConnection, external_url
+    check_token(host, token)
+    listening = bind_port(host, port)
+    app_state = AppState(settings)
+    app = FastAPI(openapi_url=None)
+    app.mount("/api", build_api(app_state, token=token is not None))
+    app.router.on_startup.append(app_state.open)
+    app.router.on_shutdown.append(app_state.close)
+    if publisher is not None:
+        _add_publisher(app, app_state, publisher)
+    line_thread = LoopThread("lines") if lines else None
+    if line_thread is not None:
+        _serve_lines(app, app_state, lines, thread=line_thread)
+    _add_stop_route(app, app_state)
+    _add_pages(app, app_state)
+    threaded = AppThread(app, direct=STOP_PATHS)
+    gate = AccessControl(threaded, token=token, loopback=is_loopback(host))
+    config = uvicorn.Config(
+        gate,
+        http=BoundedConnection,
+        # Others don't call the listener's `accept`.
+        loop="asyncio",
+        # The client address is the connected peer, never an address from a header.
+        proxy_headers=False,
+        log_level="warning",
+        access_log=False,
+        timeout_graceful_shutdown=2,
+    )
+    address = external_url(host, listening.getsockname()[1])
+    app.router.on_startup.append(lambda: announce(address))
+    # A full collection of all imported objects would block every thread for 0.1 s.
+    gc.freeze()
+    with listening, threaded, line_thread or nullcontext():
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
+    """Add the STOP route to the outer application, independently of the page framework."""
+    from fastapi.responses import JSONResponse
+
+    @app.post("/stop")
+    async def stop() -> JSONResponse:
+        """Stop the hand; answer 200 after its confirmation, or 504 without one."""
+        stopped = await app_state.stop()
+        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+
+def _add_pages(outer: FastAPI, app_state: AppState) -> None:
+    """Add the pages, the live-state endpoint and the downloads to the outer application."""
+    from nicegui import ui
+
+    _add_page_routes(app_state)
+    ui.run_with(
+        outer,
+        title="palpate",
+        language="en-US",
+        favicon="🤏",
+        dark=None,
+        binding_refresh_interval=None,
+        reconnect_timeout=_RECONNECT_TIMEOUT_S,
+        message_history_length=100,
+        tailwind=False,
+        gzip_middleware_factory=None,
+        show_welcome_message=False,
+    )
+
+
+def _add_page_routes(app_state: AppState) -> None:
+    """Add the pages, the live-state endpoint and the downloads to NiceGUI's application."""
+    from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
+    from nicegui import Client, app, ui
+
+    from palpate_station.dashboard.page import TABS, build_operator_page, build_page
+    from palpate_station.dashboard.transport import FilesGzip
+
+    app.add_middleware(FilesGzip)
+    # No caching: after an update, browsers must load the new scripts.
+    app.add_static_files("/static", _STATIC, max_cache_age=0)
+
+    for name, path in TABS.items():
+        ui.page(path)(lambda client, tab=name: build_page(app_state, client, tab=tab))
+
+    @ui.page("/items/{item_id:path}")
+    def item(client: Client, item_id: str) -> Response | None:
+        if not item_id.strip():
+            return Response("an item needs a name", status_code=404, media_type="text/plain")
+        build_page(app_state, client, tab="Items", item_id=item_id)
+        return None
+
+    @ui.page("/recordings/{name}")
+    def one_recording(client: Client, name: str) -> None:
+        build_page(app_state, client, tab="Recordings", recording=name)
+
+    @ui.page("/operate")
+    def operate(client: Client) -> None:
+        build_operator_page(app_state, client)
+
+    @app.get("/live")
+    async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
+        content = document(app_state.session, generation=generation, after_s=after_s)
+        is_idle = content["verdict"]["kind"] == "idle"
+        content["idle"] = app_state.idle_texts() if is_idle else []
+        return JSONResponse(content | {"server_s": time.monotonic()})
+
+    @app.get("/grasps.csv")
+    def grasps() -> Response:
+        headers = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
+        parts = app_state.history.csv_parts()
+        return StreamingResponse(parts, media_type="text/csv", headers=headers)
+
+    @app.get("/recordings/file/{name}")
+    def recording(name: str) -> Response:
+        try:
+            file = find_recording(app_state.settings.folder, name)
+        except InputError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        return FileResponse(file, filename=file.name)
+
+
+def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
+    """Publish every result and the state over MQTT while the application runs."""
+    app_state.on_result.append(publisher.publish_result)
+    running: list[asyncio.Task[None]] = []
+
+    async def publish() -> None:
+        while True:
+            publisher.publish_state(app_state.state())
+            await asyncio.sleep(_PUBLISH_PERIOD_S)
+
+    async def start() -> None:
+        running.append(asyncio.create_task(publish()))
+
+    # Runs after `AppState.close`, which has stopped the hand.
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+        publisher.close()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
+
+
+def _serve_lines(
+    app: Any, machine: Machine, lines: Sequence[LineOpener], *, thread: LoopThread
+) -> None:
+    """Serve the line protocols while the application runs, on a separate thread.
+
+    A controller drops its connection after one second without an answer. Building a page on a busy
+    machine can block the application's event loop for longer.
+    """
+    open_lines: list[Line] = []
+    running: list[asyncio.Task[None]] = []
+
+    async def refresh() -> None:
+        while True:
+            for line in open_lines:
+                await line.refresh()
+            await asyncio.sleep(_LINE_REFRESH_S)
+
+    async def start() -> None:
+        open_lines.extend([await opener(machine) for opener in lines])
+        running.append(asyncio.create_task(refresh()))
+
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+        for line in open_lines:
+            await line.close()
+
+    async def start_on_thread() -> None:
+        await thread.run(start())
+
+    async def end_on_thread() -> None:
+        await thread.run(end())
+
+    app.router.on_startup.append(start_on_thread)
+    app.router.on_shutdown.append(end_on_thread)

@@ -1,0 +1,67 @@
+"""A thread that sends the queued records to the shared store."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from palpate.errors import PalpateError
+from palpate_station.store.database import Store
+
+#: Retry interval after an error if there are no new records, seconds.
+_RETRY_S = 10.0
+#: Maximum wait in `Sender.close`, seconds.
+_CLOSE_TIMEOUT_S = 3.0
+
+
+class Sender:
+    """Context manager that sends records in the background until closed.
+
+    `where`: the store, as in `Store.open`.
+    `on_error`: called once with each new error message.
+    """
+
+    def __init__(
+        self, where: str | Path | None, *, on_error: Callable[[str], None] = lambda line: None
+    ) -> None:
+        self._where, self._on_error = where, on_error
+        self._wake, self._closing = threading.Event(), False
+        self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Start sending without waiting."""
+        self._wake.set()
+
+    def close(self) -> None:
+        """Send the remaining records within a time limit; unsent records stay in the file."""
+        self._closing = True
+        self._wake.set()
+        self._thread.join(_CLOSE_TIMEOUT_S)
+
+    def __enter__(self) -> Sender:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        last = ""
+        is_last_round = False
+        with ExitStack() as opened:
+            store: Store | None = None
+            while not is_last_round:
+                is_last_round = self._closing
+                try:
+                    store = store or opened.enter_context(Store.open(self._where))
+                    store.send()
+                    last = ""
+                except PalpateError as error:
+                    if str(error) != last:
+                        self._on_error(f"{error}; the records wait in the local store")
+                    last = str(error)
+                if not is_last_round:
+                    self._wake.wait(_RETRY_S if last else None)
+                    self._wake.clear()
