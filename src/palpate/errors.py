@@ -76,7 +76,7 @@ class StoreAwayError(StoreError):
 
 
 @contextmanager
-def require_extra(what: str, *, extra: str) -> Iterator[None]:
+def require_extra(what: str, *, extra: str, package: str = "palpate") -> Iterator[None]:
     """Translate a failed import of an extra's module into an error with install instructions.
 
     Raises
@@ -96,5 +96,5 @@ def require_extra(what: str, *, extra: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise MissingExtraError(
-            f"{what} needs {error.name}; install it with `pip install 'palpate[{extra}]'`"
+            f"{what} needs {error.name}; install it with `pip install '{package}[{extra}]'`"
         ) from error

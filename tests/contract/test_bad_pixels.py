@@ -20,7 +20,6 @@ from tests.unit.sensor.test_pixel_excess import make_live, read_by_rig, read_liv
 from palpate.calibrate.dead_weights import measure_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError
-from palpate_foxglove.channels import encode_change
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperState
@@ -29,6 +28,7 @@ from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
+from palpate_foxglove.channels import encode_change
 
 plan = _plan_fixture
 REST, PRESSED = np.full((4, 2), 300), np.full((4, 2), 600)

@@ -30,11 +30,11 @@ from tests.served_pages import (
     wait_for_draws,
 )
 
-from palpate_station.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
-from palpate_station.dashboard.messages import DeviceActivity
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
 from palpate.measurement import Measurement
+from palpate_station.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
+from palpate_station.dashboard.messages import DeviceActivity
 
 #: A phone, a tablet, a large screen, panel PCs, a landscape phone, and 1280 x 720 at 200 % zoom.
 SIZES = [

@@ -19,9 +19,9 @@ from palpate.errors import PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.holds import read_holds
 from palpate.holds.recordings import read_recordings
-from palpate_station.sorting.rules_file import read_rules
 from palpate.rig.file import open_file, read_rig_file
 from palpate.sensor.calibration import Calibration
+from palpate_station.sorting.rules_file import read_rules
 
 COUNT = int(os.environ.get("PALPATE_FUZZ", "60"))
 DEEP = 100_000

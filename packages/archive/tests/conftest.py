@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from packages.archive.tests.drawn import palpate
 from moto.server import ThreadedMotoServer
+from packages.archive.tests.drawn import palpate
 from s3fs import S3FileSystem
 
 from palpate_archive.adding import add_recordings

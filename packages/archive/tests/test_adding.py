@@ -10,12 +10,12 @@ import pytest
 from packages.archive.tests.drawn import palpate, read, read_bytes
 
 from palpate.holds import read_holds
-from palpate_station.store.database import Store
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 from palpate_archive.adding import add_recordings, add_store
 from palpate_archive.folders import Folder
 from palpate_archive.layout import KINDS, Archive
+from palpate_station.store.database import Store
 
 pytestmark = pytest.mark.slow
 

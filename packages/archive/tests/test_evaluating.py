@@ -8,9 +8,9 @@ from pathlib import Path
 
 import dask
 import pytest
+from distributed import LocalCluster
 from packages.archive.tests import archive_jobs
 from packages.archive.tests.drawn import DAYS, draw_archive, palpate, read, read_bytes
-from distributed import LocalCluster
 
 from palpate.errors import PalpateError
 from palpate.recording import load_recording

@@ -25,7 +25,18 @@ from palpate.cli.output import (
 from palpate.errors import DISK_FAILURES, DamageWarning, PalpateError
 from palpate.stop_signals import HANGUP, install, interrupt
 
-_STUDIES, _ARCHIVE = ("palpate-studies", "packages/studies"), ("palpate-archive", "packages/archive")
+#: Verb of another package -> the package and its folder in the source, for the message if the
+#: package is not installed.
+_PACKAGES = {
+    verb: (f"palpate-{package}", f"packages/{package}")
+    for package, verbs in {
+        "station": ("serve", "items", "report", "ripeness", "bruise", "sort", "qualify", "teach"),
+        "pattern": ("pattern",),
+        "archive": ("archive",),
+        "studies": ("study", "bench"),
+    }.items()
+    for verb in verbs
+}
 #: Help heading -> verb -> summary. The summary repeats the first paragraph of the docstring of
 #: `palpate.cli.VERB.VERB`.
 GROUPS = {
@@ -66,7 +77,6 @@ GROUPS = {
         "bench": "Measure speed relative to other software.",
     },
 }
-_PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
 #: Verb -> module, for verbs whose module has a different name.
 _MODULES = {"ports": "flash"}
 VERBS = {

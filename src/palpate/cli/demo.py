@@ -2,56 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli import options as option
-from palpate.cli.options import opt
-from palpate.cli.output import progress
+from palpate.cli.lazy_group import find_entry_point
+from palpate.cli.options import filter_names, opt
+from palpate.demo import DEMOS, Demo
 from palpate.errors import InputError
 
-#: Demo -> (folder, commands to try).
-NAMES = {
-    "recordings": (
-        "demo-recordings",
-        (
-            "palpate settle demo-recordings/ohm.csv --plot settled.png",
-            "palpate settle demo-recordings/counts.csv --unit counts --adc-bits 10 "
-            "--reference-ohm 4700 --sensor-leg upper",
-            "palpate settle demo-recordings --method relaxation --method recorded "
-            "--method exponential --cutoff 1",
-        ),
-    ),
-    "force": (
-        "demo-force",
-        (
-            "palpate force demo-force/weights.csv --adc-bits 10",
-            "palpate force demo-force/presses.csv --adc-bits 10 --reference-ohm 10k "
-            "--sensor-leg upper --save demo-force/calibration.json --plot force.png",
-            "palpate force demo-force/new.csv --calibration demo-force/calibration.json",
-        ),
-    ),
-    "packhouse": (
-        "demo-packhouse",
-        (
-            "cd demo-packhouse",
-            "palpate ripeness --batch Monday",
-            "palpate sort --rules rules.toml --batch Monday",
-            "palpate items fruit-3",
-            "palpate bruise A17    # exit status 1: it is bruised",
-        ),
-    ),
-}
+#: Entry points of demos of other packages, each a `Demo`.
+ENTRY_POINTS = "palpate.demos"
+#: Demos of palpate's own packages, for the message if the package is not installed.
+_PACKAGES = {"packhouse": ("palpate-station", "packages/station")}
+
+
+def demo_names() -> list[str]:
+    """Return the names of the installed demos."""
+    return [*DEMOS, *(point.name for point in entry_points(group=ENTRY_POINTS))]
+
+
+def _complete(incomplete: str) -> Iterator[str]:
+    yield from filter_names(demo_names(), incomplete)
 
 
 def demo(
     name: Annotated[
         str,
-        typer.Argument(
-            help="recordings, force or packhouse.", autocompletion=option.complete_demos
-        ),
+        typer.Argument(help="recordings, force or packhouse.", autocompletion=_complete),
     ],
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
@@ -64,24 +45,25 @@ def demo(
 
     Example: palpate demo recordings
     """
-    if name not in NAMES:
-        raise InputError(f"no demo {name!r}; available: {', '.join(NAMES)}")
-    default, commands = NAMES[name]
-    folder = out if out is not None else Path(default)
-    if name == "recordings":
-        from palpate.demo.recordings import write_recordings
-
-        written = write_recordings(folder)
-    elif name == "force":
-        from palpate.demo.force import write_force
-
-        written = write_force(folder)
-    else:
-        from palpate_station.demo_packhouse import write_packhouse
-
-        with progress("grasping", total=1.0) as show:
-            written = write_packhouse(folder, progress=show)
+    chosen = find_demo(name)
+    folder = out if out is not None else Path(chosen.folder)
+    written = chosen.load()(folder)
     print("Written, simulated: " + ", ".join(map(str, written)))
     print("Try:")
-    for command in commands:
-        print("  " + command.replace(default, str(folder)))
+    for command in chosen.commands:
+        print("  " + command.replace(chosen.folder, str(folder)))
+
+
+def find_demo(name: str) -> Demo:
+    """Return a demo of the core or of an installed package.
+
+    Raises `InputError` if there is none of this name, or its package is not installed.
+    """
+    if name in DEMOS:
+        return DEMOS[name]
+    for point in entry_points(group=ENTRY_POINTS, name=name):
+        found: Demo = point.load()
+        return found
+    if name in _PACKAGES:
+        find_entry_point(ENTRY_POINTS, name, *_PACKAGES[name], wanted=f"palpate demo {name}")
+    raise InputError(f"no demo {name!r}; available: {', '.join(demo_names())}")

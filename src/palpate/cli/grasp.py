@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli import options as option
+from palpate.cli.lazy_group import find_entry_point
 from palpate.cli.options import (
     CutoffOption,
     EpsilonOption,
@@ -18,6 +19,7 @@ from palpate.cli.options import (
     StepOption,
     opt,
     paper_settings,
+    refuse_options,
 )
 from palpate.cli.output import print_json, print_message, tolerate_lost_output
 from palpate.errors import InputError
@@ -114,7 +116,6 @@ def grasp(
     """
     # Imported here to keep help and completion fast.
     from palpate.cli.grasp_card import print_card
-    from palpate_station.cli.grasp_entry import open_store_entry
     from palpate.grasp.damage_limit import load_limit
     from palpate.grasp.pull import judge_pull
     from palpate.grasp.requests import Requests
@@ -135,7 +136,14 @@ def grasp(
         raise InputError("--pull-n and --friction must be given together")
     limit = load_limit(damage, kind=kind, names={"damage": "--damage FILE", "kind": "--kind"})
     with ExitStack() as stack:
-        entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
+        entry = None
+        if item is None:
+            given = {"--store": store, "--angle-deg": angle_deg}
+            refuse_options(given, why="name the item with --item NAME")
+        else:
+            package = ("palpate-station", "packages/station")
+            opener = find_entry_point(option.ITEMS, "open", *package, wanted="--item").load()
+            entry = stack.enter_context(opener(item, store=store, angle_deg=angle_deg))
         devices = open_rig(rig, object_name=object_name, seed=seed, rate_hz=rate_hz)
         requests = Requests()
         # Signals only set a flag until the devices are closed: after the grasp they must not

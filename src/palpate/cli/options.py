@@ -6,6 +6,7 @@ import importlib
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
@@ -37,26 +38,26 @@ def refuse_options(given: Mapping[str, object], *, why: str) -> None:
             raise InputError(f"{name} {value}: {why}")
 
 
-#: Maximum number of completions, because a shell lists all of them at once.
-_MAX_ITEMS = 200
+#: Entry points of the package that stores items: `open` of `palpate grasp --item`, `complete`.
+ITEMS = "palpate.items"
 
 
 def _complete_from(module: str, table: str) -> Callable[[str], list[str]]:
     """Return a completion function for the names in a table, which is loaded on demand."""
 
     def complete(incomplete: str) -> list[str]:
-        return _filter_names(getattr(importlib.import_module(module), table), incomplete)
+        return filter_names(getattr(importlib.import_module(module), table), incomplete)
 
     return complete
 
 
-def _filter_names(names: Iterable[str], incomplete: str) -> list[str]:
+def filter_names(names: Iterable[str], incomplete: str) -> list[str]:
+    """Return the names that begin with the incomplete one."""
     return [name for name in names if name.startswith(incomplete)]
 
 
 complete_objects = _complete_from("palpate.twin.objects", "OBJECTS")
 complete_methods = _complete_from("palpate.settling.predict", "METHODS")
-complete_demos = _complete_from("palpate.cli.demo", "NAMES")
 
 
 def complete_rigs(incomplete: str) -> list[str]:
@@ -64,20 +65,15 @@ def complete_rigs(incomplete: str) -> list[str]:
     from palpate.rig import rig_names
 
     files = sorted(str(path) for path in Path().glob("*.toml"))
-    return _filter_names([*rig_names(), *files], incomplete)
+    return filter_names([*rig_names(), *files], incomplete)
 
 
 def complete_items(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the item names of the requested or default store."""
-    from palpate.errors import PalpateError
-    from palpate_station.store import Store
-
-    try:
-        with Store.open(context.params.get("store"), create=False) as store:
-            known = [item.item_id for item in store.items()]
-    except PalpateError:
-        return []
-    return _filter_names(known, incomplete)[:_MAX_ITEMS]
+    """Return the item names of the station's store; none if the station is not installed."""
+    for point in entry_points(group=ITEMS, name="complete"):
+        names: list[str] = point.load()(context, incomplete)
+        return names
+    return []
 
 
 def parse_address(text: str, *, option: str) -> tuple[str, int]:
@@ -239,19 +235,6 @@ StoreOption: TypeAlias = Annotated[
         "The item store: a file, or the URL of a PostgreSQL database. By default "
         "$PALPATE_STORE, then palpate-items.sqlite in this folder.",
         show_default=False,
-    ),
-]
-
-#: Require the default None.
-BatchOption: TypeAlias = Annotated[str | None, opt("--batch NAME", "Select items of this batch.")]
-DayOption: TypeAlias = Annotated[
-    str | None, opt("--day DATE", "Select items grasped on this local date, such as 2026-05-01.")
-]
-
-ItemArgument: TypeAlias = Annotated[
-    str,
-    typer.Argument(
-        help="A previously grasped item.", metavar="ITEM", autocompletion=complete_items
     ),
 ]
 

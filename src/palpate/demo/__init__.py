@@ -1,1 +1,63 @@
 """Files to try palpate on without a sensor; all of it simulated, and labelled so."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+#: Writes the files of a demo to a folder and returns their paths.
+Write: TypeAlias = Callable[[Path], list[Path]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demo:
+    """One demo of `palpate demo`.
+
+    Attributes
+    ----------
+    folder : str
+        Default output folder.
+    place : str
+        ``module:function`` that writes the files; loaded when the demo is requested.
+    commands : tuple of str
+        Commands to try with the files in the default folder.
+    """
+
+    folder: str
+    place: str
+    commands: tuple[str, ...]
+
+    def load(self) -> Write:
+        """Return the function that writes the files."""
+        module, _, name = self.place.partition(":")
+        found: Any = getattr(importlib.import_module(module), name)
+        return found  # type: ignore[no-any-return]
+
+
+#: Name -> demo.
+DEMOS = {
+    "recordings": Demo(
+        folder="demo-recordings",
+        place="palpate.demo.recordings:write_recordings",
+        commands=(
+            "palpate settle demo-recordings/ohm.csv --plot settled.png",
+            "palpate settle demo-recordings/counts.csv --unit counts --adc-bits 10 "
+            "--reference-ohm 4700 --sensor-leg upper",
+            "palpate settle demo-recordings --method relaxation --method recorded "
+            "--method exponential --cutoff 1",
+        ),
+    ),
+    "force": Demo(
+        folder="demo-force",
+        place="palpate.demo.force:write_force",
+        commands=(
+            "palpate force demo-force/weights.csv --adc-bits 10",
+            "palpate force demo-force/presses.csv --adc-bits 10 --reference-ohm 10k "
+            "--sensor-leg upper --save demo-force/calibration.json --plot force.png",
+            "palpate force demo-force/new.csv --calibration demo-force/calibration.json",
+        ),
+    ),
+}

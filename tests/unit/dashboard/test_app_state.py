@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from tests.unit.dashboard.test_live import HOLDING, SOURCE
 
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.measurement import Measurement
 from palpate_station.dashboard import folder as folder_module
 from palpate_station.dashboard.app_state import AppState, Settings
 from palpate_station.dashboard.folder import RecordingList
@@ -20,8 +22,6 @@ from palpate_station.dashboard.messages import (
     StopConfirmed,
     Update,
 )
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.measurement import Measurement
 from palpate_station.sorting.conditions import Within
 from palpate_station.sorting.rules import Rule, RuleBook
 

@@ -15,6 +15,13 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
+from palpate.errors import DeviceError
+from palpate.grasp.damage_limit import load_limit
+from palpate.grasp.result import Outcome
+from palpate.recording import load_recording
+from palpate.rig.simulated import GuidedBench
+from palpate.sensor.calibration import Calibration
+from palpate.twin.devices import TwinGripper
 from palpate_station.dashboard.device_process import DeviceProcess
 from palpate_station.dashboard.messages import (
     CalibrateForce,
@@ -45,13 +52,6 @@ from palpate_station.dashboard.messages import (
     Trouble,
     Update,
 )
-from palpate.errors import DeviceError
-from palpate.grasp.damage_limit import load_limit
-from palpate.grasp.result import Outcome
-from palpate.recording import load_recording
-from palpate.rig.simulated import GuidedBench
-from palpate.sensor.calibration import Calibration
-from palpate.twin.devices import TwinGripper
 
 #: Speed of the simulation; higher than required, so that real time does not slow down the tests.
 FAST = 500.0

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from palpate.errors import InputError
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate_station.dashboard.folder import (
     delete_recording,
     describe_damage,
@@ -13,9 +16,6 @@ from palpate_station.dashboard.folder import (
     is_simulated,
     rename_recording,
 )
-from palpate.errors import InputError
-from palpate.recording import RecordingInfo, RecordingWriter
-from palpate.sensor.array import RIGID_LAYOUT
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from tests.factories import make_sheet_law
 from tests.unit.dashboard.test_live import SOURCE, frames, page_of, progress
 
 from palpate.calibrate.laws import follow_force
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate_station.dashboard.live import Live
 from palpate_station.dashboard.messages import Frames
 from palpate_station.dashboard.session import Session
-from palpate.sensor.array import RIGID_LAYOUT
 
 LAW = make_sheet_law(8)
 PRESSED = 450

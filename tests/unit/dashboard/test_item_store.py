@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from tests.unit.dashboard.test_live import SOURCE as PAGE_SOURCE
 
+from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.measurement import Measurement
 from palpate_station.dashboard.item_store import ItemStore
 from palpate_station.dashboard.panel_history import item_html, item_label
 from palpate_station.dashboard.panel_html import day_text
-from palpate.grasp.document import GraspDocument, ItemFacts
-from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate_station.line.epcis import epcis_document
-from palpate.measurement import Measurement
 from palpate_station.records import About, Item, Source, Verdict
 from palpate_station.sorting.conditions import OneOf, Within
 from palpate_station.sorting.rules import Rule, RuleBook

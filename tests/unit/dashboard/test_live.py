@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.grasp.document import Bin, GraspDocument
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.gripper.interface import GripperLimits
+from palpate.measurement import Measurement
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.sample import pixel_resistance_ohm
 from palpate_station.dashboard.grasp_progress import GraspProgress
 from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate_station.dashboard.messages import (
@@ -22,12 +28,6 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.session import Session
-from palpate.grasp.document import Bin, GraspDocument
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.gripper.interface import GripperLimits
-from palpate.measurement import Measurement
-from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.sample import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 REST = np.full((4, 2), 300, dtype=np.int32)

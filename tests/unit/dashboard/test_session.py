@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames
 
+from palpate.errors import InputError
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import GraspResult, Outcome
 from palpate_station.dashboard.messages import (
     Action,
     Confirm,
@@ -35,9 +38,6 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.session import GraspForm, Session
-from palpate.errors import InputError
-from palpate.grasp.document import GraspDocument
-from palpate.grasp.result import GraspResult, Outcome
 
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))

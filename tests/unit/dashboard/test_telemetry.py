@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE
 
+from palpate.sensor.array import Frame
 from palpate_station.dashboard import telemetry as telemetry_module
 from palpate_station.dashboard.messages import Trouble, Update
 from palpate_station.dashboard.telemetry import Telemetry
-from palpate.sensor.array import Frame
 
 
 def frame(sequence: int) -> Frame:

@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate_station.dashboard.jobs import JobContext, StoppedByUserError, calibrate_force, calibrate_rest
-from palpate_station.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
-from palpate_station.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig
@@ -21,6 +18,14 @@ from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import RIGID_LAYOUT, Frame, PressureArray
 from palpate.sensor.calibration import Calibration, RestValues
 from palpate.sensor.rest_calibration import replace_rest
+from palpate_station.dashboard.jobs import (
+    JobContext,
+    StoppedByUserError,
+    calibrate_force,
+    calibrate_rest,
+)
+from palpate_station.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
+from palpate_station.dashboard.telemetry import Telemetry
 
 LOADS = (0.5, 1.0, 2.0, 4.0, 2.0, 1.0)
 REST_OHM = 9000.0

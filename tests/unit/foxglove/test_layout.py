@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from foxglove import layouts
 
-from palpate_foxglove import LAYOUT
-from palpate_foxglove.channels import live_schemas
 from palpate.recording.channels import SCHEMAS
 from palpate.sensor.array import RIGID_LAYOUT
+from palpate_foxglove import LAYOUT
+from palpate_foxglove.channels import live_schemas
 
 DOCUMENT = json.loads(LAYOUT.read_text(encoding="utf-8"))
 PANELS: dict[str, dict[str, Any]] = DOCUMENT["configById"]

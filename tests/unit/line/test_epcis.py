@@ -10,8 +10,8 @@ from tests.epcis import read_epcis
 from tests.factories import make_grasp
 
 from palpate.grasp.result import Outcome
-from palpate_station.line.epcis import epcis_document
 from palpate.measurement import Measurement, Status
+from palpate_station.line.epcis import epcis_document
 from palpate_station.records import About, Item, Verdict
 from palpate_station.store.item_history import ItemHistory
 

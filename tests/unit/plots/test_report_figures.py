@@ -8,8 +8,8 @@ from tests.factories import NOON, make_grasp
 
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
-from palpate.plots.inline_svg import THEME, inline_svg, page_figure
 from palpate.plots.style import INK
+from palpate_station.plots.inline_svg import THEME, inline_svg, page_figure
 from palpate_station.records import Grasp, Item, Verdict
 from palpate_station.store.item_history import ItemHistory
 

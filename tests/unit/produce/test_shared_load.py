@@ -14,14 +14,14 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.measurement import Measurement
-from palpate_station.answer_pixels import answer_pixel_percent
-from palpate_station.ripeness.closing import ClosingWatch
-from palpate_station.ripeness.firmness import RIPENESS_N, minus_log_sharing
-from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
+from palpate_station.answer_pixels import answer_pixel_percent
+from palpate_station.ripeness.closing import ClosingWatch
+from palpate_station.ripeness.firmness import RIPENESS_N, minus_log_sharing
+from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate_studies.twin_avocado import draw_avocado
 
 pytestmark = pytest.mark.slow

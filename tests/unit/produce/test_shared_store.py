@@ -16,8 +16,8 @@ from tests.factories import make_grasp
 from tests.postgresql import PostgresqlProcess, programs
 from tests.unit.test_json_schemas import faults
 
-from palpate_station.dashboard.panel_history import item_html
 from palpate.errors import StoreAwayError, StoreError
+from palpate_station.dashboard.panel_history import item_html
 from palpate_station.records import About, Grasp, Item, Verdict
 from palpate_station.store import Store
 from palpate_station.store import sender as store_sender

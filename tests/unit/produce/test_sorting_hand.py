@@ -8,9 +8,9 @@ import pytest
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
-from palpate_station.sorting.hand import SortingHand
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CrateTable, draw_crate
+from palpate_station.sorting.hand import SortingHand
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

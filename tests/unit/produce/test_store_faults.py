@@ -18,10 +18,10 @@ import pytest
 import sqlalchemy as sa
 from tests.factories import make_grasp
 
-from palpate_station.cli.items import open_store
-from palpate_station.dashboard.item_store import ItemStore
 from palpate.errors import InputError, MissingExtraError, PalpateError, StoreAwayError, StoreError
 from palpate.measurement import Measurement
+from palpate_station.cli.items import open_store
+from palpate_station.dashboard.item_store import ItemStore
 from palpate_station.records import About, Item, Verdict
 from palpate_station.store import Store
 from palpate_station.store import engine as store_engine

@@ -16,11 +16,9 @@ from tests.unit.dashboard.test_live import frames as page_frames
 from palpate.cli.live_reading import LiveReading
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate_station.dashboard.live import Live
 from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.sheet_follower import SheetFollower
-from palpate_foxglove.channels import encode_force
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -28,6 +26,8 @@ from palpate.sensor.calibration import BlockPairs, Calibration, RestValues
 from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
+from palpate_foxglove.channels import encode_force
+from palpate_station.dashboard.live import Live
 
 #: Readings of a pressed sheet, and with one pixel saturated or open.
 PRESSED, REST = np.full((4, 2), 600), np.full((4, 2), 300)

@@ -16,14 +16,14 @@ import pyarrow as pa
 
 from palpate.errors import InputError, RecordingError
 from palpate.holds import Hold
-from palpate_station.records import Grasp, Item
-from palpate_station.store.database import Store
-from palpate_station.store.export import grasp_row, grasp_schema
 from palpate.recording.exporting import cut_recorded_holds, frame_tables
 from palpate.recording.reader import RecordingReader, load_recording
 from palpate_archive.catalogue import Entry
 from palpate_archive.folders import Folder
 from palpate_archive.layout import SIMULATED, Archive, Part, check_name
+from palpate_station.records import Grasp, Item
+from palpate_station.store.database import Store
+from palpate_station.store.export import grasp_row, grasp_schema
 
 _BATCH = 10_000
 #: Seconds between versions of the catalogue; an interrupted call repeats at most that much.

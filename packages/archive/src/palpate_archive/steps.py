@@ -81,9 +81,9 @@ def add(
 
     Example: palpate archive add recordings --to s3://fleet/archive --station north
     """
-    from palpate_station.store.database import Store
     from palpate_archive.adding import add_recordings, add_store, find_recordings
     from palpate_archive.layout import Archive, check_name
+    from palpate_station.store.database import Store
 
     recordings = list(find_recordings(files or []))
     if not recordings and store is None:

@@ -8,8 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import foxglove
+from foxglove.channels import RawImageChannel
+from foxglove.messages import RawImage, Timestamp
+
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, require_extra
+from palpate.errors import InputError
+from palpate.measurement import Measurement
+from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
+from palpate.sensor.array import ArrayLayout
 from palpate_foxglove.channels import (
     HEAT_MAP,
     HEAT_MAP_ENCODING,
@@ -20,14 +27,6 @@ from palpate_foxglove.channels import (
     heat_map_data,
     live_schemas,
 )
-from palpate.measurement import Measurement
-from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
-from palpate.sensor.array import ArrayLayout
-
-with require_extra("--foxglove", extra="foxglove"):
-    import foxglove
-    from foxglove.channels import RawImageChannel
-    from foxglove.messages import RawImage, Timestamp
 
 
 class FoxgloveServer:

@@ -12,6 +12,8 @@ import typer
 from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
+from palpate.files import atomic_path
+from palpate.terminal_table import make_console, print_table
 from palpate_pattern.design import PRESETS, Cutter, SensorDesign
 from palpate_pattern.drawing import (
     draw_combined_svg,
@@ -21,8 +23,6 @@ from palpate_pattern.drawing import (
 )
 from palpate_pattern.pattern import Pattern, lay_out
 from palpate_pattern.refusals import check_design, check_pattern
-from palpate.files import atomic_path
-from palpate.terminal_table import make_console, print_table
 
 _TAIL, _CUTTER = "Copper and tape", "Limits of the cutter"
 Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]

@@ -192,6 +192,6 @@ def require_dxf() -> None:
 
     Raises `MissingExtraError` if ezdxf is not installed.
     """
-    with require_extra("DXF", extra="fabrication"):
+    with require_extra("DXF", extra="dxf", package="palpate-pattern"):
         import ezdxf
     del ezdxf

@@ -9,10 +9,10 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
-from palpate_station.records import PixelPercent
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.sample import SampleReader
+from palpate_station.records import PixelPercent
 
 #: Averaging time at the start of the grasp and before the answer, seconds.
 MEAN_S = 0.4

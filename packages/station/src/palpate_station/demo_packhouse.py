@@ -18,13 +18,6 @@ from palpate.files import atomic_path
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate_station.bruise.model import SOUND
-from palpate_station.grasp_record import make_grasp_record
-from palpate_station.records import About, Grasp, Item, Source, Verdict
-from palpate_station.ripeness.closing import ClosingWatch
-from palpate_station.ripeness.firmness import RIPENESS_N
-from palpate_station.ripeness.stages import STAGES
-from palpate_station.store import Store
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.mechanics import pixel_fractions
@@ -32,6 +25,13 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
+from palpate_station.bruise.model import SOUND
+from palpate_station.grasp_record import make_grasp_record
+from palpate_station.records import About, Grasp, Item, Source, Verdict
+from palpate_station.ripeness.closing import ClosingWatch
+from palpate_station.ripeness.firmness import RIPENESS_N
+from palpate_station.ripeness.stages import STAGES
+from palpate_station.store import Store
 
 #: Seed of all random numbers, including those of the sensor and the gripper. The bruise of A17 was
 #: found at each of the seeds 11 to 14 and 16 to 19. At this one its mean change also falls by less

@@ -12,12 +12,12 @@ import numpy as np
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.measurement import Measurement
+from palpate.recording import Origin
+from palpate.sensor.array import ArrayLayout
 from palpate_station.answer_pixels import MEAN_S, answer_pixel_percent, answer_time_s
 from palpate_station.records import MEASURED, Drive, Grasp
 from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate_station.store.writing import calibration_id_of
-from palpate.recording import Origin
-from palpate.sensor.array import ArrayLayout
 
 #: Measurements of a result; the gripper measures width or pressure (`hold_measurements`).
 _ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm", "firmness")

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, require_extra
+from palpate.errors import InputError
 
 #: Largest fraction of items of known labels that are rejected as unknown.
 FALSE_REJECT = 0.05
@@ -187,8 +187,8 @@ class LabelLearner:
         )
 
     def _split(self, folds: int) -> list[tuple[FloatArray, FloatArray]]:
-        with require_extra("learning from labels", extra="produce"):
-            from sklearn.model_selection import StratifiedGroupKFold
+        from sklearn.model_selection import StratifiedGroupKFold
+
         splitter = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
         with warnings.catch_warnings():
             # A label of a single item is absent from one training fold; `_predict` handles this.
@@ -272,12 +272,12 @@ def make_pipeline(name: str) -> Any:
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """
-    with require_extra("learning from labels", extra="produce"):
-        from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-        from sklearn.ensemble import HistGradientBoostingClassifier
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline as join_steps
-        from sklearn.preprocessing import StandardScaler
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+    from sklearn.ensemble import HistGradientBoostingClassifier
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline as join_steps
+    from sklearn.preprocessing import StandardScaler
+
     return {
         "discriminant": lambda: join_steps(
             StandardScaler(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
@@ -293,8 +293,8 @@ class _NormalMixture:
     """Normal distributions of the labels with a common covariance, and the background class."""
 
     def __init__(self, table: FloatArray, truth: Any) -> None:
-        with require_extra("learning from labels", extra="produce"):
-            from sklearn.covariance import LedoitWolf
+        from sklearn.covariance import LedoitWolf
+
         known = np.unique(truth)
         self._scale = table.std(axis=0) + 1e-9
         rows = table / self._scale

@@ -20,6 +20,9 @@ from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
 from palpate.files import atomic_path
+from palpate.sensor.sample import SampleReader, relative_change_percent
+from palpate.signal.relative import CONTACT_PERCENT, mean_change
+from palpate.twin.devices import TwinArray
 from palpate_station.bruise.model import (
     BRUISED,
     REFERENCES,
@@ -31,9 +34,6 @@ from palpate_station.bruise.model import (
 )
 from palpate_station.bruise.shape import LoadShape, fit_load_shape, median_shape
 from palpate_station.learning import LabelledTable, make_pipeline
-from palpate.sensor.sample import SampleReader, relative_change_percent
-from palpate.signal.relative import CONTACT_PERCENT, mean_change
-from palpate.twin.devices import TwinArray
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.processes import map_batches
 from palpate_studies.protocol.paired import Difference, IntArray, bootstrap_difference

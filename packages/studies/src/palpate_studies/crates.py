@@ -13,11 +13,11 @@ from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.grasp.planning import plan_grasp
 from palpate.measurement import Measurement, Status
+from palpate.rig.simulated import calibrate_twin
+from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateTable, draw_crate
 from palpate_station.learning import UNKNOWN
 from palpate_station.records import MEASURED, Grasp
 from palpate_station.sorting.hand import SortingHand, TimedGrasp
-from palpate.rig.simulated import calibrate_twin
-from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateTable, draw_crate
 from palpate_studies.second.objects import other_item
 
 #: Grasps per training item and per sorted item.

@@ -15,6 +15,10 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
 from palpate.measurement import Measurement
+from palpate.rig.simulated import calibrate_twin
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
 from palpate_station.qualify.agreement import (
     FIGURES,
     Demand,
@@ -24,10 +28,6 @@ from palpate_station.qualify.agreement import (
 )
 from palpate_station.qualify.readings import PairedReadings
 from palpate_station.qualify.scatter import Scatter
-from palpate.rig.simulated import calibrate_twin
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
-from palpate.twin.world import World
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_origin, get_typ
 import typer
 
 from palpate.cli.options import JsonOption
-from palpate.errors import InputError, require_extra
+from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
 
@@ -342,8 +342,7 @@ class StudyReport:
             write(out / name)
         endings, dpi = FIGURE_FILES.get()
         for stem, draw in self.figures.items():
-            with require_extra("a figure", extra="plots"):
-                figure = draw()
+            figure = draw()
             letter_panels(figure)
             for ending in endings:
                 save_figure(figure, out / f"{stem}{ending}", dpi=dpi if ending == ".png" else None)

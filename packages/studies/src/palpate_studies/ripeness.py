@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 
 from palpate.errors import InputError
-from palpate_station.ripeness.rule import CONFIDENT_PROBABILITY
-from palpate_station.ripeness.stages import RIPE
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
+from palpate_station.ripeness.rule import CONFIDENT_PROBABILITY
+from palpate_station.ripeness.stages import RIPE
 from palpate_studies import ripeness_virtual
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.ripeness_scores import METHODS, compare_methods, judge_days, scores

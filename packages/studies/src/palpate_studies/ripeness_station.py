@@ -22,13 +22,6 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate_station.answer_pixels import answer_pixel_percent
-from palpate_station.grasp_record import hold_measurements, list_answers
-from palpate_station.records import Drive, Grasp
-from palpate_station.ripeness.closing import ClosingWatch
-from palpate_station.ripeness.firmness import RIPENESS_N
-from palpate_station.ripeness.rule import RipenessRule
-from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
@@ -38,6 +31,13 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import draw_uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
+from palpate_station.answer_pixels import answer_pixel_percent
+from palpate_station.grasp_record import hold_measurements, list_answers
+from palpate_station.records import Drive, Grasp
+from palpate_station.ripeness.closing import ClosingWatch
+from palpate_station.ripeness.firmness import RIPENESS_N
+from palpate_station.ripeness.rule import RipenessRule
+from palpate_station.ripeness.shared_load import measure_shared_pixels
 from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
 from palpate_studies.station_records import StationRecords, days_of, learn_rule
 from palpate_studies.stoppable import require_uninterrupted

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from palpate.sensor.calibration import Calibration
 from palpate_station.records import Grasp
 from palpate_station.ripeness.firmness import DayFirmness
 from palpate_station.ripeness.history import firmness_history
 from palpate_station.ripeness.rule import RipenessRule
 from palpate_station.ripeness.stages import STAGES
-from palpate.sensor.calibration import Calibration
 from palpate_studies.twin_avocado import Avocado
 
 

@@ -1,1 +1,1 @@
-"""Verbs of the station: `palpate serve`, `items`, `report`, `ripeness`, `bruise`, `sort`, `qualify`, `teach`."""
+"""Verbs of the station, joined to `palpate` by entry points."""

@@ -9,19 +9,19 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from palpate.cli import options as option
-from palpate_station.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
+from palpate.terminal_table import make_console, print_table
 from palpate_station.bruise.examination import ItemBruise, examine_item, learn_bruise_model
 from palpate_station.bruise.model import BruiseModel, default_model
+from palpate_station.cli.items import open_store
+from palpate_station.cli.options import ItemArgument
 from palpate_station.store import Store
-from palpate.terminal_table import make_console, print_table
 
 
 def bruise(
-    item: option.ItemArgument,
+    item: ItemArgument,
     store: StoreOption = None,
     learn: Annotated[
         bool,

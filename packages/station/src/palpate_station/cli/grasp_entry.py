@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from palpate.cli.options import refuse_options
 from palpate.cli.output import print_message
 from palpate.errors import StoreError
 from palpate.grasp.document import GraspDocument
@@ -15,12 +14,11 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import Watcher
 from palpate.rig import Rig
-
-if TYPE_CHECKING:
-    # The store is an extra.
-    from palpate_station.records import Grasp
-    from palpate_station.ripeness.closing import ClosingWatch
-    from palpate_station.store import Store
+from palpate_station.grasp_record import make_grasp_record
+from palpate_station.records import Grasp, Item
+from palpate_station.ripeness.closing import ClosingWatch
+from palpate_station.store import Store
+from palpate_station.store.item_history import item_facts
 
 
 class StoreEntry:
@@ -36,8 +34,6 @@ class StoreEntry:
 
     def watch(self, plan: Plan) -> Watcher:
         """Return a watcher for a grasp with this plan."""
-        from palpate_station.ripeness.closing import ClosingWatch
-
         self._closing = ClosingWatch(plan)
         return self._closing.add_state
 
@@ -49,9 +45,6 @@ class StoreEntry:
         self, document: GraspDocument, *, rig: Rig, recording: Path | None
     ) -> GraspDocument:
         """Create the record of the grasp; return the document with its names and its item."""
-        from palpate_station.grasp_record import make_grasp_record
-        from palpate_station.store.item_history import item_facts
-
         calibration = rig.calibration.as_text()
         grasp = make_grasp_record(
             document.result,
@@ -89,21 +82,16 @@ class StoreEntry:
         return True
 
 
+@contextmanager
 def open_store_entry(
-    stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
-) -> StoreEntry | None:
-    """Open the local store before the gripper moves; return None without an item.
+    item_id: str, *, store: str | None, angle_deg: float | None
+) -> Iterator[StoreEntry]:
+    """Open the local store, before the gripper moves, for one grasp of a named item.
 
-    Raises `InputError` if the item name is invalid, or a store is given without an item;
-    `StoreError` if the local store is unusable.
+    `store`: file or URL; None means the default store.
+    `angle_deg`: rotation of the item relative to the first finger.
+    Raises `InputError` if the item name is invalid; `StoreError` if the local store is unusable.
     """
-    if item_id is None:
-        given = {"--store": store, "--angle-deg": angle_deg}
-        refuse_options(given, why="name the item with --item NAME")
-        return None
-    from palpate_station.records import Item
-    from palpate_station.store import Store
-
     Item(item_id=item_id)
-    opened = stack.enter_context(Store.open(store))
-    return StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)
+    with Store.open(store) as opened:
+        yield StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)

@@ -13,8 +13,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli import options as option
-from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption, opt
+from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import (
     SIMULATED,
     format_percent,
@@ -27,6 +26,8 @@ from palpate.errors import InputError, StoreAwayError
 from palpate.files import check_writable
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
+from palpate.terminal_table import make_console, make_table, print_table
+from palpate_station.cli.options import BatchOption, DayOption, complete_items
 from palpate_station.records import About, Item, Source, Verdict
 from palpate_station.store import Store
 from palpate_station.store.item_history import (
@@ -36,7 +37,6 @@ from palpate_station.store.item_history import (
     read_item_histories,
     read_item_history,
 )
-from palpate.terminal_table import make_console, make_table, print_table
 
 _SETTABLE = ("kind", "batch", "label")
 #: Maximum number of latest grasps and verdicts shown for an item.
@@ -47,7 +47,7 @@ VERDICT_COLUMNS = ("about", "verdict", ">probability", "why")
 
 def items(
     item: Annotated[
-        str | None, typer.Argument(help="Show this item.", autocompletion=option.complete_items)
+        str | None, typer.Argument(help="Show this item.", autocompletion=complete_items)
     ] = None,
     store: StoreOption = None,
     kind: Annotated[str | None, opt("--kind", "Select items of this kind.")] = None,

@@ -14,7 +14,8 @@ from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import finite_or_none, print_json, print_message
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_new
-from palpate.plots.inline_svg import inline_svg
+from palpate.terminal_table import make_console, print_table
+from palpate_station.plots.inline_svg import inline_svg
 from palpate_station.plots.qualify import differences_figure, readings_figure
 from palpate_station.plots.report_page import PageTable, Part, render_page
 from palpate_station.qualify.agreement import (
@@ -28,7 +29,6 @@ from palpate_station.qualify.agreement import (
 )
 from palpate_station.qualify.readings import read_pairs
 from palpate_station.qualify.scatter import estimate_scatter
-from palpate.terminal_table import make_console, print_table
 
 #: Default tolerance without repeated reference readings, as a fraction of the scatter between
 #: items (guess).

@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from palpate.cli import options as option
+from palpate.cli.options import StoreOption, opt
+from palpate.cli.output import format_percent, format_time, print_message
+from palpate.errors import InputError
+from palpate.files import atomic_path, check_new
+from palpate.grasp.result import Outcome
+from palpate.measurement import Measurement, Status
+from palpate.plots.style import require_plots
 from palpate_station.cli.items import (
     VERDICT_COLUMNS,
     find_batch,
@@ -21,13 +27,8 @@ from palpate_station.cli.items import (
     parse_day,
     verdict_rows,
 )
-from palpate.cli.options import BatchOption, DayOption, StoreOption, opt
-from palpate.cli.output import format_percent, format_time, print_message
-from palpate.errors import InputError
-from palpate.files import atomic_path, check_new
-from palpate.grasp.result import Outcome
-from palpate.measurement import Measurement, Status
-from palpate.plots.inline_svg import inline_svg
+from palpate_station.cli.options import BatchOption, DayOption, complete_items
+from palpate_station.plots.inline_svg import inline_svg
 from palpate_station.plots.item_history import history_figure, pixels_figure
 from palpate_station.plots.many_items import (
     counts_figure,
@@ -37,7 +38,6 @@ from palpate_station.plots.many_items import (
     softening_figure,
 )
 from palpate_station.plots.report_page import PageTable, Part, render_page
-from palpate.plots.style import require_plots
 from palpate_station.records import About, Grasp, Source
 from palpate_station.ripeness.rule import Days
 from palpate_station.ripeness.stages import STAGES
@@ -68,7 +68,7 @@ _Figures = list[tuple[str, str]]
 
 def report(
     item: Annotated[
-        str | None, typer.Argument(help="The item.", autocompletion=option.complete_items)
+        str | None, typer.Argument(help="The item.", autocompletion=complete_items)
     ] = None,
     batch: BatchOption = None,
     day: DayOption = None,

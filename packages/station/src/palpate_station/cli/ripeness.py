@@ -13,11 +13,13 @@ import typer
 from rich.text import Text
 
 from palpate.cli import options as option
-from palpate_station.cli.items import find_batch, open_store
-from palpate.cli.options import BatchOption, JsonOption, StoreOption, opt
+from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import finite_or_none, format_percent, print_json, print_message
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
+from palpate.terminal_table import make_console, print_table
+from palpate_station.cli.items import find_batch, open_store
+from palpate_station.cli.options import BatchOption, complete_items
 from palpate_station.records import Item
 from palpate_station.ripeness.history import (
     FirmnessHistory,
@@ -31,7 +33,6 @@ from palpate_station.ripeness.history import (
 )
 from palpate_station.ripeness.rule import CONFIDENT_PROBABILITY, Days, Ripeness, RipenessRule
 from palpate_station.store import Store
-from palpate.terminal_table import make_console, print_table
 
 _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
 
@@ -42,7 +43,7 @@ def ripeness(
         typer.Argument(
             help="Previously grasped items.",
             metavar="ITEM",
-            autocompletion=option.complete_items,
+            autocompletion=complete_items,
         ),
     ] = None,
     batch: BatchOption = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from palpate.cli import options as option
 from palpate.cli.options import opt, parse_address
 from palpate.cli.output import print_message
-from palpate.errors import DeviceError, InputError, require_extra
+from palpate.errors import DeviceError, InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
@@ -83,10 +83,9 @@ def serve(
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """
-    with require_extra("the dashboard", extra="dashboard"):
-        from palpate_station.dashboard.app_state import Settings
-        from palpate_station.dashboard.item_store import ItemStore
-        from palpate_station.dashboard.server import serve as serve_page
+    from palpate_station.dashboard.app_state import Settings
+    from palpate_station.dashboard.item_store import ItemStore
+    from palpate_station.dashboard.server import serve as serve_page
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
         raise InputError(
@@ -139,8 +138,8 @@ def _open_publisher(file: Path, *, store: str | None) -> Publisher:
 
 def _read_rules(path: Path) -> RuleBook:
     """Read the sorting rules; requires the extra `produce`."""
-    with require_extra("--rules", extra="produce"):
-        import sqlalchemy
+    import sqlalchemy
+
     del sqlalchemy
     from palpate_station.sorting.rules_file import read_rules
 

@@ -9,10 +9,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from palpate.cli import options as option
-from palpate_station.cli.items import open_store
 from palpate.cli.options import (
-    BatchOption,
     DamageOption,
     JsonOption,
     QuietOption,
@@ -23,15 +20,17 @@ from palpate.cli.options import (
     refuse_options,
 )
 from palpate.cli.output import print_json, progress
-from palpate_station.cli.sort_report import SortReport
-from palpate_station.cli.sort_run import SimulatedCrate, open_supply, sort_from_store, sort_with_rig
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
+from palpate.terminal_table import make_console, print_table
+from palpate_station.cli.items import open_store
+from palpate_station.cli.options import BatchOption, complete_items
+from palpate_station.cli.sort_report import SortReport
+from palpate_station.cli.sort_run import SimulatedCrate, open_supply, sort_from_store, sort_with_rig
 from palpate_station.identify.identifier import Identifier, Identity
 from palpate_station.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate_station.learning import FALSE_REJECT, UNKNOWN
 from palpate_station.sorting.rules_file import read_rules
-from palpate.terminal_table import make_console, print_table
 
 
 def sort(
@@ -42,7 +41,7 @@ def sort(
             "--identify ITEM",
             "Instead of sorting: identify the kind of this stored item, and store the "
             "verdict. Exit status 1: unknown kind.",
-            autocompletion=option.complete_items,
+            autocompletion=complete_items,
         ),
     ] = None,
     rig: Annotated[

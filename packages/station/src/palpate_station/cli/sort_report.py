@@ -9,10 +9,10 @@ from typing import Any
 from rich.markup import escape
 
 from palpate.cli.output import print_json
+from palpate.terminal_table import make_console, print_table
 from palpate_station.sorting.rules import RuleBook
 from palpate_station.sorting.run import Sorted
 from palpate_station.sorting.score import CARRY_S, TURN_S, Placed, score_sorting
-from palpate.terminal_table import make_console, print_table
 
 
 @dataclass(kw_only=True)

@@ -11,13 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from palpate_station.cli.items import open_store
 from palpate.cli.output import print_message
-from palpate_station.cli.sort_report import SortReport
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.grasp.planning import plan_grasp
 from palpate.measurement import Measurement
+from palpate.rig import Rig, open_rig
+from palpate.rig.simulated import calibrate_twin
+from palpate.twin.crate import TRAINED_KINDS, CrateItem, CrateTable, draw_crate, draw_mixed_crate
+from palpate_station.cli.items import open_store
+from palpate_station.cli.sort_report import SortReport
 from palpate_station.identify.identifier import Identifier
 from palpate_station.identify.kinds import identity_verdict, item_features, learn_kinds
 from palpate_station.records import Grasp, Item, Verdict
@@ -28,9 +31,6 @@ from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence, s
 from palpate_station.sorting.score import find_true_bin
 from palpate_station.store import Store
 from palpate_station.store.writing import calibration_id_of
-from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrate_twin
-from palpate.twin.crate import TRAINED_KINDS, CrateItem, CrateTable, draw_crate, draw_mixed_crate
 
 #: Grasps of each training item; two grasps measure the variation within an item.
 _TRAINING_GRASPS = 2

@@ -16,8 +16,8 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as ASGIMessage
 
-from palpate_station.dashboard.panel_html import panel_html
 from palpate.errors import InputError
+from palpate_station.dashboard.panel_html import panel_html
 
 COOKIE = "palpate-token"
 MIN_TOKEN_LENGTH = 8

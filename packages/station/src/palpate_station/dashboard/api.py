@@ -16,17 +16,17 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-import palpate
-from palpate_station.dashboard.app_state import AppState
+import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
 
 #: Driver name shared by all API clients; every client with access is trusted, as on the page.
 DRIVER = "machine"
-_SCHEMAS = Path(palpate.__file__).parent / "schemas"
+_SCHEMAS = Path(palpate_station.__file__).parent / "schemas"
 _SCHEMA_NAMES = ("measurement", "grasp", "state", "items", "item")
 
 

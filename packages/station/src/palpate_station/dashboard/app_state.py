@@ -14,6 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.damage_limit import choose_limit
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import Outcome
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.rig.file import find_calibration_file
 from palpate_station.dashboard.device_process import run_devices
 from palpate_station.dashboard.folder import (
     Entry,
@@ -43,17 +50,10 @@ from palpate_station.dashboard.page_document import state_document
 from palpate_station.dashboard.panel_html import count_of
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.transport import run_on
-from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
-from palpate.grasp.damage_limit import choose_limit
-from palpate.grasp.document import GraspDocument
-from palpate.grasp.result import Outcome
-from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
-from palpate.rig.file import find_calibration_file
 
 if TYPE_CHECKING:
     from palpate_station.sorting.rules import RuleBook
@@ -142,7 +142,7 @@ class DeviceClient:
 
 
 class AppState:
-    """Connects the session to the device process; implements `palpate_station.line.machine.Machine`.
+    """Connects the session to the device process; implements `line.machine.Machine`.
 
     Commands may be called from any event loop. All commands except `stop` run on the session's
     loop.

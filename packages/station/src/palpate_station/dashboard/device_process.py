@@ -14,6 +14,15 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from palpate.clock import ManualClock
+from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
+from palpate.grasp.requests import Requests
+from palpate.recording import RecordingWriter
+from palpate.rig.recorded import recording_info
+from palpate.rig.sensor_only import open_rig_or_sensor
+from palpate.sensor.health import Health
+from palpate.sensor.serial_array import SerialArray
+from palpate.stop_signals import install
+from palpate.twin.paced_array import PacedArray
 from palpate_station.dashboard.jobs import (
     JobContext,
     StoppedByUserError,
@@ -52,15 +61,6 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.replaying import PlaybackClock, play
 from palpate_station.dashboard.telemetry import Telemetry
-from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
-from palpate.grasp.requests import Requests
-from palpate.recording import RecordingWriter
-from palpate.rig.recorded import recording_info
-from palpate.rig.sensor_only import open_rig_or_sensor
-from palpate.sensor.health import Health
-from palpate.sensor.serial_array import SerialArray
-from palpate.stop_signals import install
-from palpate.twin.paced_array import PacedArray
 
 _JOBS: dict[type[Order], Callable[..., Grasped | CalibrationRenewed | Health | None]] = {
     GraspOrder: grasp,

@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate_station.dashboard.live import Point
-from palpate_station.dashboard.messages import Grasped
 from palpate.errors import InputError, PalpateError
 from palpate.files import escape_csv_cell
 from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
+from palpate_station.dashboard.live import Point
+from palpate_station.dashboard.messages import Grasped
 
 #: Number of grasps that the page lists.
 LISTED_GRASPS = 50

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate_station.dashboard.messages import DeviceActivity
-from palpate_station.dashboard.session import DeviceState, Session
 from palpate.estimate.firmness import firmness_text
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
+from palpate_station.dashboard.messages import DeviceActivity
+from palpate_station.dashboard.session import DeviceState, Session
 
 #: Headline after a stop once the hand is open; the user need not act.
 STOPPED_OPEN = "stopped, hand open"

@@ -15,16 +15,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from palpate_station.dashboard.messages import FrameSource
-from palpate_station.dashboard.panel_html import draw_panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.grasp.document import Bin, GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import Outcome
-from palpate_station.line.results import NO_ITEM
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
+from palpate_station.dashboard.messages import FrameSource
+from palpate_station.dashboard.panel_html import draw_panel_svg
+from palpate_station.line.results import NO_ITEM
 
 if TYPE_CHECKING:
     from palpate_station.identify.identifier import Identifier

@@ -12,26 +12,12 @@ from pathlib import Path
 from palpate.calibrate.dead_weights import check_loads, measure_loads
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
-from palpate_station.dashboard.grasp_progress import force_law
-from palpate_station.dashboard.messages import (
-    CalibrateForce,
-    CalibrateRest,
-    CalibrationRenewed,
-    Examine,
-    FrameSource,
-    Grasped,
-    GraspOrder,
-    Guide,
-    OpenHand,
-)
-from palpate_station.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.phases import Phase
 from palpate.grasp.requests import Requests
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.gripper.plain import NO_GRIPPER
-from palpate_station.ripeness.closing import ClosingWatch
 from palpate.rig import Rig
 from palpate.rig.job import GraspJob
 from palpate.rig.sensor_only import SensorRig
@@ -49,6 +35,20 @@ from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
 from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
+from palpate_station.dashboard.grasp_progress import force_law
+from palpate_station.dashboard.messages import (
+    CalibrateForce,
+    CalibrateRest,
+    CalibrationRenewed,
+    Examine,
+    FrameSource,
+    Grasped,
+    GraspOrder,
+    Guide,
+    OpenHand,
+)
+from palpate_station.dashboard.telemetry import Telemetry
+from palpate_station.ripeness.closing import ClosingWatch
 
 #: Read timeout, and thus the maximum delay of a stop while the sensor is silent, seconds.
 _READ_TIMEOUT_S = 0.1

@@ -8,8 +8,8 @@ import sys
 import threading
 from typing import Any
 
-from palpate_station.dashboard import front
 from palpate.errors import DeviceError
+from palpate_station.dashboard import front
 
 #: Connections served per second; of further ones, only stops are. A browser opens six.
 MAX_NEW_CONNECTIONS = 100

@@ -13,6 +13,13 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.laws import HORIZON_S, follow_force
+from palpate.estimate.sheet_follower import SheetFollower
+from palpate.grasp.phases import Phase
+from palpate.grasp.result import Moment
+from palpate.measurement import Measurement, Status
+from palpate.sensor.sample import PixelSignals, SampleReader, pixel_resistance_ohm
+from palpate.signal.events import ContactState, watch_contact
+from palpate.signal.relative import finger_means, mean_change
 from palpate_station.dashboard.grasp_progress import GraspProgress
 from palpate_station.dashboard.messages import (
     Frames,
@@ -21,13 +28,6 @@ from palpate_station.dashboard.messages import (
     ReplayPosition,
     Timeline,
 )
-from palpate.estimate.sheet_follower import SheetFollower
-from palpate.grasp.phases import Phase
-from palpate.grasp.result import Moment
-from palpate.measurement import Measurement, Status
-from palpate.sensor.sample import PixelSignals, SampleReader, pixel_resistance_ohm
-from palpate.signal.events import ContactState, watch_contact
-from palpate.signal.relative import finger_means, mean_change
 
 #: Maximum density of the curve, points per second, and length of the curve without a grasp,
 #: seconds.

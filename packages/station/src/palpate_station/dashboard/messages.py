@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_station.dashboard.grasp_progress import GraspProgress
 from palpate.errors import InputError
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.sheet_law import SheetLaw
@@ -23,6 +22,7 @@ from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import Health
+from palpate_station.dashboard.grasp_progress import GraspProgress
 
 #: Limits of the speed: seconds of simulated time, or of a recording, per real second.
 MIN_SPEED, MAX_SPEED = 0.1, 20.0

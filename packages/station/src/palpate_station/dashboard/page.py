@@ -9,14 +9,18 @@ from urllib.parse import unquote
 from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
+from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.messages import Confirm, Pause, Seek, SetSpeed
-from palpate_station.dashboard.panel_grasp import add_grasp_buttons, add_item_field, add_set_up_panel
+from palpate_station.dashboard.panel_grasp import (
+    add_grasp_buttons,
+    add_item_field,
+    add_set_up_panel,
+)
 from palpate_station.dashboard.panel_history import add_items_panel, add_run_panel
 from palpate_station.dashboard.panel_recordings import add_recordings_panel
 from palpate_station.dashboard.panel_sensor import add_calibrate_panel, add_doctor_panel
 from palpate_station.dashboard.viewer import Viewer
-from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
 _STATIC = Path(__file__).parent / "static"
 #: Names of the tabs and their URL paths.

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate_station.dashboard.grasp_progress import GraspProgress
-from palpate_station.dashboard.headline import headline_of, operator_view, phase_text
-from palpate_station.dashboard.live import Live, finite_or_none
-from palpate_station.dashboard.messages import DeviceActivity
-from palpate_station.dashboard.session import Session
 from palpate.estimate.firmness import firmness_text, is_determined
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.measurement import Measurement
 from palpate.sensor.health import Health
+from palpate_station.dashboard.grasp_progress import GraspProgress
+from palpate_station.dashboard.headline import headline_of, operator_view, phase_text
+from palpate_station.dashboard.live import Live, finite_or_none
+from palpate_station.dashboard.messages import DeviceActivity
+from palpate_station.dashboard.session import Session
 
 #: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).
 _MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState, check_item
 from palpate_station.dashboard.folder import make_recording_path
 from palpate_station.dashboard.messages import Action, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.session import GraspForm
 from palpate_station.dashboard.viewer import Viewer, finite_number
-from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
-from palpate.rig import BUILT_IN
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: Value of the object choice "random"; no object has this name.

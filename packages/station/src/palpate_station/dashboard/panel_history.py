@@ -11,11 +11,11 @@ from urllib.parse import quote
 from markupsafe import Markup
 from nicegui import run, ui
 
+from palpate.errors import PalpateError
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate_station.dashboard.panel_html import day_text, panel_html
 from palpate_station.dashboard.viewer import Viewer, add_heading
-from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate_station.store.item_history import ItemHistory

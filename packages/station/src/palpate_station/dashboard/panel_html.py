@@ -89,7 +89,7 @@ def draw_panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float =
     MissingExtraError
         If matplotlib is not installed.
     """
-    from palpate.plots.inline_svg import inline_svg
+    from palpate_station.plots.inline_svg import inline_svg
 
     with _DRAWING:
         figure = draw()

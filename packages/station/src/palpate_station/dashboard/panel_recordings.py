@@ -12,6 +12,7 @@ from urllib.parse import quote
 
 from nicegui import run, ui
 
+from palpate.errors import InputError
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import (
     GraspSummary,
@@ -23,7 +24,6 @@ from palpate_station.dashboard.messages import Action, Play
 from palpate_station.dashboard.panel_grasp import SPEEDS
 from palpate_station.dashboard.panel_html import day_text
 from palpate_station.dashboard.viewer import Viewer, add_heading, add_paragraph
-from palpate.errors import InputError
 
 
 def add_recordings_panel(

@@ -9,6 +9,10 @@ from markupsafe import Markup
 from nicegui import run, ui
 
 from palpate.calibrate.dead_weights import check_loads
+from palpate.errors import InputError, PalpateError
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.findings import Severity
+from palpate.sensor.health import Health
 from palpate_station.dashboard.app_state import AppState, age_text
 from palpate_station.dashboard.messages import (
     Action,
@@ -20,10 +24,6 @@ from palpate_station.dashboard.messages import (
 from palpate_station.dashboard.panel_html import draw_panel_svg, panel_html
 from palpate_station.dashboard.session import CalibrationFailure
 from palpate_station.dashboard.viewer import Viewer, add_heading, add_paragraph
-from palpate.errors import InputError, PalpateError
-from palpate.sensor.calibration import Calibration
-from palpate.sensor.findings import Severity
-from palpate.sensor.health import Health
 
 _LOADS = "0.5 1 2 4 8 4 2 1"
 

@@ -13,18 +13,6 @@ from pathlib import Path
 from threading import Event
 
 from palpate.clock import ManualClock
-from palpate_station.dashboard.grasp_progress import GraspProgress, force_law, grasp_progress_of
-from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S
-from palpate_station.dashboard.messages import (
-    FrameSource,
-    Grasped,
-    Guide,
-    RecordedSegment,
-    ReplayPosition,
-    Timeline,
-    Trouble,
-)
-from palpate_station.dashboard.telemetry import Telemetry, frame_columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
 from palpate.grasp.document import GraspDocument
@@ -38,6 +26,18 @@ from palpate.recording import RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
+from palpate_station.dashboard.grasp_progress import GraspProgress, force_law, grasp_progress_of
+from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S
+from palpate_station.dashboard.messages import (
+    FrameSource,
+    Grasped,
+    Guide,
+    RecordedSegment,
+    ReplayPosition,
+    Timeline,
+    Trouble,
+)
+from palpate_station.dashboard.telemetry import Telemetry, frame_columns
 
 
 class PlaybackClock:

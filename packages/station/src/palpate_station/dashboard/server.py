@@ -12,13 +12,13 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from palpate.errors import InputError
 from palpate_station.dashboard.app_state import AppState, Settings
 from palpate_station.dashboard.folder import find_recording
 from palpate_station.dashboard.front import STOP_PATHS
 from palpate_station.dashboard.listening import bind_port
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.transport import LoopThread
-from palpate.errors import InputError, require_extra
 from palpate_station.line.machine import Line, Machine
 
 if TYPE_CHECKING:
@@ -64,13 +64,13 @@ def serve(
     """
     # NiceGUI requires a storage folder, although this page stores nothing in it.
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
-    with require_extra("the dashboard", extra="dashboard"):
-        import uvicorn
-        from fastapi import FastAPI
+    import uvicorn
+    from fastapi import FastAPI
 
-        from palpate_station.dashboard.access import AccessControl, check_token, is_loopback
-        from palpate_station.dashboard.api import build_api
-        from palpate_station.dashboard.transport import AppThread, BoundedConnection, external_url
+    from palpate_station.dashboard.access import AccessControl, check_token, is_loopback
+    from palpate_station.dashboard.api import build_api
+    from palpate_station.dashboard.transport import AppThread, BoundedConnection, external_url
+
     check_token(host, token)
     listening = bind_port(host, port)
     app_state = AppState(settings)

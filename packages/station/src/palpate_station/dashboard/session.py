@@ -11,6 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
 
+from palpate.errors import InputError
+from palpate.grasp.document import GraspDocument
+from palpate.sensor.health import Health
 from palpate_station.dashboard.live import Live
 from palpate_station.dashboard.messages import (
     ACTIONS,
@@ -45,10 +48,7 @@ from palpate_station.dashboard.messages import (
     Update,
     check_ranges,
 )
-from palpate.errors import InputError
-from palpate.grasp.document import GraspDocument
 from palpate_station.line.results import NO_ITEM
-from palpate.sensor.health import Health
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate_station.dashboard.grasp_progress import GraspProgress, grasp_progress_of
-from palpate_station.dashboard.messages import Frames, FrameSource, LinkStatus, Note, Update
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame, LinkCounters
+from palpate_station.dashboard.grasp_progress import GraspProgress, grasp_progress_of
+from palpate_station.dashboard.messages import Frames, FrameSource, LinkStatus, Note, Update
 
 SEND_PERIOD_S = 0.05
 #: Maximum number of unsent frames, two seconds at 500 frames/s; older frames are dropped.

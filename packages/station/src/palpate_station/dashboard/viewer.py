@@ -12,9 +12,9 @@ from typing import TypeVar
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
+from palpate.errors import InputError
 from palpate_station.dashboard.messages import Action, Order, Request
 from palpate_station.dashboard.session import Session
-from palpate.errors import InputError
 
 _Value = TypeVar("_Value")
 #: Presses that move the hand are refused if they arrive later than this, seconds; a slow server may

@@ -14,7 +14,7 @@ from palpate_station.line.results import (
     list_measurements,
 )
 
-with require_extra("--modbus", extra="line"):
+with require_extra("--modbus", extra="line", package="palpate-station"):
     from pymodbus.constants import ExcCodes
     from pymodbus.server import ModbusTcpServer
     from pymodbus.simulator import DataType, SimData, SimDevice

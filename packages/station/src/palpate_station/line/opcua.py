@@ -19,7 +19,7 @@ from palpate_station.line.results import (
     list_measurements,
 )
 
-with require_extra("--opcua", extra="line"):
+with require_extra("--opcua", extra="line", package="palpate-station"):
     from asyncua import ua
     from asyncua.common.node import Node
     from asyncua.crypto.cert_gen import setup_self_signed_certificate

@@ -18,7 +18,7 @@ from palpate.grasp.document import GraspDocument
 from palpate_station.mqtt.broker import Broker
 from palpate_station.store import Store
 
-with require_extra("--mqtt", extra="mqtt"):
+with require_extra("--mqtt", extra="mqtt", package="palpate-station"):
     import paho.mqtt.client as paho
     from paho.mqtt.enums import CallbackAPIVersion
 

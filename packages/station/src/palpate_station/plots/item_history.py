@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.measurement import Status
-from palpate.plots.inline_svg import page_figure
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, change_colormap, is_dark
 from palpate.plots.style import BLUE, GREY, INK, ORANGE, plain_number
+from palpate_station.plots.inline_svg import page_figure
 from palpate_station.records import About, Grasp, Source, Verdict
 from palpate_station.store.item_history import ItemHistory
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.grasp.result import Outcome
-from palpate.plots.inline_svg import page_figure
-from palpate_station.plots.item_history import date_axis, local
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, log_axis
+from palpate_station.plots.inline_svg import page_figure
+from palpate_station.plots.item_history import date_axis, local
 from palpate_station.records import About, Grasp
 from palpate_station.store.item_history import ItemHistory
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.plots.inline_svg import page_figure
 from palpate.plots.style import BLUE, GREY, ORANGE
+from palpate_station.plots.inline_svg import page_figure
 from palpate_station.qualify.agreement import Agreement
 
 if TYPE_CHECKING:

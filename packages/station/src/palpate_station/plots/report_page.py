@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-from palpate.errors import require_extra
-from palpate.plots.inline_svg import THEME
+from palpate_station.plots.inline_svg import THEME
 
 
 class PageTable(NamedTuple):
@@ -39,10 +38,10 @@ def render_page(
     `simulated`: whether to mark the page as simulated.
     Raises `MissingExtraError` if Jinja is not installed.
     """
-    with require_extra("a report", extra="plots"):
-        import jinja2
+    import jinja2
+
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("palpate.plots", ""),
+        loader=jinja2.PackageLoader("palpate_station.plots", ""),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 
 from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
-from palpate_station.records import Grasp
 from palpate.sensor.sample import excess_of_change
+from palpate_station.records import Grasp
 
 #: Grip force of the ripeness measurement, newtons. It deforms a hard fruit by a third of a
 #: millimetre and does not bruise a ripe one (thumbs bruise avocados from about 10 N on).

@@ -24,14 +24,14 @@ from palpate.arrays import FloatArray
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.measurement import Measurement
-from palpate_station.answer_pixels import MEAN_S, answer_time_s, mean_percent_before
-from palpate_station.records import MEASURED
-from palpate_station.ripeness.closing import CONTACT_WIDTH
-from palpate_station.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.sample import SampleReader, excess_of_change
 from palpate.signal.relative import total_excess
+from palpate_station.answer_pixels import MEAN_S, answer_time_s, mean_percent_before
+from palpate_station.records import MEASURED
+from palpate_station.ripeness.closing import CONTACT_WIDTH
+from palpate_station.ripeness.firmness import RIPENESS_N, minus_log_sharing
 
 #: Name of this measurement.
 SHARED_PIXELS = "shared_pixels"

@@ -22,13 +22,13 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper
 from palpate.measurement import Measurement
-from palpate_station.grasp_record import list_answers
-from palpate_station.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
+from palpate_station.grasp_record import list_answers
+from palpate_station.records import Grasp
 
 #: Clearance as a fraction of the known size, larger than the out-of-roundness of produce.
 _CLEARANCE_FRACTION = 0.15

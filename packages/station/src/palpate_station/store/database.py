@@ -15,12 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
+import sqlalchemy as sa
+
 from palpate.errors import StoreAwayError, StoreError
 from palpate_station.records import Grasp, Item, Verdict
 from palpate_station.store.engine import (
     make_engine,
     read_only_url,
-    sa,
     show_url,
     store_url,
     translate_errors,

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import sqlalchemy as sa
+
 from palpate.errors import InputError, StoreAwayError, StoreError, require_extra
 
 #: Environment variable with the store, and default file name.
@@ -59,8 +61,6 @@ _POSTGRESQL_FAULTS: Mapping[str, tuple[bool, str]] = {
         "the user lacks permissions; request CREATE, SELECT, INSERT and UPDATE",
     ),
 }
-
-__all__ = ["postgresql", "sa", "sqlite"]
 
 
 def store_url(where: str | Path | None) -> sa.URL:
@@ -131,7 +131,7 @@ def make_engine(url: sa.URL) -> sa.Engine:
     url = url.update_query_dict({"options": settings})
     if "connect_timeout" not in url.query:
         url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
-    with require_extra("a store on PostgreSQL", extra="postgresql"):
+    with require_extra("a store on PostgreSQL", extra="postgresql", package="palpate-station"):
         from palpate_station.store.postgresql import TimeLimitedConnection
 
         engine = sa.create_engine(url, pool_pre_ping=True)
@@ -227,8 +227,3 @@ def _begin_sqlite(connection: sa.Connection) -> None:
     # A writer locks immediately, because an upgrade from a read transaction can fail.
     writes = connection.get_execution_options().get("writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-
-
-with require_extra("the store of items", extra="produce"):
-    import sqlalchemy as sa
-    from sqlalchemy.dialects import postgresql, sqlite

@@ -9,10 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import sqlalchemy as sa
+
 from palpate.files import atomic_path
 from palpate.holds.table_files import import_pyarrow
 from palpate_station.records import MEASURED, Grasp, Item, Verdict
-from palpate_station.store.engine import sa
 from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000

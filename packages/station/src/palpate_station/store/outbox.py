@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import sqlalchemy as sa
+
 from palpate_station.records import Item
-from palpate_station.store.engine import sa
 from palpate_station.store.reading import read_grasps, read_items, read_verdicts
 from palpate_station.store.schema import CALIBRATIONS, GRASPS, ITEMS, OUTBOX, VERDICTS
 from palpate_station.store.writing import (

@@ -7,10 +7,12 @@ from datetime import datetime
 from functools import partial
 from typing import Any, TypeVar
 
+import sqlalchemy as sa
+
 from palpate.errors import InputError, PalpateError, StoreAwayError
 from palpate.measurement import Measurement, Status
 from palpate_station.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate_station.store.engine import damage_error, sa, translate_errors
+from palpate_station.store.engine import damage_error, translate_errors
 from palpate_station.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 
 _Read = TypeVar("_Read")

@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
 from palpate.errors import StoreError
-from palpate_station.store.engine import postgresql, sa, sqlite
 
 #: Newest schema version of each kind of database.
 NEWEST: Mapping[str, int] = {"sqlite": 2, "postgresql": 1}

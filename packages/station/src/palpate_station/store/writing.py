@@ -8,8 +8,9 @@ from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from itertools import islice
 
+import sqlalchemy as sa
+
 from palpate_station.records import Grasp, Item, Verdict
-from palpate_station.store.engine import sa
 from palpate_station.store.schema import (
     CALIBRATIONS,
     GRASPS,

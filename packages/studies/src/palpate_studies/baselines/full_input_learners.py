@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.errors import require_extra
 from palpate_studies.protocol.parts import Learned
 
 #: From inputs, shape (cases, inputs), to predicted targets, shape (cases,).
@@ -32,8 +31,8 @@ def make_trees(**settings: Any) -> Any:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with require_extra("gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
     return HistGradientBoostingRegressor(random_state=0, **settings)
 
 
@@ -47,10 +46,10 @@ def make_ridge(penalty: float | None = None) -> Any:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with require_extra("ridge regression", extra="produce"):
-        from sklearn.linear_model import Ridge, RidgeCV
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
+    from sklearn.linear_model import Ridge, RidgeCV
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     ridge = RidgeCV(np.geomspace(0.1, 1e3, 9)) if penalty is None else Ridge(penalty)
     return make_pipeline(StandardScaler(), ridge)
 

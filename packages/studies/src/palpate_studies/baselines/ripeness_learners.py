@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.errors import require_extra
 from palpate_station.ripeness.firmness import DayFirmness
 
 #: Learner -> description.
@@ -67,11 +66,11 @@ def learn_stage(
     >>> stage([3.0, 0.0]), stage([33.0, 0.0])
     (0, 1)
     """
-    with require_extra("a learned baseline", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingClassifier
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
+    from sklearn.ensemble import HistGradientBoostingClassifier
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     make: dict[str, Callable[[], Any]] = {
         "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000)),
         # Smaller leaves than the default, because a hundred labelled days are few.
