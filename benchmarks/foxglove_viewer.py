@@ -75,7 +75,7 @@ def watch_messages(pid: int, address: str, *, seconds: float) -> None:
     """Subscribe to every channel; print message rate, losses, delay and processor time."""
     from benchmarks.dashboard import cpu_s
     from benchmarks.packhouse import print_latency
-    from tests.foxglove_client import foxglove_client
+    from packages.foxglove.tests.foxglove_client import foxglove_client
 
     counts: Counter[str] = Counter()
     late_ms, numbers = [], []

@@ -25,9 +25,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from asyncua import Client
+from packages.station.tests.loop.test_line import OpcUa, free_port, reach, read_registers
+from packages.station.tests.served_pages import SIMULATED, Machine, serve_dashboard
 from pymodbus.client import AsyncModbusTcpClient
-from tests.loop.test_line import OpcUa, free_port, reach, read_registers
-from tests.served_pages import SIMULATED, Machine, serve_dashboard
 
 from palpate_station.line import modbus
 from palpate_station.line.machine import LineState

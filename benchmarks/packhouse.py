@@ -132,7 +132,7 @@ def _both(server: int, devices: int) -> tuple[tuple[str, int], ...]:
 
 def time_results(port: int, folder: Path, *, count: int) -> None:
     """Measure and print the time of a result from the publisher's call to a subscriber."""
-    from tests.mosquitto import Subscriber
+    from packages.station.tests.mosquitto import Subscriber
 
     from palpate_station.mqtt.broker import Broker
     from palpate_station.mqtt.publisher import Publisher
@@ -162,8 +162,8 @@ def main() -> None:
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
     from benchmarks.dashboard import run_board_process, serve_rig, write_rig
-    from tests.loop.test_line import free_port
-    from tests.mosquitto import BrokerProcess
+    from packages.station.tests.loop.test_line import free_port
+    from packages.station.tests.mosquitto import BrokerProcess
 
     with (
         tempfile.TemporaryDirectory() as made,

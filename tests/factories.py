@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,13 @@ from palpate.estimate.sheet_law import N_SHARED, SheetLaw
 from palpate.estimate.sheet_states import compute_states
 from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
-from palpate_station.records import Grasp
 
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 #: Settled readings of three weights.
 WEIGHTS = ForcePairs(
     run=(0, 0, 0),
@@ -29,12 +26,6 @@ WEIGHTS = ForcePairs(
     relative_percent=(-60.0, -80.0, -90.0),
     force_n=(1.5, 4.0, 9.0),
 )
-
-
-def make_grasp(item_id: str = "A17", **known: Any) -> Grasp:
-    """Return the record of a simulated rigid grasp that held its item at noon."""
-    usual = {"taken_at": NOON, "rig": "sim-rigid", "drive": "width", "origin": "twin"}
-    return Grasp(item_id=item_id, **(usual | {"outcome": Outcome.HELD} | known))
 
 
 def touch(sheet_n: float, *, percent: float = -20.0, time_s: float = 1.0) -> Touch:

@@ -9,10 +9,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from tests.conftest import skip
 from tests.contract.regulator_board import RegulatorBoard
 from tests.contract.servo_bus import ServoBus
 from tests.contract.sts_bus import StsBus
+from tests.fixtures import skip
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.unit.grasp.conftest import plan as _plan_fixture
-from tests.unit.sensor.test_pixel_excess import make_live, read_by_rig, read_live, read_page
+from tests.whole.test_pixel_excess import make_live, read_by_rig, read_live, read_page
 
 from palpate.calibrate.dead_weights import measure_loads
 from palpate.clock import ManualClock

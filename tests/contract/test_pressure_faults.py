@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.conftest import calibrate_once
 from tests.contract.faulty import run_recorded_grasp
 from tests.contract.hands import make_world, open_board
 from tests.contract.regulator_board import RegulatorBoard
+from tests.fixtures import calibrate_once
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.grasp.phases import Phase

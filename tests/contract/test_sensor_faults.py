@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.conftest import calibrate_once
 from tests.contract.faulty import (
     FailingArray,
     NoisyLine,
@@ -21,6 +20,7 @@ from tests.contract.faulty import (
 )
 from tests.contract.hands import make_object, make_world
 from tests.contract.regulator_board import RegulatorBoard
+from tests.fixtures import calibrate_once
 
 from palpate.clock import ManualClock
 from palpate.grasp.estimator import Observation

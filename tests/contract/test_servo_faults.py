@@ -10,10 +10,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.conftest import calibrate_once
 from tests.contract.conftest import MakeServo
 from tests.contract.faulty import run_recorded_grasp
 from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, Servo, make_world
+from tests.fixtures import calibrate_once
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.estimator import Observation

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.conftest import skip
+from tests.fixtures import skip
 
 from palpate.sensor import wire_messages as wm
 from palpate.sensor.wire import Decoder, encode_command

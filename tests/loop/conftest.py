@@ -1,57 +1,14 @@
-"""Fixtures for tests in a browser and on the simulated board."""
+"""Tests of this folder start processes or a simulated board."""
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect, sync_playwright
-from tests.conftest import skip
-from tests.served_pages import SIMULATED, TIMEOUT_MS, serve_dashboard
-
-CHROMIUM = Path("/usr/bin/chromium")
-
-
-@pytest.fixture(scope="session")
-def firmware_built() -> None:
-    """Build the firmware and its simulator; skip if their tools are missing."""
-    if shutil.which("avr-g++") is None or not Path("/usr/include/simavr").is_dir():
-        skip("gcc-avr, avr-libc, binutils-avr, libsimavr-dev and libelf-dev are needed")
-    root = Path(__file__).resolve().parents[2]
-    for folder in ("firmware", "firmware/sim"):
-        subprocess.run(["make", "-s", "-C", str(root / folder)], check=True, capture_output=True)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Start Chromium; of a module, because its event loop excludes others in the process."""
-    if not CHROMIUM.exists():
-        skip(f"no {CHROMIUM}: apt-get install chromium")
-    expect.set_options(timeout=TIMEOUT_MS)
-    with sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of the served dashboard."""
-    return tmp_path_factory.mktemp("served")
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    """Serve a dashboard of a simulated rig; a test leaves its hand open."""
-    with serve_dashboard(folder, *SIMULATED) as address:
-        yield address
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test of this folder slow, as each starts a browser, board or broker."""
+    """Mark every test of this folder slow."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.slow)

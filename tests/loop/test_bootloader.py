@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from tests.conftest import skip
+from tests.fixtures import skip
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError

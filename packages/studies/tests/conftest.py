@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.conftest import real_data
+from tests.fixtures import real_data
 
 from palpate.cli import build_app, run
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.factories import make_grasp
+from packages.station.tests.factories import make_grasp
 
 from palpate.measurement import Measurement
 from palpate_station.sorting.hand import TimedGrasp

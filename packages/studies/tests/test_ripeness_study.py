@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.factories import make_grasp
+from packages.station.tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.measurement import Measurement

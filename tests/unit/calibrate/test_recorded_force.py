@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.conftest import calibrate_once
+from tests.fixtures import calibrate_once
 
 from palpate.calibrate.laws import force_now
 from palpate.calibrate.loaded_readings import read_loaded

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.conftest import skip
+from tests.fixtures import skip
 
 from palpate.cli.flash import explain_failure
 from palpate.errors import DeviceNotFoundError

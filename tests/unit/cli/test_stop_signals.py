@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from tests.conftest import skip
+from tests.fixtures import skip
 
 from palpate.errors import PalpateError
 from palpate.gripper.interface import GripperState

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
+from tests.fixtures import calibrate_once
 
 from palpate.grasp.requests import Requests
 from palpate.grasp.state import GraspState

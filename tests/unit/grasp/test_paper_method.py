@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from tests.commands import Command
-from tests.conftest import skip
+from tests.fixtures import skip
 
 from palpate.errors import InputError
 from palpate.grasp.paper import Paper

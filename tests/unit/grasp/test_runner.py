@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.conftest import calibrate_once
 from tests.factories import draw, grasp_on_twin
+from tests.fixtures import calibrate_once
 
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation

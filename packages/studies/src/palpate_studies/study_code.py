@@ -23,16 +23,20 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import palpate
+import palpate_station
 import palpate_studies
 
 _STUDIES = palpate_studies.__name__
 #: Package -> folder.
 PACKAGES: Mapping[str, Path] = {
-    package.__name__: Path(str(package.__file__)).parent for package in (palpate, palpate_studies)
+    package.__name__: Path(str(package.__file__)).parent
+    for package in (palpate, palpate_station, palpate_studies)
 }
 _PRESENTATION = (
     "palpate.cli",
+    "palpate_station.cli",
     "palpate_station.dashboard",
+    "palpate_station.plots",
     "palpate.errors",
     "palpate.plots",
     "palpate.terminal_table",

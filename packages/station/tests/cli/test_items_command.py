@@ -1,0 +1,176 @@
+"""`palpate items` and `palpate grasp --item`."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from packages.station.tests.cli.stored import stored_grasp
+from packages.station.tests.factories import NOON
+from tests.commands import Command
+
+from palpate_station.records import About, Grasp, Item, Verdict
+from palpate_station.store import Store, engine
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+#: The rate of the paper's board: a simulated grasp then costs a third.
+SEED = ("--seed", "1", "--rate-hz", "15")
+
+
+def grasp(item_id: str, *, days: int = 0, **values: float) -> Grasp:
+    return stored_grasp(
+        item_id,
+        {"stiffness_n_per_mm": 3.0} | values,
+        hours=24 * days,
+        rig="hall.toml",
+        origin="hardware" if item_id != "S1" else "twin",
+        pixel_settled_percent=((-40.0, None), (-42.0, -41.0)),
+        angle_deg=90.0,
+    )
+
+
+@pytest.fixture
+def filled(folder: Path) -> None:
+    with Store.open() as store:
+        store.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=NOON))
+        store.add_item(Item(item_id="K2", kind="kiwi", first_seen=NOON + timedelta(days=1)))
+        store.add_grasps(
+            [grasp("A17"), grasp("A17", days=2, stiffness_n_per_mm=2.25), grasp("K2", days=1)]
+        )
+        store.add_verdict(
+            Verdict(
+                item_id="A17",
+                about=About.RIPENESS,
+                text="ripe",
+                probability=0.91,
+                given_at=NOON,
+                explanation="a quarter softer than on Friday",
+            )
+        )
+
+
+@pytest.mark.slow
+def test_grasp_of_an_item_is_stored_with_its_calibration(palpate: Command) -> None:
+    document = palpate("grasp", "--item", "A17", "--angle-deg", "90", *SEED, "--json").document
+    with Store.open(create=False) as store:
+        (stored,) = store.grasps_of("A17")
+        assert "palpate-calibration" in store.calibration(stored.calibration_id or "")
+    assert stored.grasp_id == document["grasp_id"]
+    assert stored.origin == "twin"
+    assert stored.angle_deg == 90.0
+    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
+        # The store contains only measurements with a value, no bounds.
+        measured = stored.measurements.get(name)
+        number = document[name] if document[name]["value"] is not None else None
+        assert (None if measured is None else measured.to_dict()) == number
+
+
+@pytest.mark.slow
+def test_grasp_with_unreachable_shared_store_is_stored_locally(
+    palpate: Command, folder: Path
+) -> None:
+    nowhere = f"postgresql://palpate@/items?host={folder}"
+    out, err = palpate("grasp", "--item", "A17", "--store", nowhere, *SEED, "--json")
+    assert json.loads(out)["item_id"] == "A17"
+    assert "no answer; check the server" in err
+    assert "has the records, and the next command sends them" in err
+    out, err = palpate("items", "A17", "--store", nowhere, "--json")
+    assert len(json.loads(out)["grasps"]) == 1
+    assert "no answer; check the server" in err
+    assert "without data of other stations" in err
+
+
+@pytest.mark.slow
+def test_grasp_prints_the_result_before_contacting_the_store(
+    palpate: Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+
+    def press_ctrl_c(self: Store, grasp: Grasp, *, calibration: str) -> None:
+        shown.append(capsys.readouterr().out)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Store, "add_grasp", press_ctrl_c)
+    palpate("grasp", "--item", "A17", *SEED, status=130)
+    assert "SIMULATED" in shown[0].upper()
+
+
+@pytest.mark.slow
+def test_grasp_local_store_failure_exits_with_3(
+    palpate: Command, monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    monkeypatch.setattr(engine, "LOCK_TIMEOUT_S", 0.05)
+    Store.open().close()
+    with closing(sqlite3.connect(folder / "palpate-items.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        out, err = palpate("grasp", "--item", "A17", *SEED, "--json", status=3)
+    assert json.loads(out)["item_id"] == "A17"
+    assert "locked by another program" in err
+    assert "the grasp is NOT stored" in err
+
+
+@pytest.mark.usefixtures("filled")
+def test_items_list_and_page_show_grasps_and_verdicts(palpate: Command) -> None:
+    out = palpate("items").out
+    assert out.index("K2") < out.index("A17"), "the latest grasped item is first"
+    assert "2.25" in out
+    assert "simulated" not in out
+    assert "--limit shows more" in palpate("items", "--limit", "1").out
+    for filters in (("--kind", "avocado"), ("--batch", "Monday"), ("--day", "2026-05-03")):
+        (line,) = palpate("items", "--json", *filters).document["items"]
+        assert (line["item_id"], line["grasps"]) == ("A17", 2)
+        assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
+        assert line["stiffness_n_per_mm"]["value"] == 2.25
+        assert line["verdicts"]["ripeness"]["text"] == "ripe"
+        assert line["verdicts"]["bruise"] is None
+    out = palpate("items", "A17").out
+    for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
+        assert words in out
+    page = palpate("items", "A17", "--json").document
+    assert page["grasps"][0]["pixel_settled_percent"] == [[-40.0, None], [-42.0, -41.0]]
+    assert page["verdicts"][0]["text"] == "ripe"
+
+
+def test_items_page_ranks_firmness_within_the_kind_and_labels_simulated_items(
+    palpate: Command,
+) -> None:
+    with Store.open() as store:
+        for number, index in enumerate([65.0, *range(10, 90, 10)]):
+            name = f"A{number}"
+            store.add_item(Item(item_id=name, kind="avocado"))
+            store.add_grasp(grasp(name, firmness=index))
+        store.add_grasps([grasp("A1", days=1), grasp("S1")])
+    found = palpate("items", "A0", "--json").document
+    assert found["firmness_rank"] == {"items": 8, "softer": 0.75}
+    shown = palpate("items", "A0").out
+    assert "firmer than 75 % of 8 items of its kind" in shown
+    assert "SIMULATED" not in shown
+    assert "simulated on the twin" in palpate("items").out
+    assert "SIMULATED" in palpate("items", "S1").out
+
+
+@pytest.mark.usefixtures("filled")
+def test_items_export_writes_every_grasp_with_its_item(palpate: Command, folder: Path) -> None:
+    assert "all.parquet (grasps: 3)" in palpate("items", "--export", "all.parquet").err
+    table = pq.read_table(folder / "all.parquet")
+    assert table["item_id"].to_pylist() == ["A17", "A17", "K2"]
+    assert table["kind"].to_pylist() == ["avocado", "avocado", "kiwi"]
+    assert table["stiffness_n_per_mm"].to_pylist() == [3.0, 2.25, 3.0]
+    assert table["stiffness_n_per_mm_low"].to_pylist() == [2.0, 1.25, 2.0]
+    assert table["size_mm"].to_pylist() == [None] * 3
+    assert table["taken_at"].to_pylist()[0] == NOON
+    assert table["pixel_settled_percent"].to_pylist()[0] == [[-40.0, None], [-42.0, -41.0]]
+    verdicts = pq.read_table(folder / "all.verdicts.parquet")
+    assert verdicts["text"].to_pylist() == ["ripe"]
+
+    palpate("items", "--kind", "kiwi", "--export", "kiwi.parquet")
+    assert pq.read_table(folder / "kiwi.parquet").num_rows == 1
+    assert pq.read_table(folder / "kiwi.verdicts.parquet").num_rows == 0
+    palpate("items", "A17", "--export", "a17.parquet")
+    assert pq.read_table(folder / "a17.parquet").num_rows == 2

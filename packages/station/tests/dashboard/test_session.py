@@ -1,0 +1,259 @@
+"""The session: control, permitted orders, and the state of the devices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from packages.station.tests.dashboard.test_live import SOURCE, frames
+
+from palpate.errors import InputError
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import GraspResult, Outcome
+from palpate_station.dashboard.messages import (
+    Action,
+    Confirm,
+    DeviceActivity,
+    DevicesLost,
+    Examine,
+    Grasped,
+    GraspOrder,
+    Guide,
+    LinkStatus,
+    OpenHand,
+    OpenRig,
+    Order,
+    OrderEnded,
+    OrderStarted,
+    Play,
+    ReleaseNow,
+    ReplayPosition,
+    SetSpeed,
+    StopNow,
+    Update,
+)
+from palpate_station.dashboard.page_document import document
+from palpate_station.dashboard.session import GraspForm, Session
+
+FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
+GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
+HELD = Grasped(document=GraspDocument(result=GraspResult(outcome=Outcome.HELD)))
+
+
+class Rehearsal:
+    """A session that stores its orders and receives the notes of the test."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.grasps: list[tuple[Grasped, str]] = []
+        self.silent_s = 0.5
+        self.session = Session(
+            send=self.sent.append,
+            on_grasped=lambda grasped, order: self.grasps.append((grasped, order.item_id)),
+            silent_s=lambda: self.silent_s,
+        )
+
+    def receive(self, *notes: Any, width_mm: float = 74.0, link: LinkStatus = FRESH) -> None:
+        shown = replace(frames(1), reported=np.array([width_mm]))
+        self.session.devices.apply_update(Update(notes=notes, link=link, frames=shown))
+
+    def page(self) -> dict[str, Any]:
+        return document(self.session, generation=-1, after_s=0.0)
+
+
+@pytest.fixture
+def rehearsal() -> Rehearsal:
+    rehearsal = Rehearsal()
+    rehearsal.session.join("a")
+    rehearsal.session.join("b")
+    rehearsal.session.order("a", OpenRig(name="sim-rigid"))
+    rehearsal.receive(OrderStarted(order=OpenRig(name="sim-rigid")), SOURCE)
+    rehearsal.receive(OrderEnded(order=OpenRig(name="sim-rigid")))
+    rehearsal.sent.clear()
+    return rehearsal
+
+
+def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None:
+    with pytest.raises(InputError, match="another user is the driver; take over first"):
+        rehearsal.session.order("b", GRASP)
+    rehearsal.session.take_over("b")
+    with pytest.raises(InputError, match="take over first"):
+        rehearsal.session.order("a", GRASP)
+    rehearsal.session.leave("b")
+    with pytest.raises(InputError, match="there is no driver; take over first"):
+        rehearsal.session.order("a", GRASP)
+    rehearsal.session.take_over("a")
+    rehearsal.session.order("a", GRASP)
+    assert rehearsal.sent == [GRASP]
+
+
+def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:
+    rehearsal.session.order("a", GRASP)
+    assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
+    assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
+
+
+RIG, PLAY = OpenRig(name="sim-rigid"), Play(file=Path("old.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("why", "orders"),
+    [
+        *(
+            (
+                "^the speed must be from 0.1 to 20$",
+                (SetSpeed(bad), replace(PLAY, speed=bad), replace(RIG, speed=bad)),
+            )
+            for bad in (0, -1.0, 1e300, math.nan, None, "fast", [])
+        ),
+        *(
+            ("^the seed must be an integer", (replace(RIG, seed=bad),))
+            for bad in (-1, 2**32, 0.5, math.nan, "7")
+        ),
+    ],
+)
+def test_session_refuses_a_speed_or_seed_out_of_range(
+    rehearsal: Rehearsal, why: str, orders: tuple[Any, ...]
+) -> None:
+    session = rehearsal.session
+    for order in orders:
+        press = session.request if isinstance(order, SetSpeed) else session.order
+        with pytest.raises(InputError, match=why):
+            press("a", order)
+    assert rehearsal.sent == []
+    assert session.devices.activity is DeviceActivity.WATCHING
+    assert session.rig == RIG
+
+
+@pytest.mark.parametrize(
+    ("received", "order", "why"),
+    [
+        ({"width_mm": 40.0}, GRASP, "the hand is not open: release first"),
+        ({"width_mm": 40.0}, Examine(), "the hand is not open: release first"),
+        ({"link": LinkStatus(stale=True)}, GRASP, "no fresh frames"),
+        ({"link": LinkStatus(stale=True)}, OpenHand(), ""),
+        ({"link": LinkStatus(frames=9, age_s=1.2, stale=True)}, Examine(), "no fresh frames"),
+        ({"link": LinkStatus(frames=9, age_s=0.3, stale=True)}, Examine(), ""),
+    ],
+)
+def test_session_refuses_orders_that_a_closed_hand_or_a_stale_link_forbids(
+    rehearsal: Rehearsal, received: dict[str, Any], order: Order, why: str
+) -> None:
+    rehearsal.receive(**received)
+    if why:
+        with pytest.raises(InputError, match=why):
+            rehearsal.session.order("a", order)
+    else:
+        rehearsal.session.order("a", order)
+    assert rehearsal.sent == ([] if why else [order])
+
+
+def test_session_refuses_every_order_of_silent_or_ended_devices(rehearsal: Rehearsal) -> None:
+    session = rehearsal.session
+    assert not session.refusal(Action.OPEN, viewer="a")
+    rehearsal.silent_s = 1.5
+    assert "the devices do not respond" in session.refusal(Action.OPEN, viewer="a")
+    session.devices.grasped = HELD
+    session.devices.apply_update(DevicesLost("the device process has ended"))
+    for action in Action:
+        assert "device process has ended" in session.refusal(action, viewer="a")
+    card = rehearsal.page()["verdict"]
+    assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
+    assert session.devices.live.link.stale
+
+
+def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
+    rehearsal: Rehearsal,
+) -> None:
+    rehearsal.session.release("a")
+    assert rehearsal.sent == [OpenHand()]
+    rehearsal.receive(OrderEnded(order=OpenHand()))
+    rehearsal.session.order("a", GRASP)
+    rehearsal.session.release("a")
+    assert rehearsal.sent[-1] == ReleaseNow()
+
+
+def test_session_reports_finished_grasps_with_their_item_but_no_replays(
+    rehearsal: Rehearsal,
+) -> None:
+    devices, named = rehearsal.session.devices, replace(GRASP, item_id="berry-7")
+    for order in (GRASP, named):
+        rehearsal.session.order("a", order)
+        generation = devices.live.generation
+        rehearsal.receive(OrderStarted(order=order))
+        assert devices.live.generation > generation, "the curve restarts"
+        assert devices.grasped is None
+        rehearsal.receive(OrderEnded(order=order, found=HELD))
+        assert devices.grasped == HELD
+    assert rehearsal.grasps == [(HELD, ""), (HELD, "berry-7")]
+    rehearsal.session.order("a", PLAY)
+    at_end = ReplayPosition(time_s=9.0, paused=True, speed=1.0, grasped=HELD)
+    rehearsal.receive(OrderStarted(order=PLAY), replace(SOURCE, replayed=True), at_end)
+    assert devices.grasped == HELD
+    rehearsal.receive(OrderEnded(order=PLAY))
+    assert devices.grasped is None
+    assert len(rehearsal.grasps) == 2
+
+
+def test_session_confirm_is_refused_without_a_step_to_confirm(rehearsal: Rehearsal) -> None:
+    with pytest.raises(InputError, match="no step to confirm"):
+        rehearsal.session.request("a", Confirm())
+    rehearsal.receive(Guide(text="Place 2 N on the pad", needs_confirmation=True))
+    with pytest.raises(InputError, match="take over"):
+        rehearsal.session.request("b", Confirm())
+    rehearsal.session.request("a", Confirm())
+    assert rehearsal.sent == [Confirm()]
+
+
+@pytest.mark.parametrize("began", [False, True])
+def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
+    rehearsal: Rehearsal, *, began: bool
+) -> None:
+    rehearsal.session.devices.grasped = HELD
+    rehearsal.session.order("a", GRASP)
+    if began:
+        rehearsal.receive(OrderStarted(order=GRASP))
+    rehearsal.receive(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
+    page = rehearsal.page()
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
+    assert page["operator"]["word"] == "Stopped, hand open"
+    assert page["operator"]["next"] == "Put the next item in, then press Grasp"
+    assert not page["trouble"]
+    assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
+    rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
+    page = rehearsal.page()
+    assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
+
+
+def make_order(item_id: str = "W1") -> GraspOrder:
+    return replace(GRASP, item_id=item_id)
+
+
+@pytest.mark.parametrize(
+    ("ordered", "scanned", "steps"),
+    [
+        # The name returns until the bin is final.
+        ("W1", "", ((True, "W1"), (True, "W1"), (False, ""))),
+        # A name scanned since the grasp is retained.
+        ("W1", "W2", ((True, "W2"),)),
+        ("W1", "W2", ((False, "W2"),)),
+        # Nothing returns from the grasp of another client.
+        ("X9", "", ((True, ""),)),
+    ],
+)
+def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
+    ordered: str, scanned: str, steps: tuple[tuple[bool, str], ...]
+) -> None:
+    form = GraspForm(item_id="W1")
+    form.take_item(make_order())
+    assert form.item_id == ""
+    if scanned:
+        form.return_item(make_order(), again=True)
+        form.set_item(scanned)
+    for again, name in steps:
+        form.return_item(make_order(ordered), again=again)
+        assert form.item_id == name

@@ -1,0 +1,203 @@
+"""Results over MQTT with a real broker that ends, hangs or requires a password."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from queue import Queue
+
+import pytest
+from packages.station.tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
+from packages.station.tests.served_pages import SIMULATED, Machine, run_server
+from tests.fixtures import skip
+from tests.whole.test_json_schemas import faults
+
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import GraspResult, Outcome
+from palpate_station.mqtt.broker import Broker, read_broker
+from palpate_station.mqtt.publisher import Publisher
+
+TOPIC = "palpate/line-1"
+
+
+@pytest.fixture(autouse=True)
+def mosquitto_installed() -> None:
+    if PROGRAM is None:
+        skip("no MQTT broker; install it (Debian: mosquitto)")
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[BrokerProcess]:
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    running = BrokerProcess(folder)
+    yield running
+    running.resume()
+    running.kill()
+
+
+@pytest.fixture
+def subscriber(broker: BrokerProcess) -> Iterator[Subscriber]:
+    listening = Subscriber(broker.port, TOPIC)
+    yield listening
+    listening.close()
+
+
+def broker_file(folder: Path, port: int) -> str:
+    file = folder / "broker.toml"
+    file.write_text(f'host = "127.0.0.1"\nport = {port}\ntls = false\ntopic = "{TOPIC}"\n')
+    return str(file)
+
+
+def publisher_to(
+    broker: BrokerProcess, folder: Path, complaints: Queue[str] | None = None
+) -> Publisher:
+    plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
+    on_error = (Queue() if complaints is None else complaints).put
+    return Publisher(plain, store=folder / "items.sqlite", on_error=on_error)
+
+
+def numbered(number: int) -> GraspDocument:
+    return GraspDocument(result=GraspResult(outcome=Outcome.HELD, frames=number))
+
+
+def numbers(documents: list[dict[str, int]]) -> list[int]:
+    """Return the numbers in order; unacknowledged results may arrive twice."""
+    return list(dict.fromkeys(document["frames"] for document in documents))
+
+
+def test_served_grasps_and_stops_with_a_hanging_or_missing_broker_are_not_delayed(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    with run_server(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
+        address,
+        process,
+    ):
+        machine = Machine(address)
+        subscriber.until("online", lambda content: content["online"])
+        machine.ready()
+        assert machine.ask("POST", "/grasp", {"item_id": "berry-7"})[0] == 202
+        state = subscriber.until("state", lambda at: at["phase"] == "hold")
+        assert faults("state", state) == []
+        assert machine.ask("POST", "/release")[0] == 202
+        result = subscriber.until("result")
+        assert faults("grasp", result) == []
+        assert result == machine.ask("GET", "/result")[1]
+        # A later subscriber receives the retained state, but no result.
+        late = Subscriber(broker.port, TOPIC)
+        assert late.until("online") == {"online": True, "dropped": 0}
+        assert set(late.until("state")) == set(state)
+        late.close()
+        recordings = []
+        for number, trouble in enumerate((broker.suspend, broker.kill, broker.start)):
+            machine.ready()
+            if number == 2:
+                trouble()
+            recordings.append(machine.ask("POST", "/grasp", {})[1]["recording"])
+            machine.until(lambda at: at["answered"])
+            if number < 2:
+                trouble()
+            assert machine.ask("POST", "/stop") == (200, {"stopped": True})
+            state = machine.until(lambda at: at["activity"] == "watching")
+            assert 0 <= state["stopped_after_s"] < 0.2
+            assert machine.ask("POST", "/release")[0] == 202
+        found: list[str] = []
+        while len(found) < 3:
+            found = list(dict.fromkeys([*found, subscriber.until("result")["recording"]]))
+        assert found == recordings
+        process.send_signal(signal.SIGKILL)
+        subscriber.until("online", lambda content: content == {"online": False})  # the last will
+
+
+@pytest.mark.parametrize(
+    "first", [300, 1], ids=["stopped while receiving", "killed before receiving"]
+)
+def test_mqtt_results_arrive_in_order_after_a_broker_outage(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path, first: int
+) -> None:
+    publisher = publisher_to(broker, tmp_path)
+    for number in range(first):
+        publisher.publish_result(numbered(number))
+    results = [subscriber.until("result") for _ in range(min(first, 5))]
+    broker.stop() if first > 1 else broker.kill()
+    assert results[-1]["frames"] < 299, "the outage must precede most results"
+    for number in range(first, 300):
+        publisher.publish_result(numbered(number))
+    broker.start()
+    while results[-1]["frames"] < 299:
+        results.append(subscriber.until("result"))
+    assert numbers(results) == list(range(300))
+    publisher.close()
+
+
+def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    first = publisher_to(broker, tmp_path)
+    subscriber.until("online")
+    broker.suspend()
+    for number in range(3):
+        first.publish_result(numbered(number))
+    first.close()
+    broker.kill()
+    broker.start()
+    second = publisher_to(broker, tmp_path)
+    second.publish_result(numbered(3))
+    results = [subscriber.until("result") for _ in range(4)]
+    assert numbers(results) == [0, 1, 2, 3]
+    second.close()
+    assert subscriber.until("online", lambda content: not content["online"]) == {"online": False}
+
+
+def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    complaints: Queue[str] = Queue()
+    (tmp_path / "items.sqlite").write_bytes(b"not a database" * 100)
+    publisher = publisher_to(broker, tmp_path, complaints)
+    publisher.publish_result(numbered(1))
+    assert subscriber.until("result")["frames"] == 1
+    assert "unsent results are kept in memory only" in complaints.get(timeout=TIMEOUT_S)
+    publisher.close()
+
+
+def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
+    def run(*command: str) -> None:
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+    run(
+        *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
+        *("-keyout", "key.pem", "-out", "ca.pem", "-subj", "/CN=127.0.0.1"),
+        *("-addext", "subjectAltName=IP:127.0.0.1"),
+    )
+    run("mosquitto_passwd", "-b", "-c", "passwords", "line-1", "sesame")
+    broker = BrokerProcess(
+        tmp_path,
+        options=f"certfile {tmp_path}/ca.pem\nkeyfile {tmp_path}/key.pem\n"
+        f"password_file {tmp_path}/passwords\nallow_anonymous false",
+    )
+    file = tmp_path / "broker.toml"
+    file.write_text(
+        f'host = "127.0.0.1"\nport = {broker.port}\ntopic = "{TOPIC}"\nca = "ca.pem"\n'
+        'username = "line-1"\n'
+    )
+    listening = Subscriber(
+        broker.port, TOPIC, ca=tmp_path / "ca.pem", username="line-1", password="sesame"
+    )
+    for password in ("guess", "sesame"):
+        complaints: Queue[str] = Queue()
+        asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
+        publisher = Publisher(asked, store=tmp_path / "items.sqlite", on_error=complaints.put)
+        publisher.publish_result(replace(numbered(1), item_id=password))
+        if password == "guess":
+            assert "check username and password" in complaints.get(timeout=TIMEOUT_S)
+        else:
+            # The result that could not be sent with the wrong password was queued.
+            assert listening.until("result")["item_id"] == "guess"
+            assert listening.until("result")["item_id"] == "sesame"
+        publisher.close()
+    listening.close()
+    broker.kill()
