@@ -5,12 +5,16 @@ FROM python:3.12-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends make gcc-avr avr-libc binutils-avr
 COPY . /src
 WORKDIR /src
-RUN make -C firmware image && pip wheel --no-deps --wheel-dir /dist . ./packages/archive ./packages/lerobot-dataset
+RUN make -C firmware image && pip wheel --no-deps --wheel-dir /dist . \
+  ./packages/pattern ./packages/station ./packages/foxglove ./packages/studies ./packages/archive \
+  ./packages/lerobot-dataset
 
 FROM python:3.12-slim
 RUN apt-get update && apt-get install -y --no-install-recommends avrdude && rm -rf /var/lib/apt/lists/*
 COPY --from=build /dist /dist
-RUN pip install --no-cache-dir "$(ls /dist/palpate-*.whl)[all]" /dist/palpate_*.whl && rm -r /dist
+RUN pip install --no-cache-dir "$(ls /dist/palpate-*.whl)[all]" "$(ls /dist/palpate_pattern-*.whl)[dxf]" \
+  "$(ls /dist/palpate_station-*.whl)[all]" /dist/palpate_[aflm]*.whl /dist/palpate_studies-*.whl \
+  && rm -r /dist
 WORKDIR /work
 EXPOSE 8080
 ENTRYPOINT ["palpate"]

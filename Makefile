@@ -120,11 +120,11 @@ results: $(VENV)/.base
 	$(BIN)/python docs/make_results.py --jobs $(JOBS)
 	$(BIN)/python docs/generate_scoreboard.py
 
-# With the firmware's images in it where they can be built, for `palpate flash`.
+# The core with the firmware's images in it where they can be built, for `palpate flash`, and the packages.
 wheel: $(VENV)/.base
 	if command -v avr-g++ >/dev/null; then $(MAKE) -C firmware image; fi
 	rm -rf dist
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist . $(PACKAGES)
 
 # Source archive and wheel as they are published, and what the index would refuse in them.
 dist-check: $(VENV)/.dev
@@ -134,13 +134,14 @@ dist-check: $(VENV)/.dev
 	$(BIN)/python -m twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
 
-# The wheel in an environment of its own, outside the repository: first as a base install, then
-# with the development environment's libraries for what is optional.
+# The wheels in an environment of their own, outside the repository: first the core alone, then with
+# the packages and the development environment's libraries.
 wheel-test: wheel $(VENV)/.dev
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(PYTHON) -m venv $$folder/venv && \
 	$$folder/venv/bin/python -m pip install --quiet --disable-pip-version-check dist/palpate-*.whl && \
 	$(PYTHON) tests/try_wheel.py $$folder/venv/bin/palpate && \
+	$$folder/venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps dist/palpate_*.whl && \
 	PYTHONPATH=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 	  $(PYTHON) tests/try_wheel.py $$folder/venv/bin/palpate --extras
 

@@ -2,8 +2,9 @@
 
     python tests/try_wheel.py PALPATE [--extras]
 
-PALPATE is the installed command. Without `--extras` what is optional must be refused in one line
-that names what to install; with it, it must work.
+PALPATE is the installed command. Without `--extras` it is the core alone: what is optional, or in
+another package, must be refused in one line that names what to install. With it, all is installed
+and must work.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ BASE = (
     ("demo recordings", 0, "simulated"),
     ("settle demo-recordings/ohm.csv", 0, "relaxation"),
     ("grasp --seed 3 --object strawberry", 0, "SIMULATED"),
-    ("pattern --preset paper-3x2 --out sensor", 0, "Written: "),
     ("init rig.toml --port auto --layout soft-3x2 --gripper none", 0, "Written"),
     ("study table1", 2, "pip install ./packages/studies"),
     ("bench settling", 2, "pip install ./packages/studies"),
@@ -32,13 +32,17 @@ BASE = (
     ("flash --port /dev/not-there", 3, ""),
     ("grasp --rig sim-firmware", 3, "make -C firmware"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),
-    ("demo packhouse", 2, "palpate[produce]"),
-    ("serve", 2, "palpate[dashboard]"),
-    ("live --rig sim-rigid --duration 1 --foxglove", 2, "palpate[foxglove]"),
+    ("pattern --preset paper-3x2 --out sensor", 2, "pip install ./packages/pattern"),
+    ("demo packhouse", 2, "pip install ./packages/station"),
+    ("serve", 2, "pip install ./packages/station"),
+    ("sort --rules rules.toml", 2, "pip install ./packages/station"),
+    ("grasp --item A17", 2, "pip install ./packages/station"),
+    ("live --rig sim-rigid --duration 1 --foxglove", 2, "pip install ./packages/foxglove"),
 )
 EXTRAS = (
     ("demo recordings", 0, "simulated"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 0, "settled.png"),
+    ("pattern --preset paper-3x2 --out sensor", 0, "Written: "),
     ("demo packhouse", 0, "simulated"),
     ("live --rig sim-rigid --duration 1 --foxglove 127.0.0.1:0", 0, "layout.json"),
     (f"ripeness --batch Monday {STORE}", 0, "ripe"),

@@ -94,7 +94,11 @@ def test_run_failure_while_acting_is_reported_with_its_status(
     [
         ("study table1", "packages/studies"),
         ("bench settling", "packages/studies"),
-        ("archive settle archive", "archive"),
+        ("archive settle archive", "packages/archive"),
+        ("sort --rules rules.toml", "packages/station"),
+        ("grasp --item A17", "packages/station"),
+        ("live --foxglove", "packages/foxglove"),
+        ("pattern --preset rigid", "packages/pattern"),
         ("export run.mcap --lerobot grasps", "packages/lerobot-dataset"),
     ],
 )

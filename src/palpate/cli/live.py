@@ -82,6 +82,10 @@ def live(
         raise InputError(
             f"{address}: an address requires --foxglove; add --foxglove or omit the address"
         )
+    opener = None
+    if foxglove:
+        package = ("palpate-foxglove", "packages/foxglove")
+        opener = find_entry_point(ENTRY_POINTS, "foxglove", *package, wanted="--foxglove").load()
     clock, received = RealClock(), threading.Event()
 
     def stop(number: int, stack_frame: FrameType | None) -> None:
@@ -96,11 +100,7 @@ def live(
         reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
         view = LiveView(reading)
         stream: Viewer | None = None
-        if foxglove:
-            package = ("palpate-foxglove", "packages/foxglove")
-            opener = find_entry_point(
-                ENTRY_POINTS, "foxglove", *package, wanted="--foxglove"
-            ).load()
+        if opener is not None:
             stream = opener(reading, clock=clock, address=address or DEFAULT_ADDRESS)
             stack.enter_context(closing(stream))
             print_message(f"palpate live: {stream.announcement}")

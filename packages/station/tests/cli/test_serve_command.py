@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.commands import Command
 
 
 @pytest.mark.slow
@@ -22,13 +21,3 @@ def test_serve_taken_port_is_reported(tmp_path: Path) -> None:
     assert ended.returncode == 3
     assert f"127.0.0.1:{port}: Address already in use" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_serve_missing_extra_is_reported_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, palpate: Command
-) -> None:
-    for name in ("palpate_station.dashboard.server", "palpate_station.dashboard.access"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
-        monkeypatch.setitem(sys.modules, name, None)
-    assert "pip install 'palpate[dashboard]'" in palpate.refused("serve")

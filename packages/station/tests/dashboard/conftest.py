@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 from packages.station.tests.dashboard.test_live import SOURCE
+from tests.unit.conftest import recorded
 
 from palpate_station.dashboard.session import Session
+
+__all__ = ["recorded", "session"]
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sqlite3
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -298,25 +298,13 @@ def test_store_reconnects_after_the_server_closed_the_connection(postgresql_url:
 @pytest.mark.parametrize(
     ("package", "extra", "use"),
     [
-        ("psycopg", "postgresql", lambda: Store.open("postgresql://hall3/items")),
-        ("pyarrow", "data", require_parquet),
+        ("psycopg", "palpate-station[postgresql]", lambda: Store.open("postgresql://hall3/items")),
+        ("pyarrow", "palpate[data]", require_parquet),
     ],
 )
 def test_missing_package_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, package: str, extra: str, use: Callable[[], object]
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=rf"pip install 'palpate\[{extra}\]'"):
+    with pytest.raises(MissingExtraError, match=re.escape(f"pip install '{extra}'")):
         use()
-
-
-@pytest.mark.slow
-def test_store_without_sqlalchemy_names_the_extra() -> None:
-    code = (
-        "import sys; sys.modules['sqlalchemy'] = None; sys.argv = ['palpate', 'items']; "
-        "from palpate.cli import main; main()"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert "pip install 'palpate[produce]'" in done.stderr
-    assert done.stderr.count("\n") == 1

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
@@ -40,7 +39,6 @@ _FIGURES = {
     "firmness": ("Firmness over time", "firmness (of 100)"),
     "settled_percent": ("Settled change over time", "settled change (%)"),
 }
-MISSING = "items need the store: pip install 'palpate[produce]'"
 
 
 class ItemStore:
@@ -58,7 +56,7 @@ class ItemStore:
         self._where, self._rules = where, rules
         self._sender: Sender | None = None
         #: Reason why the last record was not stored; empty after a success.
-        self.trouble = "" if find_spec("sqlalchemy") else MISSING
+        self.trouble = ""
 
     def sort_grasp(
         self,
@@ -76,8 +74,6 @@ class ItemStore:
         """
         if self._rules is None and not document.item_id:
             return replace(document, stored=False, not_stored=NO_ITEM)
-        if self.trouble == MISSING:
-            return self.place_without_store(document, why=MISSING)
         from palpate_station.grasp_record import make_grasp_record
         from palpate_station.store import Store
         from palpate_station.store.sender import Sender
@@ -227,8 +223,6 @@ class ItemStore:
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
-        if self.trouble == MISSING:
-            return None
         from palpate_station.store import Store
 
         try:
