@@ -14,7 +14,6 @@ from tests.commands import Command
 from palpate.calibrate.laws import contacts_of, sheet_law_of
 from palpate.cli import calibrate_force
 from palpate.clock import ManualClock
-from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
@@ -22,6 +21,7 @@ from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import FACES
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")

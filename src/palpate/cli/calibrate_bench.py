@@ -11,11 +11,11 @@ import typer
 
 from palpate.errors import CalibrationError
 from palpate.files import check_writable
-from palpate.rig.bench import open_board_bench
+from palpate.rig.bench import GuidedBench, open_board_bench
 from palpate.rig.file import find_calibration_file, read_load_cells
-from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
+from palpate.twin.rig import open_twin_bench
 
 #: Output file if neither an option nor the rig file names one.
 DEFAULT_FILE = Path("calibration.json")

@@ -18,7 +18,7 @@ from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOp
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
-from palpate.rig.simulated import GuidedBench
+from palpate.rig.bench import GuidedBench
 from palpate.sensor.calibration import Calibration, join_currents
 
 #: Highest force of each closing, newtons, and number of closings.

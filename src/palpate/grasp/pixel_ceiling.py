@@ -40,7 +40,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
 
     Examples
     --------
-    >>> from palpate.rig.simulated import calibrate_twin
+    >>> from palpate.twin.rig import calibrate_twin
     >>> calibration = calibrate_twin(seed=1, level="lab", apart_from="strawberry")
     >>> ceiling_counts(calibration, force_n=5.0), ceiling_counts(calibration)
     (502, 828)

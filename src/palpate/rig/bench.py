@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.calibrate.guided import Bench
@@ -13,6 +14,22 @@ from palpate.gripper.interface import Gripper, open_fully
 from palpate.rig.board_cell import BoardLoadCell, require_board
 from palpate.rig.file import open_devices, read_rig_file
 from palpate.sensor.array import PressureArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuidedBench:
+    """A bench with a load cell, and the manual actions of its user."""
+
+    #: The devices.
+    bench: Bench
+    #: Places the load cell with the face for a run between the fingers.
+    reseat: Callable[[int], None]
+    #: Places the rigid block between the fingers.
+    place_block: Callable[[], None]
+    #: Removes the object between the fingers.
+    remove_object: Callable[[], None]
+    #: Whether the bench is simulated.
+    is_simulated: bool
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from palpate.errors import DeviceError
 from palpate.grasp.damage_limit import load_limit
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
-from palpate.rig.simulated import GuidedBench
+from palpate.rig.bench import GuidedBench
 from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinGripper
 from palpate_station.dashboard.device_process import DeviceProcess

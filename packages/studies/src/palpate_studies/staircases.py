@@ -24,11 +24,11 @@ from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_states import CONTACT_EXCESS
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import total_excess
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin, twin_bench
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
 from palpate_studies.baselines.full_input_learners import TREES, Predictor, learn

@@ -19,9 +19,9 @@ from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.gripper.plain import NO_GRIPPER
 from palpate.rig import Rig
+from palpate.rig.bench import GuidedBench
 from palpate.rig.job import GraspJob
 from palpate.rig.sensor_only import SensorRig
-from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import (
     FRAME_TIMEOUT_S,
     ArrayLayout,
@@ -35,6 +35,7 @@ from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
 from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
+from palpate.twin.rig import open_twin_bench
 from palpate_station.dashboard.grasp_progress import force_law
 from palpate_station.dashboard.messages import (
     CalibrateForce,

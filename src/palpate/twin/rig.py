@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache, partial
 from itertools import chain
 from typing import Protocol
@@ -15,6 +15,7 @@ from palpate.calibrate.laws import DWELL_S, HORIZON_S, fit_sheet_law
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
 from palpate.errors import DeviceError, InputError
 from palpate.rig import Rig
+from palpate.rig.bench import GuidedBench
 from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import check_rate
 from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, join_currents
@@ -71,14 +72,31 @@ _LEVEL = "lab"
 _FRAME_RATE_HZ = 250.0
 
 
-def open_simulated(name: str, *, object_name: str | None, seed: int, rate_hz: float | None) -> Rig:
-    """Open a simulated rig with an object between its fingers.
+def open_rigid(*, object_name: str | None, seed: int, rate_hz: float | None = None) -> Rig:
+    """Open `sim-rigid`: rigid fingers driven by width, with an object between them.
 
-    `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft fingers, driven by
-        pressure; rigid fingers, read by the firmware on the AVR simulator.
-    Raises `InputError` if the object is unknown; `DeviceNotFoundError` if the firmware or the
-    simulator has not been built.
+    `object_name`: one of `palpate.twin.objects.OBJECTS`; None draws one with the seed.
+    `rate_hz`: frames per second; that of palpate's firmware by default.
+    Raises `InputError` if the object is unknown or the rate unusable.
     """
+    return _open("sim-rigid", object_name=object_name, seed=seed, rate_hz=rate_hz)
+
+
+def open_soft(*, object_name: str | None, seed: int, rate_hz: float | None = None) -> Rig:
+    """Open `sim-soft`: soft fingers driven by pressure; see `open_rigid`."""
+    return _open("sim-soft", object_name=object_name, seed=seed, rate_hz=rate_hz)
+
+
+def open_firmware(*, object_name: str | None, seed: int, rate_hz: float | None = None) -> Rig:
+    """Open `sim-firmware`: rigid fingers, read by the firmware on the AVR simulator.
+
+    Parameters and errors as `open_rigid`.
+    Raises `DeviceNotFoundError` if the firmware or the simulator has not been built.
+    """
+    return _open("sim-firmware", object_name=object_name, seed=seed, rate_hz=rate_hz)
+
+
+def _open(name: str, *, object_name: str | None, seed: int, rate_hz: float | None) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     rate_hz = _FRAME_RATE_HZ if rate_hz is None else rate_hz
@@ -213,22 +231,6 @@ def read_through_firmware(world: World) -> PressureArray:
         noise_mv=count_mv * ranges_of(world.level).adc_noise_counts,
         rate_hz=world.frame_rate_hz,
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuidedBench:
-    """A bench with a load cell, and the manual actions of its user."""
-
-    #: The devices.
-    bench: Bench
-    #: Places the load cell with the face for a run between the fingers.
-    reseat: Callable[[int], None]
-    #: Places the rigid block between the fingers.
-    place_block: Callable[[], None]
-    #: Removes the object between the fingers.
-    remove_object: Callable[[], None]
-    #: Whether the bench is simulated.
-    is_simulated: bool
 
 
 def open_twin_bench(rig: str, seed: int) -> GuidedBench:
