@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.calibrate.laws import force_now
+from palpate.force.of_calibration import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.sample import SampleReader
 from palpate.sensor.wire_messages import FrameMessage

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, settings
 from tests.commands import Command
 
 if TYPE_CHECKING:
-    from palpate.sensor.calibration import Calibration
+    from palpate.calibration import Calibration
     from palpate.twin.world import GripperKind
 
 # A busy machine is slow; no property depends on its speed.

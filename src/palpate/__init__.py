@@ -33,7 +33,7 @@ from palpate.version import __version__ as __version__
 if TYPE_CHECKING:
     from palpate.calibrate.recorded_force import FittedForce, fit_force
     from palpate.errors import InputError, PalpateError
-    from palpate.estimate.force_law import ForceLaw
+    from palpate.force.force_law import ForceLaw
     from palpate.grasp.plan import Plan
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.result import GraspResult, Outcome
@@ -93,7 +93,7 @@ _MODULES = {
     "Exponential": "palpate.settling.exponential",
     "FittedForce": "palpate.calibrate.recorded_force",
     "ForceGuard": "palpate.rig.guard",
-    "ForceLaw": "palpate.estimate.force_law",
+    "ForceLaw": "palpate.force.force_law",
     "GraspResult": "palpate.grasp.result",
     "Grip": "palpate.rig.grip",
     "Hold": "palpate.holds",

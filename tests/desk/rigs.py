@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.contract.hands import CLOSED_TICK, JAW, JAW_LIMITS, TRAVEL
 from tests.desk.world import SHEET_SEED, Desk, draw_desk_object, layout_of, sheet_layout
 
-from palpate.sensor.calibration import Calibration
+from palpate.calibration import Calibration
 from palpate.twin.rig import CALIBRATION_SEED_OFFSET, calibrate_world
 from palpate.twin.world import World
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from tests.commands import Command
 
-from palpate.calibrate.laws import contacts_of, sheet_law_of
+from palpate.calibration import Calibration
 from palpate.cli import calibrate_force
 from palpate.clock import ManualClock
+from palpate.force.of_calibration import contacts_of, sheet_law_of
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper

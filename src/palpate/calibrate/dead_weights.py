@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S
+from palpate.calibration import ForcePairs
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
+from palpate.force.of_calibration import HORIZON_S
 from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
 from palpate.signal.relative import mean_change, total_excess

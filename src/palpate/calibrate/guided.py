@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.rest_baseline import RestBaseline, rest_baseline
 from palpate.sensor.sample import SampleReader

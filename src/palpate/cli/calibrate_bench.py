@@ -9,12 +9,12 @@ from pathlib import Path
 
 import typer
 
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
 from palpate.files import check_writable
 from palpate.rig.bench import GuidedBench, open_board_bench
 from palpate.rig.file import find_calibration_file, read_load_cells
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration
 from palpate.twin.rig import open_twin_bench
 
 #: Output file if neither an option nor the rig file names one.

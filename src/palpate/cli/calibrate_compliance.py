@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from palpate.calibrate.guided import measure_block
-from palpate.calibrate.laws import DWELL_S
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
+from palpate.calibration import Calibration, join_currents
 from palpate.cli.calibrate_bench import (
     load_earlier_calibration,
     open_bench,
@@ -17,9 +17,9 @@ from palpate.cli.calibrate_bench import (
 from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.estimate.compliance import Compliance
+from palpate.force.of_calibration import DWELL_S
+from palpate.object.compliance import Compliance
 from palpate.rig.bench import GuidedBench
-from palpate.sensor.calibration import Calibration, join_currents
 
 #: Highest force of each closing, newtons, and number of closings.
 _UP_TO_N, _REPEATS = 15.0, 3

@@ -19,8 +19,10 @@ from palpate.calibrate.dead_weights import (
     parse_load,
     read_loads,
 )
+from palpate.calibrate.force_law import add_force_law
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
+from palpate.calibrate.rest import format_now, replace_rest
+from palpate.calibration import Calibration
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     has_load_cell,
@@ -34,15 +36,14 @@ from palpate.cli.output import print_json, print_message, progress
 from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
-from palpate.estimate.force_law import ForceLaw
+from palpate.force.force_follower import SPREAD_N, half_width_percent, most_useful_n
+from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import DWELL_S, HORIZON_S
 from palpate.grasp.paper_method import with_line_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import measure_mean_counts, require_board
 from palpate.rig.file import read_load_cells
-from palpate.sensor.calibration import Calibration
-from palpate.sensor.rest_calibration import format_now, replace_rest
 
 
 def calibrate_force(

@@ -16,6 +16,7 @@ from palpate.calibrate.recorded_force import (
     make_calibration,
     use_calibration,
 )
+from palpate.calibration import Calibration
 from palpate.cli import options as option
 from palpate.cli.force_report import ForceReport, print_report, write_output
 from palpate.cli.options import JsonOption, opt
@@ -26,7 +27,6 @@ from palpate.files import check_not_input, check_writable
 from palpate.holds.recordings import stem_of
 from palpate.plots.force_trace import force_trace_figure
 from palpate.plots.style import check_plot, save_figure
-from palpate.sensor.calibration import Calibration
 from palpate.signal.circuit import Divider
 
 

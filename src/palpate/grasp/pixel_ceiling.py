@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.calibrate.laws import sheet_law_of
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
+from palpate.force.of_calibration import sheet_law_of
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader
 
 #: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the

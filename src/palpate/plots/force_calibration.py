@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S, predict_held_out
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
+from palpate.calibrate.force_law import predict_held_out
+from palpate.calibration import Calibration
+from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import HORIZON_S
+from palpate.force.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
 from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
-from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,13 +15,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
+from palpate.calibration import Calibration
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.gripper.plain import MovedByWidth, NoGripper, PlainGripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray, read_waiting
-from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from palpate.rig.grip import Grip

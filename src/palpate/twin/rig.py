@@ -11,14 +11,14 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, fit_sheet_law
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
+from palpate.calibration import BlockPairs, Calibration, CurrentPairs, join_currents
 from palpate.errors import DeviceError, InputError
+from palpate.force.of_calibration import DWELL_S, HORIZON_S, fit_sheet_law
 from palpate.rig import Rig
 from palpate.rig.bench import GuidedBench
 from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import check_rate
-from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, join_currents
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object

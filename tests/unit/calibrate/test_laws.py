@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from palpate.calibrate.laws import pairs_at
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.sensor.calibration import ForcePairs
+from palpate.force.of_calibration import pairs_at
 
 PAIRS = ForcePairs(
     run=(0, 0, 0),

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 
-from palpate.calibrate.laws import sheet_law_of
+from palpate.calibrate.rest import replace_rest
+from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.cli import build_app, run
 from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
+from palpate.force.of_calibration import sheet_law_of
 from palpate.holds import read_holds
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.rest_calibration import replace_rest
 from palpate.twin.world import World
 
 

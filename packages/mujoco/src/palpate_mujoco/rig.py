@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from palpate.calibration import Calibration
 from palpate.errors import InputError
 from palpate.rig import Rig
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate.twin.rig import CALIBRATION_SEED_OFFSET, calibrate_world

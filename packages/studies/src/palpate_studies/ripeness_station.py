@@ -17,12 +17,12 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import measure_rest
-from palpate.calibrate.laws import HORIZON_S
+from palpate.calibration import RestValues
+from palpate.force.of_calibration import HORIZON_S
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.calibration import RestValues
 from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import mean_change
 from palpate.twin.devices import TwinArray, TwinGripper

@@ -15,13 +15,13 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import DWELL_S
-from palpate.estimate.compliance import Compliance
+from palpate.force.of_calibration import DWELL_S
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.measurement import Measurement
+from palpate.object.compliance import Compliance
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import (
     CONTACT_PERCENT,

@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
-from palpate.calibrate.laws import HORIZON_S, fit_sheet_law, follow_force, pairs_at
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import ForceFollower, ForceSource
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_states import CONTACT_EXCESS
+from palpate.force.force_follower import ForceFollower, ForceSource
+from palpate.force.force_law import ForceLaw
+from palpate.force.force_states import CONTACT_EXCESS
+from palpate.force.of_calibration import HORIZON_S, fit_sheet_law, follow_force, pairs_at
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import total_excess
 from palpate.twin.objects import draw_object

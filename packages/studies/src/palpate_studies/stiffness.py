@@ -12,10 +12,10 @@ import numpy as np
 import typer
 from scipy.stats import spearmanr
 
-from palpate.estimate.compliance import STIFFEST_N_PER_MM
+from palpate.calibration import Calibration
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.sensor.calibration import Calibration
+from palpate.object.compliance import STIFFEST_N_PER_MM
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.rig import calibrate_twin

@@ -69,7 +69,7 @@ class ProductCode:
     Examples
     --------
     >>> found = ProductCode().find_definitions(["palpate_studies.rupture:command"])
-    >>> ("palpate.estimate.damage", "DamageModel") in found
+    >>> ("palpate.object.damage", "DamageModel") in found
     True
     >>> ("palpate.grasp.runner", "run_grasp") in found
     False

@@ -12,8 +12,8 @@ from itertools import chain
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S, follow_force
-from palpate.estimate.sheet_follower import SheetFollower
+from palpate.force.of_calibration import HORIZON_S, follow_force
+from palpate.force.sheet_follower import SheetFollower
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
 from palpate.measurement import Measurement, Status

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from palpate.estimate.feldman_cousins import interval_above_zero, median_above_zero
+from palpate.object.feldman_cousins import interval_above_zero, median_above_zero
 
 #: Feldman and Cousins (1998), Table X: measured, ends of the 90 % interval of a normal error.
 TABLE_X = [

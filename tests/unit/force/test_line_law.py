@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.line_law import LineForceLaw
+from palpate.force.line_law import LineForceLaw
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.damage import DamageModel, HeldOut
-from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
 from palpate.files import atomic_path, load_dataclass, load_json
+from palpate.object.damage import DamageModel, HeldOut
+from palpate.object.strength import FEWEST_CLOSINGS, Strength
 
 FORMAT, VERSION = "palpate-damage-model", 2
 #: Rate of all files of version 1.

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.damage import (
+from palpate.holds.strict import read_table
+from palpate.object.damage import (
     FOLDS,
     NOMINAL_RATE,
     DamageModel,
@@ -19,8 +20,7 @@ from palpate.estimate.damage import (
     fit_damage_model,
     prediction_at_half_load,
 )
-from palpate.estimate.strength import ClosingCurve, ClosingState
-from palpate.holds.strict import read_table
+from palpate.object.strength import ClosingCurve, ClosingState
 
 
 def find_unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from palpate.estimate.strength import (
+from palpate.measurement import Measurement
+from palpate.object.strength import (
     FEWEST_CLOSINGS,
     ClosingState,
     Strength,
     fit_strength,
 )
-from palpate.measurement import Measurement
 
 Path: TypeAlias = Sequence[ClosingState]
 

@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force_states import CONTACT_EXCESS
-from palpate.estimate.sheet_states import (
+from palpate.force.force_states import CONTACT_EXCESS
+from palpate.force.sheet_states import (
     N_LAGS,
     N_PLAYS,
     ONSET_EXCESS,
@@ -113,7 +113,7 @@ class SheetLaw:
     --------
     A sheet of one pixel whose excess is proportional to the force:
 
-    >>> from palpate.estimate.sheet_states import compute_states
+    >>> from palpate.force.sheet_states import compute_states
     >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
     >>> law = SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
     >>> value, low, high = law.force_n(compute_states([0.0, 3.0], [[0.0], [5.0]]))

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force_follower import ForceSource, HistoryFollower, TouchDetector
-from palpate.estimate.force_states import CONTACT_EXCESS
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_law import SheetLaw
-from palpate.estimate.sheet_states import SheetHistory, States
+from palpate.force.force_follower import ForceSource, HistoryFollower, TouchDetector
+from palpate.force.force_states import CONTACT_EXCESS
+from palpate.force.gain import Gain
+from palpate.force.sheet_law import SheetLaw
+from palpate.force.sheet_states import SheetHistory, States
 from palpate.measurement import Measurement
 
 #: Largest excess conductance of any pixel of an empty hand, from offset and noise at rest.
@@ -21,7 +21,7 @@ _EMPTY_EXCESS = 0.03
 class SheetReader(HistoryFollower["FrameForce"]):
     """Reads the force at every frame of one contact after another, by the law of a sheet.
 
-    >>> from palpate.estimate.sheet_states import compute_states
+    >>> from palpate.force.sheet_states import compute_states
     >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
     >>> law = SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
     >>> reader = SheetReader(law)
@@ -54,7 +54,7 @@ class SheetReader(HistoryFollower["FrameForce"]):
 
         The force changes by the factor exp(log_n). A law of the sum applies to each pixel alike.
 
-        >>> from palpate.estimate.sheet_states import compute_states
+        >>> from palpate.force.sheet_states import compute_states
         >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
         >>> reader = SheetReader(
         ...     SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
@@ -88,7 +88,7 @@ class SheetFollower(ForceSource):
 
     `gain` (attribute): gain of the present contact, if a grasp has measured it.
 
-    >>> from palpate.estimate.sheet_states import compute_states
+    >>> from palpate.force.sheet_states import compute_states
     >>> time_s, force_n = np.arange(7.0), np.array([0.0, 1, 2, 4, 6, 8, 10])
     >>> law = SheetLaw.fit([(compute_states(time_s, force_n[:, None]), force_n)] * 3)
     >>> follower = SheetFollower(law)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force_law import ForceLaw, build_settled_inputs
-from palpate.estimate.force_states import ForceStates, log_reading
+from palpate.force.force_law import ForceLaw, build_settled_inputs
+from palpate.force.force_states import ForceStates, log_reading
 from palpate.measurement import Measurement, Status, half_width_sds
 from palpate.sensor.sample import excess_of_change
 from palpate.signal.relative import CONTACT_PERCENT

@@ -15,7 +15,7 @@ from scipy.special import stdtrit
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.line_law import (
+from palpate.force.line_law import (
     MIN_PAIRS,
     ForceEstimate,
     check_pairs,

@@ -8,7 +8,7 @@ result is often only a lower bound of the stiffness.
 
 The two points give the compliance (mm/N) of hand and object together, with the relative uncertainty
 of the force. The hand's compliance is known. The remainder is that of the object, which can't be
-negative, so its interval is that of a bounded quantity (`palpate.estimate.feldman_cousins`).
+negative, so its interval is that of a bounded quantity (`palpate.object.feldman_cousins`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from palpate.estimate.closing_curve import ClosingSteps, normal_density
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
-from palpate.estimate.feldman_cousins import interval_above_zero, median_above_zero
 from palpate.measurement import Measurement, Status
+from palpate.object.closing_curve import ClosingSteps, normal_density
+from palpate.object.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
+from palpate.object.feldman_cousins import interval_above_zero, median_above_zero
 
 #: Error (ln force) of the first measured force relative to the last of the same contact. The first
 #: force is nearest to the threshold, and acts on other pixels. On 160 development closings of the

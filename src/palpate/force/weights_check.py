@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.line_law import LineForceLaw
-from palpate.sensor.calibration import ForcePairs
+from palpate.force.force_law import ForceLaw
+from palpate.force.line_law import LineForceLaw
 
 #: Forces at which the expected error is reported, newtons, and the largest ratio of a load to such
 #: a force that counts as near.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.calibration import CurrentPairs
 from palpate.errors import CalibrationError
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
-from palpate.sensor.calibration import CurrentPairs
+from palpate.force.servo_force import CurrentLaw, GearFriction
 
 
 def pairs(*, ma_per_n: float = 16.0, count: int = 200) -> CurrentPairs:

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from palpate.arrays import FloatArray
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.sensor.calibration import ForcePairs
 
 #: Fewest calibration pairs for an estimate of the scatter.
 MIN_PAIRS = 4

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S
+from palpate.force.force_states import CONTACT_EXCESS, TIME_CONSTANTS_S
 
 #: Time constants of the copies, seconds.
 _TAU_S = np.array(TIME_CONSTANTS_S)

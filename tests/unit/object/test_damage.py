@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.strength import ClosingCurve, ClosingState, fit_strength
 from palpate.measurement import Measurement
+from palpate.object.damage import DamageModel, fit_damage_model
+from palpate.object.strength import ClosingCurve, ClosingState, fit_strength
 
 
 def close_on(stiffness: float, *, until_n: float) -> list[ClosingState]:

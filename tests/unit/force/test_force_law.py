@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_law import INPUTS, ForceLaw, load_population
-from palpate.estimate.force_states import ForceStates, log_reading
+from palpate.force.force_law import INPUTS, ForceLaw, load_population
+from palpate.force.force_states import ForceStates, log_reading
 from palpate.measurement import Measurement
 
 EXCESS, WEIGHTS_N = (4.0, 15.0, 40.0), (1.5, 4.0, 9.0)

@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.errors import CalibrationError
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.rest_baseline import check_unloaded, rest_baseline

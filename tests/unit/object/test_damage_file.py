@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.damage_file import DamageFile
-from palpate.estimate.damage_learning import (
+from palpate.measurement import Measurement
+from palpate.object.damage_file import DamageFile
+from palpate.object.damage_learning import (
     FruitClosing,
     find_copies,
     find_unfit,
@@ -23,7 +24,6 @@ from palpate.estimate.damage_learning import (
     score_held_out,
     split_folds,
 )
-from palpate.measurement import Measurement
 
 
 def squeezed(name: str, *, fruit: str = "plum", stiffness: float, limit_n: float) -> FruitClosing:

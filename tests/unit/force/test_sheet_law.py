@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from tests.factories import make_sheet_law
 
 from palpate.errors import CalibrationError
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_follower import SheetFollower, SheetReader
-from palpate.estimate.sheet_law import SheetLaw
-from palpate.estimate.sheet_states import States, compute_states
+from palpate.force.gain import Gain
+from palpate.force.sheet_follower import SheetFollower, SheetReader
+from palpate.force.sheet_law import SheetLaw
+from palpate.force.sheet_states import States, compute_states
 
 #: Steps of a calibration, newtons, and the times at which each is read after its beginning.
 STEPS_N, READ_S = (1.0, 2.0, 4.0, 7.0, 10.0), (0.42, 20.0)

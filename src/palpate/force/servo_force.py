@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
+from palpate.calibration import CurrentPairs
 from palpate.errors import CalibrationError
-from palpate.estimate.gain import MeasuredForce
-from palpate.sensor.calibration import CurrentPairs
+from palpate.force.gain import MeasuredForce
 
 #: Fewest readings under load in a calibration of the current, and their smallest range of force.
 _FEWEST, _RANGE_N = 10, 2.0

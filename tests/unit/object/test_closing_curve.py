@@ -11,10 +11,10 @@ import pytest
 from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
-from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
-from palpate.estimate.compliance import STIFFEST_N_PER_MM, Compliance, SoftFingerCompliance
-from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.measurement import Measurement, Status
+from palpate.object.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
+from palpate.object.compliance import STIFFEST_N_PER_MM, Compliance, SoftFingerCompliance
+from palpate.object.soft_stiffness import measure_soft_stiffness
 
 HARD = Compliance(
     slope_mm_per_n=1e-4, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.0, largest_force_n=15.0

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.measurement import Measurement, Status
+from palpate.object.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 
 #: Exponents of force over indentation, with prior probabilities: 1 for a flat or layered body, 1.5
 #: for a round one (Hertz), 1.25 for intermediate shapes, 2 for a pointed or stiffening body.
