@@ -12,7 +12,7 @@ from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.errors import CalibrationError
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.rest_baseline import check_unloaded, rest_baseline
 
 

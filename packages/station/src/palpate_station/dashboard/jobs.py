@@ -33,7 +33,8 @@ from palpate.sensor.array import (
     PressureArray,
     get_link_counters,
 )
-from palpate.sensor.health import FrameColumns, Health, check_health
+from palpate.sensor.frame_columns import FrameColumns
+from palpate.sensor.health import Health, check_health
 from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.rig import open_twin_bench
