@@ -122,7 +122,7 @@ def test_guided_force_calibration_with_load_cells_measures_newtons(
     assert "half_interval_percent" not in document
     made = Calibration.load(tmp_path / "pad.json")
     assert made.origin == "hardware"
-    law, contacts = sheet_law_of(made), contacts_of(made.force)
+    law, contacts = sheet_law_of(made), contacts_of(made.force, layout=made.layout)
     estimated_n = np.concatenate([law.read(states).force_n for states, _ in contacts])
     true_n = np.concatenate([force_n for _, force_n in contacts])
     firm = true_n > 1.0

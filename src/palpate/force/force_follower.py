@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Generic, TypeVar
 
@@ -12,21 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.force.force_law import ForceLaw, build_settled_inputs
+from palpate.force.force_law import ForceLaw
 from palpate.force.force_states import ForceStates, log_reading
-from palpate.measurement import Measurement, Status, half_width_sds
+from palpate.measurement import Measurement, Status
 from palpate.sensor.sample import excess_of_change
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Excess conductance above which a pixel has contact (paper, section 4.1, as conductance); contact
 #: ends below half of it.
 _TOUCHED = float(excess_of_change(CONTACT_PERCENT))
-#: First forces of a calibration with weights, newtons, at which it also reports its intervals. They
-#: are spread over the range of a gripper. With these three weights, the error of real staircases
-#: was 0.20 in ln force; with first weights of 0.6 to 1.2 N it was 1.0.
-SPREAD_N = (1.5, 4.0, 9.0)
-#: Search range of the reading of a force, in the law's unit: 0.2 to 20 000.
-_READINGS = np.geomspace(0.2, 2e4, 400)
 
 
 T = TypeVar("T")
@@ -157,37 +150,3 @@ class ForceFollower(ForceSource):
         inputs = self._states.step(time_s, float(log_reading(self._law.scale * total)))
         inputs[0] = log_reading(total)
         return self._law.force(inputs, touched=self._touch.step(excess))
-
-
-def half_width_percent(law: ForceLaw, force_n: float) -> float:
-    """Return the half-width of a settled force's 90 % interval, percent of the force.
-
-    >>> known = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
-    >>> half_width_percent(known, 4.0) < 0.5 * half_width_percent(ForceLaw(), 4.0)
-    True
-    """
-    (_,), (sd,) = law.log_force(build_settled_inputs(_reading_at(law, force_n)))
-    return float(100.0 * np.sinh(half_width_sds(0.9) * sd))
-
-
-def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> float:
-    """Return the weight whose measurement would narrow the intervals most, newtons.
-
-    >>> most_useful_n(ForceLaw.fit([4.0, 5.0], force_n=[1.5, 1.6]))
-    9.0
-    """
-
-    def half_width_after(load_n: float) -> float:
-        reading = _reading_at(law, load_n)
-        (log_n,), _ = law.log_force(build_settled_inputs(reading))
-        after = law.copy().update(reading, force_n=float(np.exp(log_n)))
-        return sum(half_width_percent(after, at_n) for at_n in SPREAD_N)
-
-    return min(loads_n, key=half_width_after)
-
-
-def _reading_at(law: ForceLaw, force_n: float) -> float:
-    """Return the settled excess conductance at which the law gives a force."""
-    readings = _READINGS / law.scale
-    log_n = law.log_force(build_settled_inputs(readings))[0]
-    return float(readings[np.argmin(np.abs(log_n - np.log(force_n)))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,12 @@ class SheetFollower(ForceSource):
 
     Without contact the force is 0, and its upper limit is the detection threshold.
 
+    The law's force is the mean of the fingers' normal forces. A pad that is pressed alone, as by a
+    weight, shows its own force: with p_k the share of finger k, the law's force is multiplied by
+    n sum_k p_k^2, which is 1 for n equal fingers and n for one. A grasp, whose `gain` is known,
+    presses all of them.
+
+    `finger_of_row`: finger of each row of the frames.
     `gain` (attribute): gain of the present contact, if a grasp has measured it.
 
     >>> from palpate.force.sheet_states import compute_states
@@ -99,9 +106,12 @@ class SheetFollower(ForceSource):
     True
     """
 
-    def __init__(self, law: SheetLaw, *, level: float = 0.9) -> None:
+    def __init__(
+        self, law: SheetLaw, *, finger_of_row: Sequence[int] = (0,), level: float = 0.9
+    ) -> None:
         super().__init__()
         self.gain: Gain | None = None
+        self._fingers = [np.array(finger_of_row) == one for one in sorted(set(finger_of_row))]
         self._law, self._level = law, level
         self._threshold_n = law.threshold_n(level=level)
         self._reader, self._touch = SheetReader(law), TouchDetector()
@@ -118,8 +128,16 @@ class SheetFollower(ForceSource):
             value, log_sd = found.force_n, found.log_sd
             if self.gain is not None:
                 value, log_sd = value * self.gain.factor, self.gain.log_sd
+            elif len(self._fingers) > 1:
+                value *= self._pad_factor(excess)
             ends = self._law.interval_n(value, log_sd=log_sd, level=self._level)
             low, high = float(ends[0]), float(ends[1])
             if not touched:
                 low, high = 0.0, max(high, self._threshold_n)
         return Measurement(value=value, low=low, high=high, unit="n", level=self._level)
+
+    def _pad_factor(self, excess: FloatArray) -> float:
+        """Return the force on the pressed pads relative to the mean over all fingers."""
+        parts = self._law.parts_n(excess)
+        of_finger = np.array([parts[rows].sum() for rows in self._fingers])
+        return float(of_finger.size * (of_finger**2).sum() / of_finger.sum() ** 2)

@@ -134,8 +134,13 @@ class SheetLaw:
     misfit: float = 1.0
 
     @classmethod
-    def fit(cls, contacts: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+    def fit(
+        cls, contacts: Sequence[tuple[States, FloatArray]], *, misfit: float | None = None
+    ) -> SheetLaw:
         """Fit the law to a calibration: the states and the forces, newtons, of each contact.
+
+        `misfit`: by default measured with the contacts themselves, which then must be as many and
+        as long as those of a load cell.
 
         Raises
         ------
@@ -148,6 +153,8 @@ class SheetLaw:
                 "force calibration: no reading rises with the load; calibrate the force again"
             )
         law = cls._fit(usable)
+        if misfit is not None:
+            return replace(law, misfit=misfit)
         if len(usable) < _FEWEST_CONTACTS:
             return law
         return law._with_scatter(cls.fit_others(usable), usable)

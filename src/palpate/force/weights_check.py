@@ -47,10 +47,16 @@ def score_placements(
     return found
 
 
-def _median_error_by_force(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
+def score_loads(value_n: FloatArray, *, force_n: FloatArray) -> dict[str, float | None]:
+    """Return the median error of predicted loads near 1, 5 and 10 N, percent.
+
+    `value_n`, `force_n`, shape (n,): NaN where there is no prediction. None if no load is near.
+    """
+    error = np.abs(value_n / np.maximum(force_n, 1e-3) - 1.0)
+    log_force = np.log(np.maximum(force_n, 1e-3))
     found: dict[str, float | None] = {}
     for name, at_n in zip(REPORTED_N, _AT_N, strict=True):
-        near = np.abs(log_force - np.log(at_n)) < np.log(_NEAR)
+        near = np.isfinite(error) & (np.abs(log_force - np.log(at_n)) < np.log(_NEAR))
         found[name] = float(100 * np.median(error[near])) if near.any() else None
     return found
 
@@ -61,9 +67,7 @@ def score_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, 
     None if no load is near.
     """
     y = np.asarray(force_n, dtype=float)
-    error = np.abs(predict_held_out_loads(excess, force_n=y) / y - 1.0)
-    known = np.isfinite(error)
-    return _median_error_by_force(np.log(y[known]), error[known])
+    return score_loads(predict_held_out_loads(excess, force_n=y), force_n=y)
 
 
 def predict_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
@@ -90,14 +94,12 @@ def score_line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, flo
     percent, force_n = np.array(pairs.relative_percent)[settled], np.array(pairs.force_n)[settled]
     run = np.array(pairs.run)[settled]
     group = run if np.unique(run).size >= FEWEST_PLACEMENTS else force_n
-    error = np.full(force_n.shape, np.nan)
+    read_n = np.full(force_n.shape, np.nan)
     for one in np.unique(group):
         mine = group == one
         try:
             law = LineForceLaw.fit(percent[~mine], force_n=force_n[~mine])
         except CalibrationError:
             continue
-        read_n = law.force_n(percent[mine]).value
-        error[mine] = np.abs(read_n / np.maximum(force_n[mine], 1e-3) - 1.0)
-    known = np.isfinite(error)
-    return _median_error_by_force(np.log(np.maximum(force_n[known], 1e-3)), error[known])
+        read_n[mine] = law.force_n(percent[mine]).value
+    return score_loads(read_n, force_n=force_n)

@@ -312,9 +312,10 @@ def open_rig(
 
 def _open_entry(name: str, **options: Any) -> Rig:
     """Open a rig of an entry point."""
-    for point in entry_points(group=ENTRY_POINTS, name=name):
-        rig: Rig = point.load()(**options)
-        return rig
+    for point in entry_points(group=ENTRY_POINTS):
+        if point.name == name:
+            rig: Rig = point.load()(**options)
+            return rig
     raise InputError(
         f"no rig {name!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"
     )

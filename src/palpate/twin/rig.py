@@ -207,7 +207,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         force=force,
         block=block,
         current=current,
-        force_law=fit_sheet_law(force).as_dict(),
+        force_law=fit_sheet_law(force, layout=world.layout).as_dict(),
     )
 
 

@@ -23,7 +23,7 @@ PAIRS = ForcePairs(
     ("since_move_s", "message"),
     [
         (PAIRS.since_move_s, r"no pairs read 0\.7 s .*0\.42, 20 s"),
-        ((20.0,) * 3, r"dead weights.*load cell"),
+        ((20.0,) * 3, r"needs those of each.*again"),
         ((), r"rest values only.*palpate calibrate force"),
     ],
 )
