@@ -16,10 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-import numpy as np
+from benchmarks.frame import trace_frame
 
 import palpate
-from benchmarks.frame import trace_frame
 from palpate.demo.recordings import write_recordings
 
 _SOURCES = ("/palpate/", "/palpate_station/")
