@@ -34,7 +34,8 @@ class DeviceClock:
     >>> clock = DeviceClock()
     >>> for k in range(400):
     ...     delay_s = 0.002 + 0.005 * (k % 3)
-    ...     time_s = clock.convert_burst([10.0 + 0.01 * k], arrival_s=500 + 1.004 * 0.01 * k + delay_s)[0]
+    ...     arrival_s = 500 + 1.004 * 0.01 * k + delay_s
+    ...     [time_s] = clock.convert_burst([10.0 + 0.01 * k], arrival_s=arrival_s)
     >>> round(time_s - (500 + 1.004 * 3.99), 6), round(clock.drift_ppm)
     (0.002, 4000)
     """
