@@ -18,7 +18,6 @@ from typing import Any
 
 from tests.desk.bench import _PALPATE, Case, WorldProcess, _environment, open_world
 
-_LOADS_N = (1.5, 4.0, 9.0)
 #: Time in which the world has laid a weight on.
 _LAYING_S = 14.0
 _LIMIT_S = 400.0
@@ -51,7 +50,7 @@ def type_command(
     out, _ = process.communicate(timeout=_LIMIT_S)
     done = subprocess.CompletedProcess(words, process.returncode, out.decode(), shown.decode())
     print(" ".join(words), "->", done.returncode, flush=True)
-    print(done.stdout[-700:] if done.returncode == 0 else done.stderr[-500:], flush=True)
+    print(done.stdout[-700:] if done.returncode == 0 else done.stderr[-1500:], flush=True)
     return done
 
 
@@ -62,6 +61,7 @@ def main() -> int:
     parser.add_argument("--hand", default="own")
     parser.add_argument("--rate", type=float, default=50.0)
     parser.add_argument("--index", type=int, default=0)
+    parser.add_argument("--loads", default="1.5,4,9", help="weights, newtons")
     options = parser.parse_args()
     case = Case(
         use="grasp",
@@ -72,8 +72,8 @@ def main() -> int:
     )
     with open_world(case) as (world, folder):
         (folder / "calibration.json").unlink()
-        loads = "".join(f"{load:g}\n" for load in _LOADS_N)
-        (folder / "loads.csv").write_text(f"load_n\n{loads}")
+        loads = options.loads.split(",")
+        (folder / "loads.csv").write_text("\n".join(["load_n", *loads]) + "\n")
         rig = ["--rig", "rig.toml"]
         world.ask("weigh 0")
         time.sleep(3.0)
@@ -81,7 +81,7 @@ def main() -> int:
             (["calibrate", "rest", *rig], []),
             (
                 ["calibrate", "force", *rig, "--loads", "loads.csv"],
-                [f"weigh {load:g}" for load in _LOADS_N],
+                [f"weigh {load}" for load in loads],
             ),
             (["calibrate", "compliance", *rig, "--block-mm", "32"], ["block"]),
         ]
