@@ -1,4 +1,4 @@
-"""Add `hardware/` to the site.
+"""Add `hardware/` and the recorded grasps to the site.
 
 In the repository, pages link to `../hardware/README.md`, which links to `../docs/...`. On the site,
 the folder is below the pages.
@@ -57,3 +57,11 @@ def on_files(files: Files, *, config: Any) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Turn links to `hardware/` into links within the site."""
     return markdown.replace("](../hardware/", "](hardware/")
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Give the page with the player its recorded grasps, so that it works without a server."""
+    if 'id="grasp-player"' not in html:
+        return html
+    grasps = (ROOT / "docs" / "player" / "grasps.json").read_text(encoding="utf-8")
+    return f'{html}\n<script type="application/json" id="grasp-data">{grasps}</script>'
