@@ -11,10 +11,11 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.pages import ROOT, blocks, test_commands_of_page_run
+from tests.pages import ROOT, blocks, run_line, test_commands_of_page_run
 from typer.core import TyperGroup
 
 from palpate.cli import VERBS, build_app
@@ -23,15 +24,37 @@ __all__ = ["test_commands_of_page_run"]
 
 #: Pages whose `sh` and `python` blocks are run.
 EXECUTED = (
-    *("index", "first-grasp", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
+    *("index", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
     *("own-gripper-or-sensor", "architecture", "items", "bruise", "sort", "grasp-produce"),
     *("foxglove", "force"),
 )
+#: Start pages, which end with what a command must print; it is run with the page.
+STARTS = ("start-sensor", "first-grasp", "start-station")
 
 
 @pytest.fixture(params=EXECUTED)
 def page(request: pytest.FixtureRequest) -> str:
     return str(request.param)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", STARTS)
+def test_start_page_check_prints_what_the_page_states(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    *before, (kind, _, stated) = blocks(page)
+    assert kind == "text"
+    for kind, _, text in before:
+        capsys.readouterr()
+        if kind == "python":
+            exec(compile(text, f"docs/{page}.md", "exec", dont_inherit=True), {})
+        if kind == "sh":
+            assert [run_line(line) for line in text.splitlines()] == [0] * text.count("\n")
+    printed = [" ".join(line.strip("│ ").split()) for line in capsys.readouterr().out.splitlines()]
+    for line in stated.splitlines():
+        assert any(found.startswith(" ".join(line.split())) for found in printed), printed
 
 
 def shown_commands() -> list[tuple[str, str]]:
