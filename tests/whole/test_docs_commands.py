@@ -128,6 +128,14 @@ def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None
 
 @pytest.mark.slow
 def test_reference_tables_agree_with_the_code() -> None:
-    check = [sys.executable, "docs/generate_tables.py", "--check"]
-    status = subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode
-    assert status == 0, "run python docs/generate_tables.py"
+    assert is_current("generate_tables.py"), "run python docs/generate_tables.py"
+
+
+def test_architecture_pictures_agree_with_the_packages() -> None:
+    assert is_current("generate_architecture.py"), "run python docs/generate_architecture.py"
+
+
+def is_current(script: str) -> bool:
+    """Return whether what a script of docs/ writes is current."""
+    check = [sys.executable, f"docs/{script}", "--check"]
+    return not subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode
