@@ -6,6 +6,7 @@ the folder is below the pages.
 
 from __future__ import annotations
 
+import re
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent
 HARDWARE = ROOT / "hardware"
+#: Text of docs/api that `docs/generate_api.py` writes, which the site has in full.
+_FOR_FORGES = re.compile(r"<!-- from the docstring -->.*?<!-- end of docstring -->", re.S)
 
 
 class DocstringFixes(griffe.Extension):
@@ -55,7 +58,8 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Turn links to `hardware/` into links within the site."""
+    """Turn links to `hardware/` into links within the site; leave out what is for a forge alone."""
+    markdown = _FOR_FORGES.sub("", markdown)
     return markdown.replace("](../hardware/", "](hardware/")
 
 

@@ -6,8 +6,10 @@ are checked.
 
 from __future__ import annotations
 
+import doctest
 import json
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -18,6 +20,8 @@ import pytest
 from tests.pages import ROOT, blocks, run_line, test_commands_of_page_run
 from typer.core import TyperGroup
 
+import palpate
+import palpate.errors
 from palpate.cli import VERBS, build_app
 
 __all__ = ["test_commands_of_page_run"]
@@ -133,6 +137,26 @@ def test_reference_tables_agree_with_the_code() -> None:
 
 def test_architecture_pictures_agree_with_the_packages() -> None:
     assert is_current("generate_architecture.py"), "run python docs/generate_architecture.py"
+
+
+@pytest.mark.slow
+def test_api_pages_agree_with_docstrings_and_have_an_example_for_every_public_name() -> None:
+    assert is_current("generate_api.py"), "run python docs/generate_api.py"
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md")]
+    entries = [entry for page in pages for entry in re.split(r"^::: ", page, flags=re.M)[1:]]
+    shown = {entry.split()[0]: entry for entry in entries}
+    for name in palpate.__all__:
+        entry = shown.get(f"palpate.{name}", "")
+        is_error = name in vars(palpate.errors)
+        assert is_error or name == "__version__" or ">>>" in entry or "Example: at" in entry, name
+
+
+@pytest.mark.slow
+def test_examples_of_api_pages_run() -> None:
+    examples = runpy.run_path(str(ROOT / "docs" / "api_examples.py"))["EXAMPLES"]
+    parser, runner = doctest.DocTestParser(), doctest.DocTestRunner()
+    for names, text in examples:
+        assert runner.run(parser.get_doctest(text, {}, names[0], None, None)).failed == 0, names
 
 
 def is_current(script: str) -> bool:
