@@ -1,4 +1,4 @@
-"""Add `hardware/` to the site.
+"""Add `hardware/` and the recorded grasps to the site.
 
 In the repository, pages link to `../hardware/README.md`, which links to `../docs/...`. On the site,
 the folder is below the pages.
@@ -6,6 +6,7 @@ the folder is below the pages.
 
 from __future__ import annotations
 
+import re
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent
 HARDWARE = ROOT / "hardware"
+#: Text of docs/api that `docs/generate_api.py` writes, which the site has in full.
+_FOR_FORGES = re.compile(r"<!-- from the docstring -->.*?<!-- end of docstring -->", re.S)
 
 
 class DocstringFixes(griffe.Extension):
@@ -55,5 +58,14 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Turn links to `hardware/` into links within the site."""
+    """Turn links to `hardware/` into links within the site; leave out what is for a forge alone."""
+    markdown = _FOR_FORGES.sub("", markdown)
     return markdown.replace("](../hardware/", "](hardware/")
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Give the page with the player its recorded grasps, so that it works without a server."""
+    if 'id="grasp-player"' not in html:
+        return html
+    grasps = (ROOT / "docs" / "player" / "grasps.json").read_text(encoding="utf-8")
+    return f'{html}\n<script type="application/json" id="grasp-data">{grasps}</script>'

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import griffe
-from tests.logger_forms import FORMS
 
 from palpate.cli.grasp import EXIT_STATUS
 from palpate.grasp.config import rows
@@ -153,14 +152,6 @@ def _grasp_numbers() -> str:
     )
 
 
-def _logger_forms() -> str:
-    """Return every tested form of a logger's file, and what is read of it."""
-    return _table(
-        ("written by", "a line", "result"),
-        ((one.what, _code(one.line), one.verdict().replace("|", "\\|")) for one in FORMS),
-    )
-
-
 def _code(text: str) -> str:
     return "`" + text.replace("|", "\\|") + "`" if text else ""
 
@@ -227,7 +218,6 @@ def _settled() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "settled": _settled,
-    "logger-forms": _logger_forms,
     "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,
     "outcomes": _outcomes,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from tests.commands import Command
@@ -23,6 +25,7 @@ def test_demo_suggested_commands_run(
     shown = palpate("demo", "recordings").out
     assert "simulated" in shown
     palpate("demo", "force")
+    palpate("demo")
     shutil.copytree(packhouse, "demo-packhouse")
     for suggested in (one.commands for one in (*DEMOS.values(), PACKHOUSE)):
         for line in suggested:
@@ -31,6 +34,28 @@ def test_demo_suggested_commands_run(
     assert len(tables) == 3
     for table in tables:
         assert "simulated" in table.read_text(encoding="utf-8").splitlines()[0]
+
+
+@pytest.mark.slow
+def test_demo_without_a_name_shows_a_grasp_and_writes_its_picture(
+    tmp_path: Path, palpate: Command
+) -> None:
+    out = tmp_path / "new" / "folder"
+    for _ in range(2):  # a second demo replaces the files of the first
+        shown = palpate("demo", "--out", out).out
+    lines = re.findall(r"^ *([\d.]+) s  (\w+) +[\d.]+ mm  ([\d.]+) N", shown, re.MULTILINE)
+    assert [*dict.fromkeys(phase for _, phase, _ in lines)] == [
+        *("approach", "squeeze", "settle", "hold")
+    ]
+    # The force ends near the 3 N asked for.
+    assert 2.5 < float(lines[-1][2]) < 3.5
+    assert "SIMULATED" in shown
+    assert "Held and released" in shown
+    assert (out / "grasp.mcap").stat().st_size > 10_000
+    picture = ElementTree.parse(out / "grasp.svg")
+    drawn = [element.tag.rpartition("}")[2] for element in picture.iter()]
+    assert {"polygon", "polyline", "animate"} <= {*drawn}
+    assert "simulated" in "".join(picture.getroot().itertext())
 
 
 @pytest.mark.slow

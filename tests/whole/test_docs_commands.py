@@ -6,32 +6,59 @@ are checked.
 
 from __future__ import annotations
 
+import doctest
 import json
 import re
+import runpy
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.pages import ROOT, blocks, test_commands_of_page_run
+from tests.pages import ROOT, blocks, run_line, test_commands_of_page_run
 from typer.core import TyperGroup
 
+import palpate
+import palpate.errors
 from palpate.cli import VERBS, build_app
 
 __all__ = ["test_commands_of_page_run"]
 
 #: Pages whose `sh` and `python` blocks are run.
 EXECUTED = (
-    *("index", "first-grasp", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
+    *("index", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
     *("own-gripper-or-sensor", "architecture", "items", "bruise", "sort", "grasp-produce"),
     *("foxglove", "force"),
 )
+#: Start pages, which end with what a command must print; it is run with the page.
+STARTS = ("start-sensor", "first-grasp", "start-station")
 
 
 @pytest.fixture(params=EXECUTED)
 def page(request: pytest.FixtureRequest) -> str:
     return str(request.param)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", STARTS)
+def test_start_page_check_prints_what_the_page_states(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    *before, (kind, _, stated) = blocks(page)
+    assert kind == "text"
+    for kind, _, text in before:
+        capsys.readouterr()
+        if kind == "python":
+            exec(compile(text, f"docs/{page}.md", "exec", dont_inherit=True), {})
+        if kind == "sh":
+            assert [run_line(line) for line in text.splitlines()] == [0] * text.count("\n")
+    printed = [" ".join(line.strip("│ ").split()) for line in capsys.readouterr().out.splitlines()]
+    for line in stated.splitlines():
+        assert any(found.startswith(" ".join(line.split())) for found in printed), printed
 
 
 def shown_commands() -> list[tuple[str, str]]:
@@ -105,6 +132,34 @@ def test_boards_page_table_matches_stored_grasps(board: str, label: str) -> None
 
 @pytest.mark.slow
 def test_reference_tables_agree_with_the_code() -> None:
-    check = [sys.executable, "docs/generate_tables.py", "--check"]
-    status = subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode
-    assert status == 0, "run python docs/generate_tables.py"
+    assert is_current("generate_tables.py"), "run python docs/generate_tables.py"
+
+
+def test_architecture_pictures_agree_with_the_packages() -> None:
+    assert is_current("generate_architecture.py"), "run python docs/generate_architecture.py"
+
+
+@pytest.mark.slow
+def test_api_pages_agree_with_docstrings_and_have_an_example_for_every_public_name() -> None:
+    assert is_current("generate_api.py"), "run python docs/generate_api.py"
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md")]
+    entries = [entry for page in pages for entry in re.split(r"^::: ", page, flags=re.M)[1:]]
+    shown = {entry.split()[0]: entry for entry in entries}
+    for name in palpate.__all__:
+        entry = shown.get(f"palpate.{name}", "")
+        is_error = name in vars(palpate.errors)
+        assert is_error or name == "__version__" or ">>>" in entry or "Example: at" in entry, name
+
+
+@pytest.mark.slow
+def test_examples_of_api_pages_run() -> None:
+    examples = runpy.run_path(str(ROOT / "docs" / "api_examples.py"))["EXAMPLES"]
+    parser, runner = doctest.DocTestParser(), doctest.DocTestRunner()
+    for names, text in examples:
+        assert runner.run(parser.get_doctest(text, {}, names[0], None, None)).failed == 0, names
+
+
+def is_current(script: str) -> bool:
+    """Return whether what a script of docs/ writes is current."""
+    check = [sys.executable, f"docs/{script}", "--check"]
+    return not subprocess.run(check, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode

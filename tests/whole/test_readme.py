@@ -11,16 +11,12 @@ from tests.pages import ROOT, run_line
 from palpate.cli import VERBS
 
 README = (ROOT / "README.md").read_text()
-#: The paths of four users: what stands in `sh` blocks, but for the `make` lines and the clones.
-PATHS = [
-    block
-    for block in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
-    if "make demo" not in block and "git clone" not in block
-]
+#: What stands in the `sh` blocks of the three doors.
+DOORS = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", PATHS, ids=["recordings", "newtons", "board", "fruit"])
+@pytest.mark.parametrize("path", DOORS, ids=["force", "grasp", "station"])
 def test_readme_commands_run_in_an_empty_folder(
     path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,6 +49,12 @@ def test_readme_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert printed.count("N, ") == 5
     assert printed.rstrip().endswith("held")
+
+
+def test_readme_picture_is_small_and_labelled_simulated() -> None:
+    picture = ROOT / "docs" / "images" / "grasp.svg"
+    assert picture.stat().st_size < 300_000
+    assert "simulated" in picture.read_text(encoding="utf-8")
 
 
 def test_readme_verbs_and_links_exist() -> None:

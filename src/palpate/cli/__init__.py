@@ -55,7 +55,7 @@ GROUPS = {
         "archive": "Store grasps, holds and frames as partitioned Parquet, and re-evaluate them.",
     },
     "Set up": {
-        "demo": "Write simulated example files.",
+        "demo": "Show a simulated grasp, or write simulated example files.",
         "init": "Write a rig file.",
         "ports": "List serial ports, likely boards first.",
         "flash": "Write the firmware with avrdude, verify it, and query the board's version.",

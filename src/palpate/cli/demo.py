@@ -1,4 +1,4 @@
-"""`palpate demo NAME`: simulated example files."""
+"""`palpate demo`: a simulated grasp, or simulated example files."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ def _complete(incomplete: str) -> Iterator[str]:
 def demo(
     name: Annotated[
         str,
-        typer.Argument(help="recordings, force or packhouse.", autocompletion=_complete),
-    ],
+        typer.Argument(help="grasp, recordings, force or packhouse.", autocompletion=_complete),
+    ] = "grasp",
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
-    """Write simulated example files.
+    """Show a simulated grasp, or write simulated example files.
 
-    recordings: data-logger files. force: readings with known loads. packhouse: an item store with
-    sorting rules, in about 15 s.
+    grasp: a grasp in the terminal, its picture and its recording. recordings: data-logger files.
+    force: readings with known loads. packhouse: an item store with sorting rules, in about 15 s.
 
     All data are simulated and labelled as such.
 
-    Example: palpate demo recordings
+    Example: palpate demo
     """
     chosen = find_demo(name)
     folder = out if out is not None else Path(chosen.folder)

@@ -25,7 +25,8 @@ _HIGHEST_PERCENT = 999
 #: (maximum columns, characters per pixel) for 80-column terminals; below four characters, only
 #: the color is shown.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
-_BLOCKS = " ▁▂▃▄▅▆▇█"
+#: Characters of a curve, from the lowest to the highest value.
+BLOCKS = " ▁▂▃▄▅▆▇█"
 
 
 class LiveView:
@@ -158,4 +159,4 @@ def _curve_block(depth_percent: float) -> str:
     if math.isnan(depth_percent):
         return " "
     fraction = min(max(depth_percent / DEEPEST_PERCENT, 0.0), 1.0)
-    return _BLOCKS[round(fraction * (len(_BLOCKS) - 1))]
+    return BLOCKS[round(fraction * (len(BLOCKS) - 1))]

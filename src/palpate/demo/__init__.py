@@ -39,6 +39,15 @@ class Demo:
 
 #: Name -> demo.
 DEMOS = {
+    "grasp": Demo(
+        folder="demo-grasp",
+        place="palpate.cli.demo_grasp:write_grasp",
+        commands=(
+            "palpate inspect demo-grasp/grasp.mcap",
+            "palpate replay demo-grasp/grasp.mcap",
+            "palpate grasp --rig sim-soft --object tomato --seed 4 --target-force-n 2",
+        ),
+    ),
     "recordings": Demo(
         folder="demo-recordings",
         place="palpate.demo.recordings:write_recordings",
