@@ -219,8 +219,8 @@ def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
         rehearsal.receive(OrderStarted(order=GRASP))
     rehearsal.receive(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
     page = rehearsal.page()
-    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
-    assert page["operator"]["word"] == "Stopped, hand open"
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, gripper open", "idle")
+    assert page["operator"]["word"] == "Stopped, gripper open"
     assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")

@@ -58,7 +58,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
 
     A damaged label is shown in red with the reason, and is not taken.
     """
-    form = app_state.session.form
+    form, words = app_state.session.form, viewer.words
 
     def set_item(item_id: object) -> None:
         if viewer.is_driver:
@@ -96,9 +96,10 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
             item.set_value(form.item_id)
         state = "" if not form.item_id else "taken" if fault() is None else "refused"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
-        hint = {"": ": none, not stored", "refused": ": label refused, scan again"}.get(state, "")
-        item.props["label"] = f"{label}{hint}"
-        same_item.set_text(f"Same item again: {form.last_item_id}")
+        none = "item.needed" if app_state.session.requires_item else "item.unnamed"
+        hint = {"": none, "refused": "item.refused"}.get(state)
+        item.props["label"] = label if hint is None else words(hint, label=label)
+        same_item.set_text(words("item.same", name=form.last_item_id))
         same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
 
     viewer.on_refresh(show)
@@ -139,12 +140,14 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.refresh()
 
     with ui.element("div").classes("panel-foot") as foot:
-        grasp_button = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
+        grasp_button = ui.button(viewer.words("button.grasp"), on_click=grasp, color=None).classes(
+            "btn main"
+        )
         grasp_button.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
         viewer.enable_when_allowed(grasp_button, Action.GRASP)
         shortcut = 'id=release aria-keyshortcuts="F9"'
         release_button = viewer.button(
-            "Release", viewer.release, props=shortcut, action=Action.RELEASE
+            viewer.words("button.release"), viewer.release, props=shortcut, action=Action.RELEASE
         )
         release_button.style("font-size: 19px")
     viewer.show_with_gripper(foot)

@@ -28,6 +28,7 @@ from palpate_station.dashboard.messages import (
     Grasped,
     GraspOrder,
     Guide,
+    Measured,
     Note,
     OpenHand,
     OpenRig,
@@ -48,6 +49,7 @@ from palpate_station.dashboard.messages import (
     Update,
     check_ranges,
 )
+from palpate_station.dashboard.words import Words
 from palpate_station.line.results import NO_ITEM
 
 
@@ -68,12 +70,18 @@ class DeviceState:
 
     Parameters
     ----------
-    on_grasped : callable
-        Called with each finished grasp and its `GraspOrder`, but not with replays.
+    on_measured, on_grasped : callable
+        Called with each measured and each finished grasp and its `GraspOrder`, but not with
+        replays.
     """
 
-    def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
-        self._on_grasped = on_grasped
+    def __init__(
+        self,
+        *,
+        on_measured: Callable[[Grasped, GraspOrder], None],
+        on_grasped: Callable[[Grasped, GraspOrder], None],
+    ) -> None:
+        self._on_measured, self._on_grasped = on_measured, on_grasped
         self.activity = DeviceActivity.IDLE
         self.live = Live()
         #: Current instruction for the user.
@@ -82,10 +90,14 @@ class DeviceState:
         self.trouble = ""
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
-        #: The document of the shown grasp with its item and bin; None without rules and item.
+        #: The document of the shown grasp with its item and bin; None before the answer.
         self.placed: GraspDocument | None = None
-        #: Whether the bin of the held object is being determined.
-        self.is_placing = False
+        #: What the bin is based on, as text.
+        self.evidence = ""
+        #: Whether the hand holds an object with its answer, and its bin if there are rules.
+        self.is_answered = False
+        #: Whether the last grasp ended because the hold time was over.
+        self.is_released_alone = False
         #: Item of the shown grasp; empty without a name.
         self.item_id = ""
         #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
@@ -147,6 +159,8 @@ class DeviceState:
                 self._start_order(note.order)
             case Guide():
                 self.guide = note
+            case Measured() if isinstance(self.order, GraspOrder):
+                self._on_measured(note.grasped, self.order)
             case RecordedSegment():
                 self.live.add_frames(note.frames)
                 if note.progress is not None:
@@ -172,7 +186,8 @@ class DeviceState:
         if isinstance(order, OpenHand):
             self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placed, self.is_placing = None, None, False
+            self.grasped, self.placed, self.is_answered = None, None, False
+            self.evidence, self.is_released_alone = "", False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             is_unnamed = isinstance(order, GraspOrder) and not order.item_id
             self.not_stored = NO_ITEM if is_unnamed else ""
@@ -199,6 +214,7 @@ class DeviceState:
         match note.found:
             case Grasped():
                 self.grasped = note.found
+                self.is_released_alone = note.found.is_released_alone
                 if isinstance(note.order, GraspOrder):
                     self.live.finish_grasp(note.found.document.result.moments)
                     self._on_grasped(note.found, note.order)
@@ -276,10 +292,15 @@ class Session:
     ----------
     send : callable
         Sends an order or a request to the device process.
-    on_grasped : callable, optional
-        Called with each finished grasp and its `GraspOrder`, but not with replays.
+    on_measured, on_grasped : callable, optional
+        Called with each measured and each finished grasp and its `GraspOrder`, but not with
+        replays.
     silent_s : callable, optional
         Returns the time since the last message of the device process, seconds.
+    words : Words, optional
+        Texts of the pages; English by default.
+    requires_item : bool
+        Whether a grasp needs the name of its item.
 
     Examples
     --------
@@ -295,11 +316,19 @@ class Session:
         self,
         *,
         send: Callable[[Order | Request], None],
+        on_measured: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
+        words: Words | None = None,
+        requires_item: bool = False,
     ) -> None:
         self._send, self._silent_s = send, silent_s
-        self.devices = DeviceState(on_grasped=on_grasped)
+        #: Texts of the pages.
+        self.words = words or Words()
+        self.requires_item = requires_item
+        #: Names of the viewers for other viewers.
+        self.names = dict[str, str]()
+        self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self.driver: str | None = None
         self._viewer_of_tab = dict[str, str]()
@@ -325,7 +354,7 @@ class Session:
 
     # -- control --------------------------------------------------------------------------------
 
-    def join(self, viewer: str, *, tab: str | None = None) -> bool:
+    def join(self, viewer: str, *, tab: str | None = None, name: str = "") -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
         A page reloaded in the same browser tab retains control.
@@ -340,6 +369,8 @@ class Session:
             # The server detects the closed connection of the old page only later.
             self.viewers -= {before}
         self.viewers.add(viewer)
+        if name:
+            self.names[viewer] = name
         if self.driver is None or self.driver == before:
             self.driver = viewer
         return self.driver == viewer
@@ -352,6 +383,7 @@ class Session:
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to join or take over drives."""
         self.viewers.discard(viewer)
+        self.names.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
@@ -411,6 +443,8 @@ class Session:
         """Send an order of a viewer if it is allowed."""
         self._check(ACTIONS[type(order)], viewer)
         check_ranges(order)
+        if self.requires_item and isinstance(order, GraspOrder) and not order.item_id:
+            raise InputError(self.words("next.name"))
         self.send_order(order)
 
     def send_order(self, order: Order) -> None:

@@ -42,7 +42,7 @@ class Viewer:
         viewer_id: str,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._session, self._id = session, viewer_id
+        self._session, self._id, self.words = session, viewer_id, session.words
         self._known_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []

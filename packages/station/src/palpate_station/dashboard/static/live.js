@@ -90,7 +90,7 @@ function drawForceNow(card, now, answer, { decided, hand }) {
 function drawVerdict(doc) {
   const card = $("verdict");
   if (!card) return;
-  const verdict = doc.verdict, parts = reasons(doc);
+  const verdict = doc.verdict, parts = [verdict.is_grasp ? doc.item : "", doc.operator.badge, joined(verdict.why), ...reasons(doc)].filter(Boolean);
   card.dataset.kind = verdict.kind;
   const now = doc.measured.force_now;
   if (doc.grasp && verdict.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));
