@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import threading
 import time
@@ -30,8 +31,9 @@ from palpate_station.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
-from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind
+from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind, store_note
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     DeviceActivity,
     DevicesLost,
@@ -58,6 +60,7 @@ from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
+_LOG = logging.getLogger(__name__)
 _POLL_S = 0.01
 #: Maximum time that a stop waits for its confirmation, seconds.
 STOP_TIMEOUT_S = 2.0
@@ -169,6 +172,7 @@ class AppState:
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item,
         )
+        self.start_lot("")
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
@@ -356,6 +360,11 @@ class AppState:
         if name in self.session.devices.files_in_use:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
+    def start_lot(self, name: str) -> None:
+        """Count the items of another batch from now on."""
+        rules = self.settings.rules
+        self.session.lot = Lot(name, default_bin=None if rules is None else rules.default_bin)
+
     def calibration_file(self) -> Path:
         """Return the rig's calibration file: named in the rig file, or in the folder."""
         rig = self.session.rig
@@ -481,12 +490,16 @@ class AppState:
             stage=None if item is None else item.stage,
             bruised=None if item is None else item.bruised,
         )
+        self.session.lot.add(document)
+        words = self.session.words
         if document.not_stored and entry.item_id:
-            devices.trouble = f"the grasp was not stored: {document.not_stored}"
+            note = store_note(devices, words)
+            devices.add_alarm(words("alarm.item", item=entry.item_id, text=note))
         try:
             self.history.add(entry)
         except OSError as error:
-            devices.trouble = f"the grasp was not added to the history: {error}"
+            _LOG.error("%s: %s", entry.recording, error)
+            devices.add_alarm(words("badge.history"))
         self._results += 1
         self._last_document = document
         for listener in self.on_result:

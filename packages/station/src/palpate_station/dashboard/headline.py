@@ -16,6 +16,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import DeviceState, Session
 from palpate_station.dashboard.words import Words
@@ -271,11 +272,10 @@ def verdict_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the verdict of the full page."""
     words, result = session.words, headline.result
     text, why = _full_texts(session, headline)
-    firm = headline.firmness_word
-    measured = headline.measured(words)
+    measured, firm = ", ".join(headline.measured(words)), ""
     if headline.bin is not None:
-        measured = [firm, *measured] if firm else measured
-        firm = ", ".join(measured)
+        # What the bin rests on combines all grasps of the item: no second number next to it.
+        firm = measured = headline.evidence
     elif result is not None and headline.report is not Report.DAMAGED:
         firm = str(verdict(result, target_force_n=None)["firmness"] or "")
     return {
@@ -284,7 +284,7 @@ def verdict_document(session: Session, headline: Headline) -> dict[str, Any]:
         "kind": headline.kind,
         "why": why,
         "firmness": firm,
-        "measured": ", ".join(measured),
+        "measured": measured,
         "bin": "" if headline.bin is None else headline.bin.name,
         "is_grasp": result is not None,
         "target_force_n": headline.target_force_n,
@@ -312,7 +312,7 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
     if report is Report.DAMAGED:
         return text, words(f"outcome_full.{headline.outcome}")
     if headline.bin is not None:
-        return text, ": ".join(filter(None, (text, headline.evidence)))
+        return text, text
     if headline.no_bin:
         return text, words("why.no_bin", why=_fault_text(headline.no_bin, words))
     return text, words("why.passed_limit") if headline.has_passed_limit else ""
@@ -322,9 +322,9 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
     ``word``, ``detail``: the verdict. ``next``: the next step, on the screen that controls.
-    ``watch``: the text in its place on other screens. ``badge``: a note that the grasp is not
-    stored. ``opens``: the countdown before the gripper opens by itself. ``is_past``: whether the
-    verdict is that of another item than the scanned one.
+    ``watch``: the text in its place on other screens. ``lot``: the line of the lot. ``badge``: a
+    note that the grasp is not stored. ``opens``: the countdown before the gripper opens by itself.
+    ``is_past``: whether the verdict is that of another item than the scanned one.
     """
     words, form, devices = session.words, session.form, session.devices
     target_force_n = form.target_force_n
@@ -335,10 +335,11 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     return {
         "word": _capitalize(_operator_word(session, headline)),
         "detail": _operator_detail(headline, words, is_released_alone=devices.is_released_alone),
-        "measured": ", ".join(headline.measured(words)),
+        "measured": headline.evidence or ", ".join(headline.measured(words)),
         "next": _capitalize(_next_step(session, headline)),
         "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
-        "badge": _badge(devices, headline, words),
+        "lot": lot_text(session.lot, words),
+        "badge": "" if headline.result is None else store_note(devices, words),
         "opens": _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
@@ -373,8 +374,6 @@ def _operator_detail(headline: Headline, words: Words, *, is_released_alone: boo
         texts.append(words("detail.held_alone", hold_s=hold_s) if is_released_alone else "")
     elif headline.report is Report.OUTCOME:
         texts.append(words(f"detail.{headline.outcome}"))
-    if headline.bin is not None:
-        texts.append(headline.evidence)
     if headline.no_bin:
         texts.append(words("why.no_bin", why=_fault_text(headline.no_bin, words)))
     if headline.has_passed_limit:
@@ -419,9 +418,21 @@ def _next_step(session: Session, headline: Headline) -> str:
     return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
 
 
-def _badge(devices: DeviceState, headline: Headline, words: Words) -> str:
+def lot_text(lot: Lot, words: Words) -> str:
+    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
+    if not lot.items:
+        return ""
+    texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
+    texts.append(words("lot.items", n=lot.items))
+    texts += [f"{name} {count}" for name, count in lot.bins.most_common()]
+    if lot.packout_percent is not None:
+        texts.append(words("lot.packout", percent=f"{lot.packout_percent:.0f}"))
+    return " · ".join(texts)
+
+
+def store_note(devices: DeviceState, words: Words) -> str:
     """Return the note that the shown grasp is not stored; empty if it is, or is running."""
-    if headline.result is None or not devices.not_stored:
+    if not devices.not_stored:
         return ""
     if not devices.item_id:
         return words("badge.unnamed")

@@ -87,7 +87,9 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
             "newtons": source.law is not None,
         },
         "link": link,
-        "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
+        "hand": _hand(
+            live, live.reported, moving=live.moving, released=live.released, force=live.force
+        ),
         "pixels": _pixels(session),
         "past": _past_moments(live) if after_s == -math.inf else [],
         "curve": [
@@ -104,6 +106,8 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         "grasp": _grasp(live.progress, live, words=session.words),
         "replay": _replay(live, words=session.words),
         "guide": None if session.devices.guide is None else asdict(session.devices.guide),
+        "alarms": [[f"{at.astimezone():%H:%M}", text] for at, text in session.devices.alarms],
+        "alarm_count": session.devices.alarm_count,
         "driver_id": session.driver,
         "activity_text": activity_text(session.devices.activity, session.words),
         "verdict": verdict_document(session, headline),
@@ -150,7 +154,11 @@ def _grasp(progress: GraspProgress | None, live: Live, *, words: Words) -> dict[
         "phases": _phase_texts(live.phases, words),
         "began_s": progress.began_s,
         "touched_s": progress.touched_s,
-        "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
+        # The contact is confirmed a few frames after it: its mark is at the zero of all times.
+        "moments": [
+            [progress.touched_s if one.name == "contact" else one.time_s, one.name, one.finger]
+            for one in progress.moments
+        ],
         "fingers": [] if live.is_hand_open else _fingers_in_contact(progress.moments),
         "bounds": asdict(progress.bounds),
     }
@@ -183,7 +191,9 @@ def _link(session: Session) -> dict[str, Any]:
     }
 
 
-def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[str, Any] | None:
+def _hand(
+    live: Live, reported: float, *, moving: bool, released: bool, force: Measurement | None
+) -> dict[str, Any] | None:
     limits = None if live.source is None else live.source.gripper
     if limits is None:
         return None
@@ -195,7 +205,16 @@ def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[
         "moving": moving,
         "open": live.is_open(reported, moving=moving),
         "opening": released and moving,
+        "own_mm": _own_deflection_mm(live, force),
     }
+
+
+def _own_deflection_mm(live: Live, force: Measurement | None) -> float | None:
+    """Return by how much the gripper's reported width is too small; None if unknown."""
+    compliance = None if live.progress is None else live.progress.compliance
+    if compliance is None or force is None or not force.has_value:
+        return None
+    return round(float(compliance.deflection_mm(force.middle)) - compliance.zero_mm, 3)
 
 
 def _pixels(session: Session) -> dict[str, Any] | None:
@@ -245,6 +264,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
                 point.reported,
                 moving=point.moving,
                 released=point.time_s >= released_s,
+                force=point.force,
             ),
         }
         for point in points[:: math.ceil(len(points) / max_moments)]
@@ -304,7 +324,9 @@ def _measurement_document(measured: Measurement | None, true: object) -> dict[st
         return None
     content = {"status": str(measured.status), "truth": true}
     if not measured.has_value:
-        return content | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
+        low, high = measured.known_ends
+        content |= {"known": [low, None, high], "text": measured.text(digits=2)}
+        return content | {"value": None, "low": None, "high": None}
     if measured.unit == "index" and not is_determined(measured):
         content["text"] = firmness_text(measured)
     value, low, high = finite_or_none([measured.middle, measured.low, measured.high])

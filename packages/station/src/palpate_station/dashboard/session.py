@@ -6,8 +6,10 @@ driver. Another viewer becomes the driver by taking over.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from threading import RLock
 
@@ -15,6 +17,7 @@ from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.sensor.health import Health
 from palpate_station.dashboard.live import Live
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     ACTIONS,
     ACTIVITIES,
@@ -52,6 +55,9 @@ from palpate_station.dashboard.messages import (
 from palpate_station.dashboard.words import Words
 from palpate_station.line.results import NO_ITEM
 
+#: Number of alarms that the pages list.
+_MAX_ALARMS = 20
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationFailure:
@@ -86,8 +92,10 @@ class DeviceState:
         self.live = Live()
         #: Current instruction for the user.
         self.guide: Guide | None = None
-        #: The last problem; empty after its end or after the start of an order.
-        self.trouble = ""
+        self._trouble = ""
+        #: Time and text of the last alarms, oldest first, and the number of all alarms.
+        self.alarms = deque[tuple[datetime, str]](maxlen=_MAX_ALARMS)
+        self.alarm_count = 0
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
         #: The document of the shown grasp with its item and bin; None before the answer.
@@ -115,6 +123,22 @@ class DeviceState:
         self.rig_open = False
         #: The running order; None between orders.
         self.order: Order | None = None
+
+    @property
+    def trouble(self) -> str:
+        """The last problem; empty after its end or after the start of an order."""
+        return self._trouble
+
+    @trouble.setter
+    def trouble(self, text: str) -> None:
+        if text and text != self._trouble:
+            self.add_alarm(text)
+        self._trouble = text
+
+    def add_alarm(self, text: str) -> None:
+        """Add a problem to the alarms."""
+        self.alarms.append((datetime.now(UTC), text))
+        self.alarm_count += 1
 
     @property
     def files_in_use(self) -> set[str]:
@@ -326,6 +350,8 @@ class Session:
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item = requires_item
+        #: The items of the current batch.
+        self.lot = Lot()
         #: Names of the viewers for other viewers.
         self.names = dict[str, str]()
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)

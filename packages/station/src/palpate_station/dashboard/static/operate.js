@@ -1,5 +1,5 @@
 // The operator's page: verdict, next step and force, readable from two metres.
-import { $, fit, follow, handState, headline, isDriver, joined, setText, reasons } from "/static/poll.js";
+import { $, esc, fit, follow, handState, headline, isDriver, joined, setText, reasons } from "/static/poll.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, w } from "/static/words.js";
 
@@ -25,5 +25,15 @@ function draw(doc) {
   setText($("force-target"), doc.hand !== null ? w("target", operator) : now ? w("force.range", { low: fixed(now.low, 1), high: fixed(now.high, 1) }) : "");
 }
 
+// The line of the lot, and the alarms, which open as a list.
+function drawStrip({ operator, alarms }) {
+  $("strip").classList.toggle("hidden", !operator.lot && !alarms.length);
+  setText($("lot"), operator.lot);
+  $("alarms").classList.toggle("hidden", !alarms.length);
+  setText($("alarms-title"), w("alarms", { n: alarms.length }));
+  const rows = alarms.map(([at, text]) => `<li><b>${esc(at)}</b> ${esc(text)}</li>`).reverse().join("");
+  if ($("alarms-list").dataset.rows !== rows) Object.assign($("alarms-list"), { innerHTML: rows }).dataset.rows = rows;
+}
+
 beginSound();
-follow((doc) => { draw(doc); sound(doc.verdict.kind); }, () => sound("lost"));
+follow((doc) => { draw(doc); drawStrip(doc); sound(doc.verdict.kind, doc.alarm_count); }, () => sound("lost"));
