@@ -187,8 +187,9 @@ def _find_fault(devices: DeviceState, *, stale: bool) -> Report | None:
         return Report.UNREADABLE
     if failure is not None:
         return Report.CALIBRATION_STOPPED if failure.stopped else Report.CALIBRATION_FAILED
-    outcome = None if devices.grasped is None else devices.grasped.document.result.outcome
-    if not live.is_hand_open:
+    document = None if devices.grasped is None else devices.grasped.document
+    outcome = None if document is None else document.result.outcome
+    if not live.is_hand_open or (document is not None and _is_damaged(document)):
         return None
     if outcome is Outcome.STOPPED or devices.stopped_early:
         return Report.STOPPED_OPEN

@@ -5,7 +5,7 @@ import { fixed, w } from "/static/words.js";
 
 function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict");
-  if (!card.dataset.fits) [card, $("lost")].forEach(fit);
+  if (!card.dataset.fits) [card, $("lost"), $("next-step")].forEach(fit);
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   card.dataset.bin = Boolean(verdict.bin);
