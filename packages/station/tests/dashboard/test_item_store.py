@@ -156,12 +156,13 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
         given_at = datetime(2026, 5, 2, tzinfo=UTC)
         late = Verdict(item_id="A1", about=About.RIPENESS, text="hard", given_at=given_at)
         store.add_verdict(late)
-    placed = item_store.add(document, placement=placement, calibration="{}")
+    placed = item_store.add(document, placement=placement, calibration="{}", batch="Monday")
     assert (placed.bin, placed.stored) == (placement.bin, True)
     assert placed.item == ItemFacts(id="A1", kind="avocado", stage="ripe", bruised=True)
     assert placed.bin is not None
     assert (placed.bin.name, placed.bin.rule) == ("ripe", 1)
     page = item_store.page("A1")
+    assert (page.item.kind, page.item.batch) == ("avocado", "Monday")
     verdict = page.latest_verdict(About.BIN)
     assert (len(page.grasps), verdict.text) == (1, "ripe")
     # The bin of a grasp is also in its EPCIS event.

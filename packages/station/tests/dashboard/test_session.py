@@ -132,8 +132,8 @@ def test_session_refuses_a_speed_or_seed_out_of_range(
 @pytest.mark.parametrize(
     ("received", "order", "why"),
     [
-        ({"width_mm": 40.0}, GRASP, "the hand is not open: release first"),
-        ({"width_mm": 40.0}, Examine(), "the hand is not open: release first"),
+        ({"width_mm": 40.0}, GRASP, "the gripper is not open: release first"),
+        ({"width_mm": 40.0}, Examine(), "the gripper is not open: release first"),
         ({"link": LinkStatus(stale=True)}, GRASP, "no fresh frames"),
         ({"link": LinkStatus(stale=True)}, OpenHand(), ""),
         ({"link": LinkStatus(frames=9, age_s=1.2, stale=True)}, Examine(), "no fresh frames"),

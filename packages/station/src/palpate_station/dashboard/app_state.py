@@ -461,6 +461,7 @@ class AppState:
                     document,
                     placement=placement,
                     calibration=source.calibration,
+                    batch=self.session.lot.name,
                 )
                 document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:

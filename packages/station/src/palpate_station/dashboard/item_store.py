@@ -22,7 +22,7 @@ from palpate_station.grasp_record import make_grasp_record
 from palpate_station.identify.identifier import Identifier
 from palpate_station.identify.kinds import learn_kinds
 from palpate_station.line.results import NO_ITEM
-from palpate_station.records import Grasp, Verdict
+from palpate_station.records import Grasp, Item, Verdict
 from palpate_station.ripeness.history import (
     firmness_history,
     judge_ripeness,
@@ -123,9 +123,11 @@ class ItemStore:
         return replace(found, done=done)
 
     def add(
-        self, document: GraspDocument, *, placement: Placement, calibration: str
+        self, document: GraspDocument, *, placement: Placement, calibration: str, batch: str = ""
     ) -> GraspDocument:
         """Store a finished grasp and its bin; return its document.
+
+        `batch`: the item's batch; empty to leave it unchanged.
 
         The local store is written, and then sent to a shared store. A grasp without a name is not
         stored.
@@ -143,6 +145,8 @@ class ItemStore:
         try:
             with Store.open(self._where) as store:
                 store.add_grasp(grasp, calibration=calibration)
+                if batch:
+                    store.add_item(Item(item_id=document.item_id, batch=batch))
                 if completed.bin is not None and placement.done is not None:
                     store.add_verdict(bin_verdict(placement.done, given_at=datetime.now(UTC)))
         except (PalpateError, OSError) as error:

@@ -426,40 +426,41 @@ class Session:
 
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why an action is refused now; empty if it is allowed."""
-        activity, guide = self.devices.activity, self.devices.guide
+        activity, guide, words = self.devices.activity, self.devices.guide, self.words
         if activity is DeviceActivity.GONE:
-            return "the device process has ended: restart palpate serve"
+            return words("refusal.gone")
         if self.silence_s is not None:
-            return "the devices do not respond: if the hand may move, use the emergency stop"
+            return words("refusal.hung")
         if viewer != self.driver:
-            if self.driver is None:
-                return "there is no driver; take over first"
-            return "another user is the driver; take over first"
+            return words("refusal.no_driver" if self.driver is None else "refusal.other_driver")
         if action is Action.CONFIRM:
-            return "" if guide is not None and guide.needs_confirmation else "no step to confirm"
+            has_step = guide is not None and guide.needs_confirmation
+            return "" if has_step else words("refusal.no_step")
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.SEEK:
-            return "" if activity is DeviceActivity.REPLAYING else "no replay is running"
+            is_replaying = activity is DeviceActivity.REPLAYING
+            return "" if is_replaying else words("refusal.no_replay")
         if action is Action.RELEASE and activity is DeviceActivity.GRASPING:
             return ""
         if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
-            return f"{activity!s}: wait, or press stop"
+            text = words(f"activity.{activity.name.lower()}")
+            return words("refusal.busy", activity=text)
         if action in (Action.OPEN, Action.PLAY):
             return ""
         return self._rig_refusal(action)
 
     def _rig_refusal(self, action: Action) -> str:
-        devices = self.devices
+        devices, words = self.devices, self.words
         if not devices.rig_open:
-            return "no rig is open: choose one"
+            return words("refusal.no_rig")
         if devices.is_sensor_only and action in (Action.GRASP, Action.RELEASE):
-            return "this rig has no gripper"
+            return words("refusal.no_gripper")
         link = devices.live.link
         if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MAX_FRAME_AGE_S:
-            return "no fresh frames: check the link"
+            return words("refusal.no_frames")
         if action in _NEEDS_OPEN_HAND and devices.live.is_hand_open is False:
-            return "the hand is not open: release first"
+            return words("refusal.closed")
         return ""
 
     # -- actions --------------------------------------------------------------------------------
