@@ -70,7 +70,7 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect(page.locator("#fingers .pad.touching")).to_have_count(0)
     # The whole curve is available from the start.
     for plot in ("force", "curve"):
-        expect(page.locator(f"#{plot}-settles")).to_contain_text("settles at")
+        expect(page.locator(f"#{plot}-settles")).to_contain_text("forecast")
     seek(page, 0.8)
     expect_verdict(page, "holding")
     expect(page.locator("#fingers .pad.touching")).to_have_count(2)
