@@ -69,6 +69,10 @@ class StoreError(PalpateError):
     """An unusable store of items: not a store, read-only, too new or damaged."""
 
 
+class StoreMissingError(StoreError):
+    """A store whose file does not exist yet."""
+
+
 class StoreAwayError(StoreError):
     """A temporarily unavailable store: no server, locked or disk full."""
 

@@ -10,14 +10,17 @@ from pathlib import Path
 import pytest
 from packages.station.tests.dashboard.test_live import HOLDING, SOURCE
 
+from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
 from palpate_station.dashboard import folder as folder_module
 from palpate_station.dashboard.app_state import AppState, Settings
 from palpate_station.dashboard.folder import RecordingList
 from palpate_station.dashboard.messages import (
+    Grasped,
     GraspOrder,
     LinkStatus,
+    Measured,
     OrderStarted,
     StopConfirmed,
     Update,
@@ -78,6 +81,9 @@ def test_app_state_answers_with_rules_only_when_the_bin_is_known(tmp_path: Path)
         app_state.loop = asyncio.get_running_loop()
         app_state.receive_update(Update(notes=(SOURCE, start), link=LinkStatus()))
         app_state.receive_update(Update(notes=(), link=LinkStatus(), progress=held))
+        answer = GraspDocument(result=replace(held.answer, outcome=Outcome.HELD))
+        answered = Measured(Grasped(document=answer))
+        app_state.receive_update(Update(notes=(answered,), link=LinkStatus()))
         seen: list[dict[str, object]] = []
         async with asyncio.timeout(60.0):
             while not seen or not seen[-1]["answered"]:

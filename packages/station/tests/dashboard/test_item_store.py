@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 from packages.station.tests.dashboard.test_live import SOURCE as PAGE_SOURCE
 
 from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.measurement import Measurement
-from palpate_station.dashboard.item_store import ItemStore
+from palpate.recording import RecordingReader
+from palpate.recording.replay import observations
+from palpate_station.dashboard.item_store import ItemStore, StoreFault
+from palpate_station.dashboard.messages import Grasped
 from palpate_station.dashboard.panel_history import item_html, item_label
 from palpate_station.dashboard.panel_html import day_text
 from palpate_station.line.epcis import epcis_document
@@ -29,6 +35,28 @@ RESULT = GraspResult(
 )
 
 SOURCE = replace(PAGE_SOURCE, calibration="{}")
+
+
+def place_and_add(
+    item_store: ItemStore,
+    document: GraspDocument,
+    *,
+    recording: Path | None = None,
+    closing: Mapping[str, Measurement] = MappingProxyType({}),
+) -> GraspDocument:
+    """Decide on a measured object from the frames of its grasp, and store it at the end."""
+    frames: list[Observation] = []
+    if recording is not None:
+        with RecordingReader(recording) as reader:
+            pairs = list(observations(reader))
+        frames = [Observation(frame=one, gripper=state) for one, state in pairs if state]
+    grasped = Grasped(
+        document=document, observations=tuple(frames), recording=recording, closing=closing
+    )
+    placement = item_store.place(grasped, item_id=document.item_id, source=SOURCE)
+    return item_store.add(document, placement=placement, calibration=SOURCE.calibration)
+
+
 WIDE = Measurement(value=60.5, low=60.0, high=61.1, unit="mm")
 
 
@@ -40,12 +68,8 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert item_store.pages(limit=50) == ()
     assert not Path(where).exists(), "a query must not create a store"
     closing = {"contact_mm": WIDE}
-    item_store.sort_grasp(
-        GraspDocument(result=RESULT, item_id="berry-7"),
-        source=SOURCE,
-        recording=recorded,
-        closing=closing,
-    )
+    named = GraspDocument(result=RESULT, item_id="berry-7")
+    place_and_add(item_store, named, recording=recorded, closing=closing)
     assert item_store.trouble == ""
     (page,) = item_store.pages(limit=50)
     last = page.grasps[-1].taken_at
@@ -71,7 +95,7 @@ def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
         document = GraspDocument(result=RESULT, item_id="<b>berry</b>")
-        item_store.sort_grasp(document, source=SOURCE, recording=recorded)
+        place_and_add(item_store, document, recording=recorded)
     found = item_store.page("<b>berry</b>")
     page = item_html(found, figures=item_store.figures_html(found))
     assert 'aria-label="Firmness over time"' in page
@@ -108,9 +132,9 @@ def test_sort_grasp_of_an_unnamed_item_uses_this_grasp_only(
     tmp_path: Path, document: GraspDocument, found: tuple[str, int | None] | None
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)
-    given = item_store.sort_grasp(document, source=SOURCE).bin
+    given = place_and_add(item_store, document).bin
     assert (None if given is None else (given.name, given.rule)) == found
-    unsorted = ItemStore(None).sort_grasp(document, source=SOURCE).to_dict()
+    unsorted = place_and_add(ItemStore(None), document).to_dict()
     assert unsorted == document.to_dict() | {"stored": False, "not_stored": "no item"}
 
 
@@ -125,13 +149,20 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
             store.add_verdict(Verdict(item_id="A1", about=about, text=text, given_at=given_at))
     item_store = ItemStore(where, rules=RULES)
     document = sized(60.0, item_id="A1")
-    before = item_store.sort_grasp(document, source=SOURCE)
-    placed = item_store.sort_grasp(document, source=SOURCE, recording=recorded)
-    assert placed == replace(before, stored=True)
+    grasped = Grasped(document=document, recording=recorded)
+    placement = item_store.place(grasped, item_id="A1", source=SOURCE)
+    with Store.open(where) as store:
+        # The decision made while the hand holds is the one that is stored.
+        given_at = datetime(2026, 5, 2, tzinfo=UTC)
+        late = Verdict(item_id="A1", about=About.RIPENESS, text="hard", given_at=given_at)
+        store.add_verdict(late)
+    placed = item_store.add(document, placement=placement, calibration="{}", batch="Monday")
+    assert (placed.bin, placed.stored) == (placement.bin, True)
     assert placed.item == ItemFacts(id="A1", kind="avocado", stage="ripe", bruised=True)
     assert placed.bin is not None
     assert (placed.bin.name, placed.bin.rule) == ("ripe", 1)
     page = item_store.page("A1")
+    assert (page.item.kind, page.item.batch) == ("avocado", "Monday")
     verdict = page.latest_verdict(About.BIN)
     assert (len(page.grasps), verdict.text) == (1, "ripe")
     # The bin of a grasp is also in its EPCIS event.
@@ -141,12 +172,13 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
 
 
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
-    recorded: Path, tmp_path: Path
+    recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is not a database" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
-    placed = item_store.sort_grasp(sized(40.0, item_id="A1"), source=SOURCE, recording=recorded)
+    placed = place_and_add(item_store, sized(40.0, item_id="A1"), recording=recorded)
     assert (placed.is_sorted, placed.bin, placed.item) == (True, None, ItemFacts(id="A1"))
-    assert str(broken) in placed.no_bin
-    assert str(broken) in item_store.trouble
+    assert (placed.no_bin, placed.not_stored) == (StoreFault.UNUSABLE, StoreFault.UNUSABLE)
+    # Screens show a few words; the log has the file.
+    assert str(broken) in caplog.text

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.estimate.compliance import Compliance
 from palpate.grasp.document import Bin, GraspDocument
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.sample import pixel_resistance_ohm
 from palpate_station.dashboard.grasp_progress import GraspProgress
-from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S, Live
+from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S, Live, Point
 from palpate_station.dashboard.messages import (
     Action,
     DeviceActivity,
@@ -166,7 +167,7 @@ def test_document_link_is_stale_while_the_device_process_is_silent() -> None:
 FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
 HELD = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
 PASSED = "exceeded the damage limit"
-NO_BIN = GraspDocument(result=HELD, is_sorted=True, no_bin="store items.sqlite: disk full")
+NO_BIN = GraspDocument(result=HELD, is_sorted=True, no_bin="the store does not answer")
 
 
 @pytest.mark.parametrize(
@@ -181,7 +182,7 @@ NO_BIN = GraspDocument(result=HELD, is_sorted=True, no_bin="store items.sqlite: 
         ("bad", "", {"result": replace(HELD, outcome=Outcome.SLIPPED)}),
         ("warn", PASSED, {"damage_low_n": 1.5}),
         ("good", "", {"damage_low_n": 2.5}),
-        ("warn", "no bin: store items.sqlite: disk full", {"placed": NO_BIN}),
+        ("warn", "no bin: the store does not answer", {"placed": NO_BIN}),
     ],
 )
 def test_headline_of_a_grasp_is_good_only_without_faults(
@@ -205,6 +206,49 @@ def test_headline_of_a_grasp_is_good_only_without_faults(
     assert (page["operator"]["next"] == aside) == (devices.placed == NO_BIN)
 
 
+def test_headline_after_a_lost_sensor_is_idle_once_frames_arrive_and_the_hand_is_open(
+    session: Session, live: Live
+) -> None:
+    devices = session.devices
+    devices.activity = DeviceActivity.WATCHING
+    lost = GraspDocument(result=GraspResult(outcome=Outcome.SENSOR_LOST))
+    devices.grasped = Grasped(document=lost)
+    shown = []
+    for width_mm, stale in ((40.0, True), (40.0, False), (74.0, False)):
+        live.add_frames(replace(frames(1), reported=np.array([width_mm])))
+        live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
+        page = page_of(session)
+        shown.append((page["operator"]["word"], page["verdict"]["kind"]))
+    assert shown == [("Sensor silent", "bad"), ("Sensor lost", "bad"), ("Sensor is back", "idle")]
+    assert page["operator"]["next"] == "Put the item in again, then press Grasp"
+
+
+def test_marks_of_the_chart_and_the_decision_time_count_from_the_same_contact(
+    session: Session, live: Live
+) -> None:
+    moments = (Moment(time_s=4.3, name="contact"), Moment(time_s=5.5, name="answer"))
+    result = replace(HELD, decision_time_s=1.5)
+    live.set_progress(replace(HOLDING, answer=result, touched_s=4.0, moments=moments))
+    page = page_of(session)
+    zero_s = page["grasp"]["touched_s"]
+    marks = {name: time_s - zero_s for time_s, name, _ in page["grasp"]["moments"]}
+    assert marks == {"contact": 0.0, "answer": page["measured"]["decision_time_s"]}
+
+
+def test_hand_of_the_page_has_the_deflection_that_is_not_the_objects(
+    session: Session, live: Live
+) -> None:
+    """The object is as stiff as a spring of 2 N/mm, in a gripper with 0.2 mm/N."""
+    compliance = Compliance(
+        slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.1, residual_mm=0.0, largest_force_n=9.0
+    )
+    live.set_progress(replace(HOLDING, compliance=compliance))
+    live.curve.append(Point(9.0, -40.0, Measurement(value=3.0, low=2.9, high=3.1, unit="n")))
+    width_mm = 60.0 - 3.0 / 2.0 - 0.2 * 3.0 + 0.1
+    hand = page_of(session)["hand"]
+    assert 3.0 / (60.0 - width_mm - hand["own_mm"]) == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("is_begun", [True, False])
 def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
     session: Session, live: Live, is_begun: bool
@@ -215,11 +259,11 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
     devices.grasped = Grasped(document=stopped) if is_begun else None
     live.add_frames(replace(frames(1), reported=np.array([40.0])))
     closed = page_of(session)
-    assert (closed["verdict"]["text"], closed["verdict"]["kind"]) == ("stopped on request", "bad")
+    assert (closed["operator"]["word"], closed["verdict"]["kind"]) == ("Stopped", "bad")
     live.add_frames(frames(1, from_s=1.0))
     opened = page_of(session)
-    assert (opened["verdict"]["text"], opened["verdict"]["kind"]) == ("stopped, hand open", "idle")
-    assert opened["operator"]["word"] == "Stopped, hand open"
+    assert opened["verdict"]["kind"] == "idle"
+    assert opened["operator"]["word"] == "Stopped, gripper open"
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
@@ -246,8 +290,7 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
 ) -> None:
     live.set_progress(HOLDING)
     session.devices.activity = DeviceActivity.GRASPING
-    why = "by hand (default): 1 grasp"
     for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
-        given = Bin(name="by hand", again=again, why=why)
+        given = Bin(name="by hand", again=again)
         session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)
         assert page_of(session)["operator"]["next"].startswith(step)

@@ -132,8 +132,8 @@ def test_session_refuses_a_speed_or_seed_out_of_range(
 @pytest.mark.parametrize(
     ("received", "order", "why"),
     [
-        ({"width_mm": 40.0}, GRASP, "the hand is not open: release first"),
-        ({"width_mm": 40.0}, Examine(), "the hand is not open: release first"),
+        ({"width_mm": 40.0}, GRASP, "the gripper is not open: release first"),
+        ({"width_mm": 40.0}, Examine(), "the gripper is not open: release first"),
         ({"link": LinkStatus(stale=True)}, GRASP, "no fresh frames"),
         ({"link": LinkStatus(stale=True)}, OpenHand(), ""),
         ({"link": LinkStatus(frames=9, age_s=1.2, stale=True)}, Examine(), "no fresh frames"),
@@ -219,8 +219,8 @@ def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
         rehearsal.receive(OrderStarted(order=GRASP))
     rehearsal.receive(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
     page = rehearsal.page()
-    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
-    assert page["operator"]["word"] == "Stopped, hand open"
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, gripper open", "idle")
+    assert page["operator"]["word"] == "Stopped, gripper open"
     assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")

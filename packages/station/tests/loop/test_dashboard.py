@@ -52,7 +52,7 @@ def driver(page: Page, address: str) -> Iterator[Page]:
     """The page of the driver at its first tab; a test leaves its hand open."""
     open_tab(page, "Set up")
     drive(page)
-    expect(page.locator("#who")).to_contain_text("you drive")
+    expect(page.locator("#who")).to_contain_text("you control")
     yield page
     Machine(address).leave_hand_open()
 
@@ -85,8 +85,8 @@ def test_grasp_narrows_the_forecast_band_and_shows_the_verdict(driver: Page) -> 
     start_grasp(driver)
     expect_verdict(driver, "holding")
     driver.wait_for_function("window.halves.at(-1) < 0.8 * window.halves[0]")
-    expect(driver.locator("#curve-settles")).to_contain_text("settles at −")
-    expect(driver.locator("#force-settles")).to_contain_text(re.compile(r"settles at \d"))
+    expect(driver.locator("#curve-settles")).to_contain_text("forecast −")
+    expect(driver.locator("#force-settles")).to_contain_text(re.compile(r"forecast \d"))
     expect(driver.locator("#chart")).not_to_have_attribute("data-moves", "0")
     expect(driver.locator("#simulated")).to_be_visible()
     card = driver.locator("#measure-force_n")
@@ -262,9 +262,9 @@ def test_stop_mid_grasp_shows_the_halted_hand_and_opens_it_on_release(
     expect(driver.locator("#grasp")).to_be_disabled()
     release(driver)
     expect(driver.locator("#fingers")).to_contain_text("74.0 mm apart")
-    expect_verdict(driver, "stopped, hand open")
+    expect_verdict(driver, "stopped, gripper open")
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "idle")
-    expect(driver.locator("#measure-force_n .value")).to_contain_text("hand open")
+    expect(driver.locator("#measure-force_n .value")).to_contain_text("gripper open")
 
 
 def test_second_viewer_can_watch_stop_and_take_over(
@@ -291,7 +291,7 @@ def test_second_viewer_can_watch_stop_and_take_over(
     for page in (driver, second):
         expect_verdict(page, "stopped on request")
     second.locator("#take-over").click()
-    expect(second.locator("#who")).to_contain_text("you drive")
+    expect(second.locator("#who")).to_contain_text("you control")
     expect(driver.locator("#who")).to_have_text("you watch")
     expect(driver.get_by_text("Another user is now the driver")).to_be_visible()
     expect(driver.locator("#release")).to_be_disabled()
@@ -386,11 +386,11 @@ def test_every_tab_has_a_url_and_reload_keeps_the_driver(driver: Page, address: 
     # The URL is not replaced when the store is read again, every three seconds.
     wait_for_draws(driver, 60)
     expect(driver).to_have_url(f"{address}recordings")
-    expect(driver.locator("#who")).to_contain_text("you drive")
+    expect(driver.locator("#who")).to_contain_text("you control")
     driver.reload()
     expect_fresh_link(driver)
     expect_tab(driver, "Recordings")
-    expect(driver.locator("#who")).to_contain_text("you drive")
+    expect(driver.locator("#who")).to_contain_text("you control")
     driver.goto(f"{address}items/A%2F1")
     expect_tab(driver, "Items")
     expect(driver.locator(".q-tab-panel")).to_contain_text("A/1")

@@ -70,7 +70,7 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect(page.locator("#fingers .pad.touching")).to_have_count(0)
     # The whole curve is available from the start.
     for plot in ("force", "curve"):
-        expect(page.locator(f"#{plot}-settles")).to_contain_text("settles at")
+        expect(page.locator(f"#{plot}-settles")).to_contain_text("forecast")
     seek(page, 0.8)
     expect_verdict(page, "holding")
     expect(page.locator("#fingers .pad.touching")).to_have_count(2)
@@ -86,7 +86,7 @@ def test_replay_timeline_controls_position_pause_and_speed(page: Page) -> None:
     expect_verdict(page, "held and released")
     expect(page.locator("#play")).to_have_text("Again")
     # The sheet still has a reading, but an open hand has no force.
-    expect(page.locator("#force-at")).to_have_text("hand open")
+    expect(page.locator("#force-at")).to_have_text("gripper open")
     end_replay(page)
     expect(page.locator("#rig-name")).to_have_text("sim-rigid")
 
@@ -132,7 +132,7 @@ def test_recording_has_a_url(page: Page, folder: Path) -> None:
     page.locator("#run a[data-recording]").last.click()
     expect(page).to_have_url(re.compile(f"/recordings/{re.escape(file.name)}$"))
     expect(page.get_by_label("Name")).to_have_value(file.stem)
-    expect(page.locator("#who")).to_contain_text("you drive")
+    expect(page.locator("#who")).to_contain_text("you control")
     page.reload()
     expect(page.get_by_label("Name")).to_have_value(file.stem)
     page.locator(".care").get_by_role("button", name="Close").click()

@@ -106,7 +106,7 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
         expect(page.locator("#item-page")).to_contain_text("1 grasp")
         expect(page.locator("#item-page")).to_contain_text("small")
         expect(page.locator("#item-page")).to_contain_text("SIMULATED")
-        expect(page.locator("#who")).to_contain_text("you drive")
+        expect(page.locator("#who")).to_contain_text("you control")
         # The input receives no pointer events; users press the surrounding field.
         page.locator("label").filter(has=page.get_by_label("Item", exact=True)).click()
         expect(page.get_by_role("option", name="berry-7")).to_be_visible()

@@ -30,11 +30,9 @@ from packages.station.tests.served_pages import (
 )
 from playwright.sync_api import Browser, Page, expect
 
-from palpate.grasp.result import Outcome
-from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
+from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness
 from palpate.measurement import Measurement
-from palpate_station.dashboard.headline import AGAIN_STEPS, OUTCOMES, PHASES
-from palpate_station.dashboard.messages import DeviceActivity
+from palpate_station.dashboard.words import Words
 
 #: A phone, a tablet, a large screen, panel PCs, a landscape phone, and 1280 x 720 at 200 % zoom.
 SIZES = [
@@ -100,7 +98,7 @@ def list_firmness_texts() -> Iterator[str]:
 
 
 #: Lays out each text in the page's font; returns the texts that do not fit.
-FIT_TEXTS = """async ([words, nexts, whys, firm]) => {
+FIT_TEXTS = """async ([words, nexts, whys, firm, badge]) => {
     await document.fonts.ready;
     const [word, why, next, size] = ['verdict-text', 'verdict-why', 'next-text', 'verdict-firm']
         .map((id) => document.getElementById(id));
@@ -108,6 +106,7 @@ FIT_TEXTS = """async ([words, nexts, whys, firm]) => {
         '#next-text', '.force', '.item', '#grasp', '#stop']
         .map((one) => document.querySelector(one));
     document.getElementById('verdict').dataset.bin = firm !== '';
+    const note = document.getElementById('badge'), opens = document.getElementById('opens');
     const out = (part) => {
         const box = part.getBoundingClientRect();
         return box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight;
@@ -122,12 +121,15 @@ FIT_TEXTS = """async ([words, nexts, whys, firm]) => {
         next.textContent = nexts[i % nexts.length];
         why.textContent = whys[i % whys.length];
         size.textContent = firm;
+        note.textContent = badge;
+        opens.textContent = badge && 'opens automatically in 58 s';
         const letters = Math.max(...word.textContent.split(' ').map((one) => one.length));
         document.getElementById('verdict').style.setProperty('--letters', letters);
         // The page scales the texts in a microtask after each change.
         await null;
         const [card, step] = [parts[0], parts[4]];
         if (parts.some(out) || over(word, card) || (firm && over(size, card))
+            || (badge && (over(note, card) || over(opens, step)))
             || over(why, card) || over(next, step)
             || word.scrollWidth > word.clientWidth || next.scrollWidth > step.clientWidth
             || document.documentElement.scrollHeight > innerHeight)
@@ -158,25 +160,25 @@ FIT_LOSS_TEXTS = """async (words) => {
 def test_operator_page_fits_every_possible_text_at_every_size(
     browser: Browser, address: str
 ) -> None:
-    words = [word for _, word in PHASES.values()]
-    words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
-    words += [*list_firmness_texts(), "Damaged", "Hand closed", "Off target"]
+    texts = Words().texts
+    starts = ("phase.", "outcome.", "word.", "activity.")
+    words = [text for key, text in texts.items() if key.startswith(starts)]
+    words += list_firmness_texts()
     capital = [word[:1].upper() + word[1:] for word in words]
-    nexts = [next_step for _, next_step in OUTCOMES.values()]
-    nexts += ["check its cable and power; reading resumes when the sensor answers"]
-    whys = [outcome_text(outcome) for outcome in Outcome]
-    held = ["within the target of 12.5 N · answer 12.7 s after contact"]
+    name = "(01)04012345000016(21)A17"
+    nexts = [text for key, text in texts.items() if key.startswith("next.")]
+    nexts += [texts["watch"].format(name="operator's page at 192.168.100.200")]
+    details = [text for key, text in texts.items() if key.startswith("detail.")]
+    held = [f"{name} · within the target of 12.5 N · answer 12.7 s after contact"]
     measured = "firmness 100 of 100, 137 mm"
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
-    reason = (
-        "held and released: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4); closest rule in "
-        "line 13 (large): 55 %, 80 % required; 3 grasps · below the target of 12.5 N · "
-        "answer 12.7 s after contact"
-    )
+    evidence = "kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), firmness 48 (18 to 79)"
+    reason = f"{name} · below the target of 12.5 N · answer 12.7 s after contact"
+    unnamed, lost = (texts["badge.unnamed"], "NOT STORED: " + texts["fault.away"])
     cards = (
-        [capital, nexts, whys, ""],
-        [list(list_firmness_texts()), nexts, held, measured],
-        [bins, [*AGAIN_STEPS, *nexts], [reason], f"soft to medium, {measured}"],
+        [capital, nexts, [f"{name} · {one}" for one in details], "", ""],
+        [list(list_firmness_texts()), nexts, held, measured, unnamed],
+        [bins, nexts, [reason], evidence, lost],
     )
     losses = ["No connection", "The devices do not respond"]
     with visit_as_driver(browser, f"{address}operate") as page:
@@ -212,7 +214,7 @@ def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_s
             assert get_font_px(page, "#force-now") >= FORCE_PX
         page.reload()
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
-        expect(page.locator("#who")).to_contain_text("you drive")
+        expect(page.locator("#who")).to_contain_text("you control")
         check_accessibility(page)
         page.get_by_label("Next item").fill("berry-11")
         page.context.set_offline(True)
@@ -223,7 +225,7 @@ def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_s
         expect(page.get_by_label("Next item")).to_have_value("berry-11")
         release(page)
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
-        expect(page.locator("#force-now")).to_have_text("hand open")
+        expect(page.locator("#force-now")).to_have_text("gripper open")
         page.get_by_label("Next item").fill("")
         expect(page.locator(".taken")).to_have_count(0)
         start_grasp(page)
@@ -232,17 +234,17 @@ def test_operator_page_guides_through_a_grasp_a_reload_a_lost_connection_and_a_s
         expect_verdict(page, "Stopped")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "bad")
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-bad")
-        expect(page.locator("#next-text")).to_have_text("Press Release: the hand opens")
+        expect(page.locator("#next-text")).to_have_text("Press Release: the gripper opens")
         # The hand still grips, and the headline is not repeated below.
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
         # The answer may precede the press, because the page runs in real time.
-        why = re.compile(r"^not stored: no item(\s·\sanswer .* after contact)?\s*$")
+        why = re.compile(r"^(answer .* after contact)?\s*$")
         expect(page.locator("#verdict-why")).to_have_text(why)
         expect_fit(page)
         check_accessibility(page)
         release(page)
-        expect(page.locator("#force-now")).to_have_text("hand open")
-        expect_verdict(page, "Stopped, hand open")
+        expect(page.locator("#force-now")).to_have_text("gripper open")
+        expect_verdict(page, "Stopped, gripper open")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "idle")
         expect_fit(page)
 

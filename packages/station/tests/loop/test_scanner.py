@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from packages.station.tests.served_pages import (
     Machine,
     expect_enabled,
     serve_dashboard,
+    visit,
     visit_as_driver,
 )
 from playwright.sync_api import Browser, expect
@@ -97,8 +99,8 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
             page.keyboard.press("F8")
             machine.until(lambda at: at["answered"])
             expect(field).to_have_value("K1" if again else "")
-            why = "K1" if name else "not stored: no item"
-            expect(page.locator("#verdict-why")).to_contain_text(why)
+            expect(page.locator("#verdict-why")).to_contain_text("K1" if name else "answer")
+            expect(page.locator("#badge")).to_have_text("" if name else "NOT STORED: no name")
             page.keyboard.press("F9")
             machine.ready()
             result = machine.ask("GET", "/result")[1]
@@ -107,3 +109,69 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
             assert (result["stored"], result["not_stored"]) == (
                 (True, None) if name else (False, "no item")
             )
+
+
+def test_operator_sees_whose_verdict_it_is_who_controls_and_what_happens_by_itself(
+    browser: Browser, address: str
+) -> None:
+    machine, name = Machine(address), "(01)04012345000016(21)A17"
+    with visit_as_driver(browser, f"{address}operate", **PANEL) as page:
+        expect_enabled(page, "#grasp")
+        page.keyboard.type(name)
+        page.keyboard.press("Enter")
+        # A long name is shown with its serial number.
+        expect(page.locator(".item .q-field__label")).to_have_text("Next item …00016(21)A17")
+        page.keyboard.press("F8")
+        machine.until(lambda at: at["answered"])
+        expect(page.locator("#opens")).to_have_text(re.compile(r"opens automatically in \d+ s"))
+        with visit(browser, f"{address}operate") as other:
+            for width, height in ((1280, 800), (800, 480), (390, 844)):
+                other.set_viewport_size({"width": width, "height": height})
+                watched = "Another screen controls (operator's page at 127.0.0.1)"
+                expect(other.locator("#next-text")).to_have_text(watched)
+        # Without Release, the gripper opens after 60 s of simulated time.
+        machine.ready()
+        expect(page.locator("#verdict-why")).to_contain_text("opened automatically after 60 s")
+        expect(page.locator("#opens")).to_have_text("")
+        expect(page.locator("#verdict")).to_have_attribute("data-past", "false")
+        # The next scan dims the verdict of the previous item at once.
+        page.keyboard.type("K2")
+        expect(page.locator("#verdict")).to_have_attribute("data-past", "true")
+        page.keyboard.press("Enter")
+        expect(page.locator(".taken")).to_be_visible()
+
+
+def test_operator_sees_a_fault_of_the_store_in_few_words_and_in_the_alarms(
+    browser: Browser, tmp_path: Path
+) -> None:
+    (tmp_path / "rules.toml").write_text(RULES.replace("most_grasps = 2", "most_grasps = 1"))
+    with (
+        serve_dashboard(tmp_path, *AVOCADO, "--rules", str(tmp_path / "rules.toml")) as address,
+        visit_as_driver(browser, f"{address}operate", **PANEL) as page,
+    ):
+        machine = Machine(address)
+        for broken in (False, True):
+            if broken:
+                for file in tmp_path.glob("items.sqlite*"):
+                    file.unlink()
+                (tmp_path / "items.sqlite").write_text("this is not a database" * 100)
+            expect_enabled(page, "#grasp")
+            page.keyboard.type("B1")
+            page.keyboard.press("Enter")
+            expect(page.locator(".taken")).to_be_visible()
+            page.keyboard.press("F8")
+            machine.until(lambda at: at["answered"])
+            shown = page.locator("#verdict-text").inner_text()
+            page.keyboard.press("F9")
+            machine.ready()
+            result = machine.ask("GET", "/result")[1]
+            # The bin shown while the hand holds is the result's, and the stored one.
+            assert (result["bin"] is None) == broken
+            assert broken or shown.lower() == result["bin"]["name"]
+        expect(page.locator("#badge")).to_have_text("NOT STORED: the store can't be used")
+        expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
+        expect(page.locator("#trouble")).to_be_hidden()
+        expect(page.locator("#lot")).to_contain_text("items 1")
+        page.locator("#alarms-title").click()
+        expect(page.locator("#alarms-list")).to_contain_text("B1: NOT STORED: the store can't be")
+        assert "sqlite" not in page.locator("body").inner_text()

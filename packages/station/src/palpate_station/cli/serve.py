@@ -46,6 +46,12 @@ def serve(
         Path | None,
         opt("--rules FILE", "Show the bin of each grasped item: a rules file of `palpate sort`."),
     ] = None,
+    words: Annotated[
+        Path | None, opt("--words FILE", "Texts of the operator's page in another language (JSON).")
+    ] = None,
+    require_item: Annotated[
+        bool, opt("--require-item", "Refuse a grasp without the name of its item.")
+    ] = False,
     host: Annotated[
         str, opt("--host", "Listening address; addresses other than loopback require --token.")
     ] = "127.0.0.1",
@@ -107,6 +113,8 @@ def serve(
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),
+        words=words,
+        requires_item=require_item,
     )
     ItemStore(store).check_usable()
     existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())

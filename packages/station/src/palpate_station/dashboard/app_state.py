@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import threading
 import time
@@ -12,12 +13,11 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from palpate.errors import InputError
 from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.document import GraspDocument
-from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.object.damage_file import DamageFile
 from palpate.rig.file import find_calibration_file
@@ -31,8 +31,9 @@ from palpate_station.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
-from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind
-from palpate_station.dashboard.item_store import ItemStore
+from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind, store_note
+from palpate_station.dashboard.item_store import ItemStore, StoreFault
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     DeviceActivity,
     DevicesLost,
@@ -50,15 +51,16 @@ from palpate_station.dashboard.page_document import state_document
 from palpate_station.dashboard.panel_html import count_of
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.transport import run_on
+from palpate_station.dashboard.words import Words
 from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
-
-if TYPE_CHECKING:
-    from palpate_station.sorting.rules import RuleBook
+from palpate_station.sorting.placement import Placement
+from palpate_station.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
+_LOG = logging.getLogger(__name__)
 _POLL_S = 0.01
 #: Maximum time that a stop waits for its confirmation, seconds.
 STOP_TIMEOUT_S = 2.0
@@ -90,6 +92,10 @@ class Settings:
     damage_path: Path | None = None
     #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
+    #: Translation of the operator's page; English by default.
+    words: Path | None = None
+    #: Whether a grasp without the name of its item is refused.
+    requires_item: bool = False
 
 
 #: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
@@ -159,8 +165,14 @@ class AppState:
         #: Called with each grasp document.
         self.on_result: list[Callable[[GraspDocument], None]] = []
         self.session = Session(
-            send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
+            send=self._send,
+            on_measured=self._place_measured,
+            on_grasped=self._finish_grasp,
+            silent_s=lambda: self.silent_s,
+            words=Words() if settings.words is None else Words.read(settings.words),
+            requires_item=settings.requires_item,
         )
+        self.start_lot("")
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
@@ -170,8 +182,8 @@ class AppState:
         #: Callbacks that wake the stops waiting for a confirmation.
         self._stop_waiters = set[Callable[[], object]]()
         self._is_process_lost = False
-        #: Generation and measurements of the last predicted bin.
-        self._predicted_for: object = None
+        #: The decision on the held object; None before its answer.
+        self._placing: asyncio.Future[Placement] | None = None
         #: Reference that keeps the running task from garbage collection.
         self._task: asyncio.Future[None] | None = None
 
@@ -348,6 +360,11 @@ class AppState:
         if name in self.session.devices.files_in_use:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
+    def start_lot(self, name: str) -> None:
+        """Count the items of another batch from now on."""
+        rules = self.settings.rules
+        self.session.lot = Lot(name, default_bin=None if rules is None else rules.default_bin)
+
     def calibration_file(self) -> Path:
         """Return the rig's calibration file: named in the rig file, or in the folder."""
         rig = self.session.rig
@@ -371,14 +388,39 @@ class AppState:
             texts.append(f"calibrated {age_text(source.calibrated_at)}")
         return texts
 
-    def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
+    def _place_measured(self, grasped: Grasped, order: GraspOrder) -> None:
+        """Find the bin of the held object, and then report that it is measured."""
+        if self._is_placed(order):
+            self._placing = asyncio.ensure_future(self._place(grasped, order))
+        else:
+            self.session.devices.is_answered = True
+
+    def _is_placed(self, order: GraspOrder) -> bool:
+        """Return whether the grasp has a record or a bin."""
+        has_source = self.session.devices.live.source is not None
+        return has_source and (order.item_id != "" or self.settings.rules is not None)
+
+    async def _place(self, grasped: Grasped, order: GraspOrder) -> Placement:
+        """Decide on the bin once, and show it."""
+        devices = self.session.devices
+        source = devices.live.source
+        assert source is not None
+        place = partial(self.item_store.place, grasped, item_id=order.item_id, source=source)
+        placement = await asyncio.get_running_loop().run_in_executor(None, place)
+        if devices.order == order:
+            devices.placed = placement.complete(grasped.document)
+            devices.evidence, devices.is_answered = placement.evidence, True
+            self.session.form.return_item(order, again=devices.placed.needs_regrasp)
+        return placement
+
+    def _finish_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
         """Store a finished grasp and publish its result."""
-        live = self.session.devices.live
+        placing, self._placing = self._placing, None
         entry = make_entry(
             grasped,
             kind=outcome_kind(grasped.document),
             item_id=order.item_id,
-            curve=list(live.curve),
+            curve=list(self.session.devices.live.curve),
         )
         document = replace(
             grasped.document,
@@ -386,51 +428,58 @@ class AppState:
             recording=order.recording.name,
             ended_at=entry.ended_at,
         )
-        source = live.source
-        if source is None or not (order.item_id or self.settings.rules):
+        if not self._is_placed(order):
             why = "the devices have no source" if order.item_id else NO_ITEM
             self._publish(entry, replace(document, stored=False, not_stored=why), order=order)
             return
-        place = partial(
-            self.item_store.sort_grasp,
-            document,
-            source=source,
-            recording=grasped.recording if order.item_id else None,
-            closing=grasped.closing,
-        )
         # The activity stays "grasping" until the result is published, because clients read the
         # result and the item at the end of the activity.
         self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
+        # Without an answer nothing was placed so far.
+        placing = placing or asyncio.ensure_future(self._place(grasped, order))
         self._task = asyncio.ensure_future(
-            self._place_and_publish(place, entry, document, order=order)
+            self._store_and_publish(placing, entry, document, order=order)
         )
 
-    async def _place_and_publish(
+    async def _store_and_publish(
         self,
-        place: Callable[[], GraspDocument],
+        placing: asyncio.Future[Placement],
         entry: Entry,
         document: GraspDocument,
         *,
         order: GraspOrder,
     ) -> None:
-        """Store a grasp, find its bin, and then publish its result."""
-        devices, grasped = self.session.devices, self.session.devices.grasped
+        """Store a grasp with its bin, and then publish its result."""
+        devices, source = self.session.devices, self.session.devices.live.source
+        assert source is not None
+        placement: Placement | None = None
         try:
             async with asyncio.timeout(_STORE_TIMEOUT_S):
-                placed = await asyncio.get_running_loop().run_in_executor(None, place)
+                placement = await placing
+                add = partial(
+                    self.item_store.add,
+                    document,
+                    placement=placement,
+                    calibration=source.calibration,
+                    batch=self.session.lot.name,
+                )
+                document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:
-            why = f"the store has not answered for {_STORE_TIMEOUT_S:g} s"
-            placed = self.item_store.place_without_store(document, why=why)
-        if devices.grasped is grasped:
-            devices.placed = placed
-        self._publish(entry, placed, order=order)
+            if placement is not None:
+                document = placement.complete(document)
+            elif self.settings.rules is not None:
+                document = replace(document, is_sorted=True, no_bin=StoreFault.AWAY)
+            why = StoreFault.AWAY if document.item_id else NO_ITEM
+            document = replace(document, stored=False, not_stored=why)
+        devices.placed = document
+        self._publish(entry, document, order=order)
         if devices.activity is DeviceActivity.GRASPING:
             devices.mark_idle()
 
     def _publish(self, entry: Entry, document: GraspDocument, *, order: GraspOrder) -> None:
         """Add a grasp to the history, and publish its document."""
         devices, chosen, item = self.session.devices, document.bin, document.item
-        again = chosen is not None and chosen.again
+        again = document.needs_regrasp
         is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
         self.session.form.return_item(order, again=is_repeated)
         devices.not_stored = document.not_stored
@@ -442,44 +491,20 @@ class AppState:
             stage=None if item is None else item.stage,
             bruised=None if item is None else item.bruised,
         )
+        self.session.lot.add(document)
+        words = self.session.words
         if document.not_stored and entry.item_id:
-            devices.trouble = f"the grasp was not stored: {document.not_stored}"
+            note = store_note(devices, words)
+            devices.add_alarm(words("alarm.item", item=entry.item_id, text=note))
         try:
             self.history.add(entry)
         except OSError as error:
-            devices.trouble = f"the grasp was not added to the history: {error}"
+            _LOG.error("%s: %s", entry.recording, error)
+            devices.add_alarm(words("badge.history"))
         self._results += 1
         self._last_document = document
         for listener in self.on_result:
             listener(document)
-
-    def _predict_bin(self) -> None:
-        """Find and show the bin of the held object after its measurement."""
-        devices, rules = self.session.devices, self.settings.rules
-        order, progress, source = devices.order, devices.live.progress, devices.live.source
-        if rules is None or progress is None or source is None or devices.grasped is not None:
-            return
-        if not (isinstance(order, GraspOrder) and progress.decided and progress.phase == "hold"):
-            return
-        answer = replace(progress.answer, outcome=Outcome.HELD)
-        key = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
-        if key == self._predicted_for:
-            return
-        self._predicted_for = key
-        # A client that sees the answer reads the bin at the same time.
-        devices.is_placing = devices.placed is None or not devices.placed.is_sorted
-
-        def show(placed: asyncio.Future[GraspDocument]) -> None:
-            """Show the bin, unless the grasp has ended in the meantime."""
-            if devices.live.generation == key[0] and devices.grasped is None:
-                devices.is_placing = False
-                devices.placed = found = placed.result()
-                again = found.bin is not None and found.bin.again
-                self.session.form.return_item(order, again=again)
-
-        measured = GraspDocument(result=answer, item_id=order.item_id)
-        place = partial(self.item_store.sort_grasp, measured, source=source)
-        asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
 
     def _send(self, message: Order | Request) -> None:
         if self._process is not None:
@@ -505,7 +530,6 @@ class AppState:
                 case OrderEnded(order=GraspOrder() as order, found=None):
                     # The hand has not measured the item, which is to be grasped again.
                     self.session.form.return_item(order, again=True)
-        self._predict_bin()
 
 
 def check_item(text: str) -> str:

@@ -14,6 +14,10 @@ from palpate.force.force_law import ForceLaw
 from palpate.force.gain import Gain
 from palpate.force.of_calibration import force_law_of
 from palpate.force.sheet_law import SheetLaw
+from palpate.estimate.compliance import Compliance
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.gain import Gain
+from palpate.estimate.sheet_law import SheetLaw
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
@@ -72,6 +76,8 @@ class GraspProgress:
     settled_n: Measurement | None = None
     #: Gain of this contact relative to the sheet; None before the first closing step.
     gain: Gain | None = None
+    #: Compliance of a gripper that reports its width; None if unknown.
+    compliance: Compliance | None = None
     #: Time of first contact; None until the contact is confirmed.
     touched_s: float | None = None
     #: Time to which the forecast refers, and duration of its data, seconds; None before a forecast.
@@ -137,6 +143,7 @@ def grasp_progress_of(
         answer=answer,
         decided=decided,
         settled_n=settled_n,
+        compliance=plan.compliance,
         gain=gain if gain.log_sd > 0 else None,
         touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
@@ -154,5 +161,4 @@ def _touch_time_s(grasp_state: GraspState) -> float | None:
     """Return the time of first contact, from which the decision time counts."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
-    contact_s = grasp_state.attempt.sweep_contact_s
-    return grasp_state.estimate.contact_s if contact_s is None else contact_s
+    return grasp_state.first_contact_s

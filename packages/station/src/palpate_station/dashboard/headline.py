@@ -1,53 +1,33 @@
-"""The headline of a session, its colour, and the texts of the operator's page."""
+"""The headline of a session: what it reports, its colour, and its texts on the two pages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
-from palpate.grasp.document import GraspDocument
+from palpate.estimate.firmness import firmness_text
+from palpate.grasp.document import Bin, GraspDocument
+from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.verdict import outcome_text, verdict
-from palpate.object.firmness import firmness_text
+from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
+from palpate_station.dashboard.item_store import StoreFault
+from palpate_station.dashboard.jobs import HOLD_S
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import DeviceState, Session
+from palpate_station.dashboard.words import Words
 
-#: Headline after a stop once the hand is open; the user need not act.
-STOPPED_OPEN = "stopped, hand open"
+#: Activities that hide the verdict of the previous grasp.
 _HEADLINE_ACTIVITIES = (
     DeviceActivity.CALIBRATING_REST,
     DeviceActivity.CALIBRATING_FORCE,
     DeviceActivity.EXAMINING,
     DeviceActivity.RELEASING,
 )
-#: Description of each phase, and a single word for the operator's page.
-PHASES = {
-    "wait": ("waiting until the sheet has recovered", "Measuring"),
-    "sweep": ("closing in", "Closing"),
-    "felt": ("possible contact", "Closing"),
-    "approach": ("approaching slowly", "Touching"),
-    "contact": ("contact found", "Touching"),
-    "squeeze": ("squeezing gently", "Gripping"),
-    "settle": ("waiting for the sheet", "Measuring"),
-    "adjust": ("adjusting", "Gripping"),
-    "ease": ("easing off", "Gripping"),
-    "hold": ("holding", "Holding"),
-    "release": ("releasing", "Opening"),
-}
-#: Each outcome of a grasp in few words, and the operator's next step.
-OUTCOMES = {
-    Outcome.HELD: ("Held", "Put the next item in, then press Grasp"),
-    Outcome.NOTHING_THERE: ("Nothing there", "Put an item between the fingers, then press Grasp"),
-    Outcome.SLIPPED: ("Slipped", "Put the item in again, further up, then press Grasp"),
-    Outcome.TOO_WEAK: ("Too weak", "Lift this item by hand: no safe grip is certain to hold it"),
-    Outcome.FORCE_LIMIT: ("Too much force", "Check the item and the hand before you continue"),
-    Outcome.TIMED_OUT: ("Gave up", "Check the item and the hand, then press Grasp again"),
-    Outcome.SENSOR_LOST: ("Sensor lost", "Check the sensor's cable and power"),
-    Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you continue"),
-    Outcome.STOPPED: ("Stopped", "Check the hand, then press Grasp again"),
-}
 #: Outcomes whose next step is another grasp of the same item.
 REPEATED_OUTCOMES = frozenset(
     {
@@ -59,44 +39,201 @@ REPEATED_OUTCOMES = frozenset(
         Outcome.STOPPED,
     }
 )
-#: Next step with a provisional bin, while the hand holds the item and after it opened.
-AGAIN_STEPS = (
-    "Press Release, turn the item, then press Grasp again: the bin is provisional",
-    "Turn the item, then press Grasp again: the bin is provisional",
-)
 
 
-def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
-    """Return the headline of the running or last grasp, or of the current activity."""
+class Report(StrEnum):
+    """What a headline reports."""
+
+    GONE = "gone"
+    SILENT = "silent"
+    UNREADABLE = "unreadable"
+    CALIBRATION_STOPPED = "calibration_stopped"
+    CALIBRATION_FAILED = "calibration_failed"
+    #: A stop, or a lost sensor, after the hand is open and the sensor answers: nothing to do.
+    STOPPED_OPEN = "stopped_open"
+    SENSOR_BACK = "sensor_back"
+    #: A rig that waits: with an open or a closed gripper, or without one.
+    READY = "ready"
+    CLOSED = "closed"
+    PADS = "pads"
+    CONTACT = "contact"
+    #: Another activity than a grasp.
+    ACTIVITY = "activity"
+    #: A grasp: its phase, its outcome, or the damage of the object on simulated rigs.
+    PHASE = "phase"
+    OUTCOME = "outcome"
+    DAMAGED = "damaged"
+
+
+#: Faults of the devices, which hide every verdict.
+_FAULTS = (Report.SILENT, Report.UNREADABLE)
+_CALIBRATION = (Report.CALIBRATION_STOPPED, Report.CALIBRATION_FAILED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """What a page reports of the running or last grasp, or of the current activity.
+
+    Attributes
+    ----------
+    report : Report
+        What is reported.
+    kind : str
+        Colour: ``"good"``, ``"warn"``, ``"bad"``, ``"busy"`` or ``"idle"``.
+    result : GraspResult or None
+        Result of the grasp, as far as it is shown.
+    outcome : Outcome or None
+        Outcome of the grasp; None before its end.
+    phase : str
+        Phase of the running grasp.
+    target_force_n : float or None
+        Target force of the grasp, newtons.
+    bin : Bin or None
+        The item's bin.
+    evidence : str
+        What the bin is based on.
+    no_bin : str
+        Why rules gave no bin; empty if they did, or without rules.
+    has_passed_limit : bool
+        Whether the peak force exceeded the object's learned damage limit.
+    """
+
+    report: Report
+    kind: str
+    result: GraspResult | None = None
+    outcome: Outcome | None = None
+    phase: str = ""
+    target_force_n: float | None = None
+    bin: Bin | None = None
+    evidence: str = ""
+    no_bin: str = ""
+    has_passed_limit: bool = False
+
+    @property
+    def on_target(self) -> bool | None:
+        """Whether the target force was reached; None without target or force."""
+        if self.result is None:
+            return None
+        found = verdict(self.result, target_force_n=self.target_force_n)["on_target"]
+        return None if found is None else bool(found)
+
+    @property
+    def firmness_word(self) -> str:
+        """Firmness in words; empty if it is unknown."""
+        stiffness = None if self.result is None else self.result.stiffness_n_per_mm
+        words = UNKNOWN_FIRMNESS if stiffness is None else firmness(stiffness)
+        return "" if words == UNKNOWN_FIRMNESS else words
+
+    def measured(self, words: Words) -> list[str]:
+        """Return the known firmness and size as texts; empty unless the object is held."""
+        result = self.result
+        if result is None or self.report is Report.DAMAGED:
+            return []
+        if self.outcome not in (None, Outcome.HELD):
+            return []
+        texts = []
+        if result.firmness is not None and result.firmness.has_value:
+            texts.append(words("firmness", value=firmness_text(result.firmness)))
+        if result.size_mm is not None and result.size_mm.has_value:
+            texts.append(words("size", size=f"{result.size_mm.middle:.0f}"))
+        return texts
+
+
+def find_headline(session: Session, *, stale: bool) -> Headline:
+    """Return the headline of a session; `stale`: whether its frames are too old."""
     devices, activity = session.devices, session.devices.activity
-    grasped, progress = devices.grasped, devices.live.progress
     if activity is DeviceActivity.GONE:
-        return _headline("the device process has ended", "bad")
-    found = _fault_headline(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
-    if found is not None:
-        return found
+        return Headline(report=Report.GONE, kind="bad")
+    report = _find_fault(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
+    if report is not None:
+        is_over = report in (Report.STOPPED_OPEN, Report.SENSOR_BACK)
+        mild = "idle" if is_over else "warn" if report is Report.CALIBRATION_STOPPED else "bad"
+        return Headline(report=report, kind=mild)
     if activity in _HEADLINE_ACTIVITIES:
-        # Hides the verdict of the previous grasp.
-        return _headline(activity.value, "busy")
-    if grasped is not None:
-        return _end_headline(devices, grasped.document)
+        return Headline(report=Report.ACTIVITY, kind="busy")
+    if devices.grasped is not None:
+        return _end_headline(devices, devices.grasped.document)
+    progress = devices.live.progress
+    if devices.stopped_early and activity is DeviceActivity.WATCHING:
+        return Headline(report=Report.OUTCOME, kind="bad", outcome=Outcome.STOPPED)
+    if progress is None and activity is DeviceActivity.GRASPING:
+        return Headline(report=Report.PHASE, kind="busy", phase="sweep")
     if progress is None:
-        text = activity.value
-        if activity is DeviceActivity.WATCHING and not devices.is_sensor_only:
-            text = "ready"
-        return _headline(text, "busy" if activity is DeviceActivity.GRASPING else "idle")
-    # The last phase has no text: the grasp has ended, but its result has not arrived yet.
-    text = phase_text(progress.phase) or outcome_text(progress.answer.outcome)
+        return Headline(report=_waiting_report(devices), kind="idle")
+    # Between its last phase and its end, a grasp has an outcome, but no result yet.
+    is_over = progress.phase == Phase.DONE.value
+    outcome = progress.answer.outcome if is_over else None
+    report = Report.OUTCOME if is_over else Report.PHASE
     if not progress.decided:
-        return _headline(text, "busy")
-    words = _verdict(progress.answer, target_force_n=session.shown_target_n)
-    words |= {"text": text, "kind": "warn" if words["on_target"] is False else "good"}
-    return _add_bin(words, devices) if progress.phase == "hold" else words
+        return Headline(report=report, kind="busy", phase=progress.phase, outcome=outcome)
+    found = Headline(
+        report=report,
+        kind="good",
+        phase=progress.phase,
+        outcome=outcome,
+        result=progress.answer,
+        target_force_n=session.shown_target_n,
+        **(_bin_fields(devices) if progress.phase == Phase.HOLD.value else {}),
+    )
+    return _with_kind(found, "warn" if found.on_target is False else "good")
 
 
-def phase_text(phase: str) -> str:
-    """Return the description of a phase; empty for the last phase."""
-    return PHASES.get(phase, ("", ""))[0]
+def _find_fault(devices: DeviceState, *, stale: bool) -> Report | None:
+    """Return the fault of waiting devices, a failed calibration or a past stop; else None."""
+    live, failure = devices.live, devices.calibration_failure
+    if stale and live.link.frames:
+        return Report.SILENT
+    if live.percent is not None and np.isnan(live.percent).all():
+        return Report.UNREADABLE
+    if failure is not None:
+        return Report.CALIBRATION_STOPPED if failure.stopped else Report.CALIBRATION_FAILED
+    document = None if devices.grasped is None else devices.grasped.document
+    outcome = None if document is None else document.result.outcome
+    if not live.is_hand_open or (document is not None and _is_damaged(document)):
+        return None
+    if outcome is Outcome.STOPPED or devices.stopped_early:
+        return Report.STOPPED_OPEN
+    # Frames arrive again, as `stale` is checked above.
+    return Report.SENSOR_BACK if outcome is Outcome.SENSOR_LOST else None
+
+
+def _waiting_report(devices: DeviceState) -> Report:
+    """Return the report of a session without a grasp."""
+    if devices.activity is not DeviceActivity.WATCHING:
+        return Report.ACTIVITY
+    if devices.is_sensor_only:
+        return Report.CONTACT if devices.live.touching_fingers else Report.PADS
+    return Report.CLOSED if devices.live.is_hand_open is False else Report.READY
+
+
+def _end_headline(devices: DeviceState, document: GraspDocument) -> Headline:
+    """Return the headline of a grasp that has ended."""
+    result, damaged = document.result, _is_damaged(document)
+    found = Headline(
+        report=Report.DAMAGED if damaged else Report.OUTCOME,
+        kind=outcome_kind(document),
+        result=result,
+        outcome=result.outcome,
+        target_force_n=document.target_force_n,
+        has_passed_limit=not damaged and _has_passed_limit(document),
+        **({} if damaged or result.outcome is not Outcome.HELD else _bin_fields(devices)),
+    )
+    return _with_kind(found, found.kind)
+
+
+def _bin_fields(devices: DeviceState) -> dict[str, Any]:
+    placed = devices.placed
+    if placed is None or not placed.is_sorted:
+        return {}
+    return {"bin": placed.bin, "no_bin": placed.no_bin, "evidence": devices.evidence}
+
+
+def _with_kind(found: Headline, kind: str) -> Headline:
+    """Return the headline with its colour; the default bin and a missing one are amber."""
+    has_default_bin = found.bin is not None and found.bin.rule is None
+    if kind != "bad" and (has_default_bin or found.no_bin):
+        kind = "warn"
+    return replace(found, kind=kind)
 
 
 def outcome_kind(document: GraspDocument) -> str:
@@ -109,99 +246,6 @@ def outcome_kind(document: GraspDocument) -> str:
     return "warn" if on_target is False or result.faults or passed else "good"
 
 
-def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
-    return {
-        "text": text,
-        "kind": kind,
-        "why": why,
-        "firmness": "",
-        "measured": "",
-        "bin": "",
-        "on_target": None,
-    }
-
-
-def _verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, Any]:
-    """Return a headline with the verdict on a measured object."""
-    words = verdict(result, target_force_n=target_force_n)
-    measured = ", ".join(_describe_measurements(result))
-    return _headline("", "") | words | {"firmness": words["firmness"] or "", "measured": measured}
-
-
-def _is_firmness_word(firmness: str) -> bool:
-    return firmness != "" and not firmness.startswith("firmness ")
-
-
-def _fault_headline(devices: DeviceState, *, stale: bool) -> dict[str, Any] | None:
-    """Return the headline of a fault, a failed calibration or a stop; else None."""
-    live, failure = devices.live, devices.calibration_failure
-    if stale and live.link.frames:
-        why = "check its cable and power; reading resumes when the sensor answers"
-        return _headline("the sensor is silent", "bad", why=why)
-    if live.percent is not None and np.isnan(live.percent).all():
-        why = "check the cable between sensor and board; the tab Doctor shows details"
-        return _headline("no pixel readings", "bad", why=why)
-    if failure is not None:
-        is_calibrated = live.source is not None and live.source.rest_ohm is not None
-        why = (
-            "the previous calibration stays in use" if is_calibrated else "no calibration is in use"
-        )
-        if failure.stopped:
-            return _headline("calibration stopped", "warn", why=why)
-        return _headline("calibration failed", "bad", why=why)
-    grasped = devices.grasped
-    is_stopped = grasped is not None and grasped.document.result.outcome is Outcome.STOPPED
-    if (is_stopped or devices.stopped_early) and live.is_hand_open:
-        return _headline(STOPPED_OPEN, "idle")
-    if devices.stopped_early:
-        return _headline(outcome_text(Outcome.STOPPED), "bad")
-    return None
-
-
-def _end_headline(devices: DeviceState, document: GraspDocument) -> dict[str, Any]:
-    """Return the headline of a grasp that has ended."""
-    words = _verdict(document.result, target_force_n=document.target_force_n)
-    if _is_damaged(document):
-        words |= {"text": "the object was damaged", "why": words["text"], "firmness": ""}
-    elif _has_passed_limit(document):
-        words["why"] = "the force exceeded the damage limit before the limit was known"
-    if _is_damaged(document) or document.result.outcome is not Outcome.HELD:
-        words["measured"] = ""
-    words["kind"] = outcome_kind(document)
-    return _add_bin(words, devices)
-
-
-def _add_bin(headline: dict[str, Any], devices: DeviceState) -> dict[str, Any]:
-    """Return the headline with the bin as its text; amber for the default bin."""
-    placed = devices.placed
-    if headline["kind"] == "bad" or placed is None or not placed.is_sorted:
-        return headline
-    found = placed.bin
-    if found is None:
-        return headline | {"why": f"no bin: {placed.no_bin}", "kind": "warn"}
-    firm = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
-    measured = ", ".join(filter(None, (firm, headline["measured"])))
-    return headline | {
-        "text": found.name,
-        "bin": found.name,
-        "again": found.again,
-        "why": f"{headline['text']}: {found.why.partition(': ')[2]}",
-        "firmness": measured,
-        "measured": measured,
-        "kind": "warn" if found.rule is None else headline["kind"],
-    }
-
-
-def _describe_measurements(result: GraspResult) -> list[str]:
-    """Return the known firmness and size as text."""
-    texts = []
-    if result.firmness is not None and result.firmness.has_value:
-        texts.append(f"firmness {firmness_text(result.firmness)} of 100")
-    if result.size_mm is not None and result.size_mm.has_value:
-        texts.append(f"{result.size_mm.middle:.0f} mm")
-    return texts
-
-
 def _has_passed_limit(document: GraspDocument) -> bool:
     """Return whether the peak force exceeded the object's learned damage limit."""
     peak_n = document.result.peak_force_n
@@ -212,104 +256,205 @@ def _is_damaged(document: GraspDocument) -> bool:
     return bool((document.truth or {}).get("damaged"))
 
 
-def _is_stop_headline(headline: Mapping[str, object]) -> bool:
-    """Return whether the headline reports a stopped grasp."""
-    return headline["text"] == outcome_text(Outcome.STOPPED)
+# -- texts ----------------------------------------------------------------------------------------
 
 
-def operator_view(session: Session, *, headline: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts of the operator's page.
+def activity_text(activity: DeviceActivity, words: Words) -> str:
+    """Return an activity as text."""
+    return words(f"activity.{activity.name.lower()}")
 
-    Parameters
-    ----------
-    session : Session
-        The session.
-    headline : mapping
-        The headline of the full page.
-    """
-    target_force_n = session.form.target_force_n
-    if session.devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
-        target_force_n = session.shown_target_n
+
+def phase_text(phase: str, words: Words) -> str:
+    """Return the description of a phase; empty for the last phase."""
+    return "" if phase == Phase.DONE.value else words(f"phase_full.{phase}")
+
+
+def verdict_document(session: Session, headline: Headline) -> dict[str, Any]:
+    """Return the verdict of the full page."""
+    words, result = session.words, headline.result
+    text, why = _full_texts(session, headline)
+    measured, firm = ", ".join(headline.measured(words)), ""
+    if headline.bin is not None:
+        # What the bin rests on combines all grasps of the item: no second number next to it.
+        firm = measured = headline.evidence
+    elif result is not None and headline.report is not Report.DAMAGED:
+        firm = str(verdict(result, target_force_n=None)["firmness"] or "")
     return {
-        "word": _capitalize(_operator_word(session.devices, headline)),
-        "next": _capitalize(_next_step(session.devices, headline)),
-        "target": "gentle squeeze" if target_force_n is None else f"{target_force_n:g} N",
+        "report": headline.report,
+        "text": text if headline.bin is None else headline.bin.name,
+        "kind": headline.kind,
+        "why": why,
+        "firmness": firm,
+        "measured": measured,
+        "bin": "" if headline.bin is None else headline.bin.name,
+        "is_grasp": result is not None,
+        "target_force_n": headline.target_force_n,
+        "on_target": headline.on_target,
     }
 
 
-def _operator_word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
-    grasped, progress, activity = devices.grasped, devices.live.progress, devices.activity
-    if _is_stop_headline(headline):
-        return OUTCOMES[Outcome.STOPPED][0]
-    if (
-        headline["text"] == STOPPED_OPEN
-        or activity is DeviceActivity.GONE
-        or (headline["kind"] == "bad" and grasped is None)
-        or devices.calibration_failure is not None
-    ):
-        return str(headline["text"])
-    if activity not in (DeviceActivity.WATCHING, DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
-        return str(activity)
-    if headline["bin"]:
-        return str(headline["bin"])
-    firmness = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
-    if grasped is not None:
-        if _is_damaged(grasped.document):
-            return "Damaged"
-        if grasped.document.result.outcome is not Outcome.HELD:
-            return OUTCOMES[grasped.document.result.outcome][0]
-        return "Off target" if headline["on_target"] is False else firmness or "held"
-    if progress is None and activity is DeviceActivity.GRASPING:
-        return "Closing"
-    if devices.is_sensor_only:
-        return "contact" if devices.live.touching_fingers else "Ready"
-    if progress is None:
-        return "Ready" if devices.live.is_hand_open is not False else "Hand closed"
-    is_measured = (
-        progress.decided and progress.phase == "hold" and headline["on_target"] is not False
-    )
-    if is_measured and firmness:
-        return str(firmness)
-    if progress.phase in PHASES:
-        return PHASES[progress.phase][1]
-    return OUTCOMES[progress.answer.outcome][0]
+def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
+    """Return text and reason of the full page's verdict."""
+    words, report = session.words, headline.report
+    if report is Report.ACTIVITY:
+        return activity_text(session.devices.activity, words), ""
+    if report is Report.PHASE:
+        text = phase_text(headline.phase, words)
+    elif report is Report.OUTCOME:
+        text = words(f"outcome_full.{headline.outcome}")
+    else:
+        text = words(f"full.{report}")
+    if report in _FAULTS:
+        return text, words(f"why.{report}")
+    if report in _CALIBRATION:
+        source = session.devices.live.source
+        is_calibrated = source is not None and source.rest_ohm is not None
+        return text, words(f"why.calibration_{'kept' if is_calibrated else 'none'}")
+    if report is Report.DAMAGED:
+        return text, words(f"outcome_full.{headline.outcome}")
+    if headline.bin is not None:
+        return text, text
+    if headline.no_bin:
+        return text, words("why.no_bin", why=_fault_text(headline.no_bin, words))
+    return text, words("why.passed_limit") if headline.has_passed_limit else ""
 
 
-def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
-    grasped, progress, activity = devices.grasped, devices.live.progress, devices.activity
-    if activity is DeviceActivity.GONE:
-        return "Start palpate serve again"
+def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
+    """Return the texts of the operator's page.
+
+    ``word``, ``detail``: the verdict. ``next``: the next step, on the screen that controls.
+    ``watch``: the text in its place on other screens. ``lot``: the line of the lot. ``badge``: a
+    note that the grasp is not stored. ``opens``: the countdown before the gripper opens by itself.
+    ``is_past``: whether the verdict is that of another item than the scanned one.
+    """
+    words, form, devices = session.words, session.form, session.devices
+    target_force_n = form.target_force_n
+    if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
+        target_force_n = session.shown_target_n
+    driver = session.names.get(session.driver or "", session.driver)
+    is_scanned = form.item_id != "" and not form.is_returned
+    return {
+        "word": _capitalize(_operator_word(session, headline)),
+        "detail": _operator_detail(headline, words, is_released_alone=devices.is_released_alone),
+        "measured": headline.evidence or ", ".join(headline.measured(words)),
+        "next": _capitalize(_next_step(session, headline)),
+        "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
+        "lot": lot_text(session.lot, words),
+        "badge": "" if headline.result is None else store_note(devices, words),
+        "opens": _countdown(devices, headline, words),
+        "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
+        "target": words("target.none")
+        if target_force_n is None
+        else words("target.force", force=f"{target_force_n:g}"),
+    }
+
+
+def _operator_word(session: Session, headline: Headline) -> str:
+    words, report = session.words, headline.report
+    if report is Report.ACTIVITY:
+        return activity_text(session.devices.activity, words)
+    if headline.bin is not None:
+        return headline.bin.name
+    is_measured = report is Report.PHASE and headline.phase == Phase.HOLD.value
+    if report is Report.PHASE and not (is_measured and headline.result is not None):
+        return words(f"phase.{headline.phase}")
+    if report not in (Report.PHASE, Report.OUTCOME):
+        return words(f"word.{report}")
+    if headline.outcome not in (None, Outcome.HELD):
+        return words(f"outcome.{headline.outcome}")
+    if headline.on_target is False:
+        return words("phase.hold" if is_measured else "word.off_target")
+    return headline.firmness_word or words("phase.hold" if is_measured else "outcome.held")
+
+
+def _operator_detail(headline: Headline, words: Words, *, is_released_alone: bool) -> str:
+    """Return what the word above does not say."""
+    texts = []
+    if headline.report is Report.OUTCOME and headline.outcome is Outcome.HELD:
+        hold_s = f"{HOLD_S:g}"
+        texts.append(words("detail.held_alone", hold_s=hold_s) if is_released_alone else "")
+    elif headline.report is Report.OUTCOME:
+        texts.append(words(f"detail.{headline.outcome}"))
+    if headline.no_bin:
+        texts.append(words("why.no_bin", why=_fault_text(headline.no_bin, words)))
+    if headline.has_passed_limit:
+        texts.append(words("why.passed_limit"))
+    return "; ".join(filter(None, texts))
+
+
+def _next_step(session: Session, headline: Headline) -> str:
+    words, devices, report = session.words, session.devices, headline.report
+    again = headline.bin is not None and headline.bin.again
+    if report is Report.GONE:
+        return words("next.gone")
     if devices.guide is not None:
         return devices.guide.text
-    if activity is DeviceActivity.IDLE:
-        return "Choose a rig on the full page"
-    if activity is DeviceActivity.GRASPING:
-        if progress is not None and progress.phase == "hold":
-            return AGAIN_STEPS[0] if headline.get("again") else "Take the item, then press Release"
-        return "Keep your hands away"
-    if activity is not DeviceActivity.WATCHING:
-        return "Wait"
-    if devices.calibration_failure is not None:
-        return "Repeat the calibration on the full page, or continue without it"
-    if headline["kind"] == "bad" and grasped is None and not _is_stop_headline(headline):
-        return str(headline["why"])
+    if devices.activity is DeviceActivity.IDLE:
+        return words("next.no_rig")
+    if devices.activity is DeviceActivity.GRASPING:
+        if headline.phase == Phase.HOLD.value:
+            return words("next.turn_held" if again else "next.take")
+        return words("next.away")
+    if devices.activity is not DeviceActivity.WATCHING:
+        return words("next.wait")
+    if report in _CALIBRATION:
+        return words("next.calibrate")
+    if report in _FAULTS:
+        return words(f"next.{report}")
     if devices.is_sensor_only:
-        return "No gripper: press the pads"
+        return words("next.pads")
     if devices.live.is_hand_open is False:
-        return "Press Release: the hand opens"
-    if _is_stop_headline(headline):
-        return OUTCOMES[Outcome.STOPPED][1]
-    if grasped is None or headline["text"] == STOPPED_OPEN:
-        return OUTCOMES[Outcome.HELD][1]
-    if _is_damaged(grasped.document):
-        return "Set this item aside"
-    placed = devices.placed
-    is_lost = placed is not None and placed.is_sorted and placed.bin is None
-    if grasped.document.result.outcome is Outcome.HELD and is_lost:
-        return "Set this item aside: it has no bin"
-    if headline.get("again"):
-        return AGAIN_STEPS[1]
-    return OUTCOMES[grasped.document.result.outcome][1]
+        return words("next.release")
+    if session.requires_item and not session.form.item_id:
+        return words("next.name")
+    if report is Report.SENSOR_BACK:
+        return words("next.again")
+    if report is Report.DAMAGED:
+        return words("next.aside")
+    if headline.no_bin:
+        return words("next.no_bin")
+    if again:
+        return words("next.turn")
+    is_ended = report is Report.OUTCOME and headline.outcome is not None
+    return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
+
+
+def lot_text(lot: Lot, words: Words) -> str:
+    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
+    if not lot.items:
+        return ""
+    texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
+    texts.append(words("lot.items", n=lot.items))
+    texts += [f"{name} {count}" for name, count in lot.bins.most_common()]
+    if lot.packout_percent is not None:
+        texts.append(words("lot.packout", percent=f"{lot.packout_percent:.0f}"))
+    return " · ".join(texts)
+
+
+def store_note(devices: DeviceState, words: Words) -> str:
+    """Return the note that the shown grasp is not stored; empty if it is, or is running."""
+    if not devices.not_stored:
+        return ""
+    if not devices.item_id:
+        return words("badge.unnamed")
+    return words("badge.fault", why=_fault_text(devices.not_stored, words))
+
+
+def _fault_text(fault: str, words: Words) -> str:
+    """Return the words of a fault of the store; other reasons are shown unchanged."""
+    return words(f"fault.{fault.name.lower()}") if isinstance(fault, StoreFault) else fault
+
+
+def _countdown(devices: DeviceState, headline: Headline, words: Words) -> str:
+    """Return when the gripper opens by itself; empty unless it holds an object."""
+    progress = devices.live.progress
+    is_held = devices.activity is DeviceActivity.GRASPING and headline.phase == Phase.HOLD.value
+    if progress is None or not is_held:
+        return ""
+    # The last phase is the hold.
+    since_s, _ = devices.live.phases[-1]
+    left_s = HOLD_S - (progress.time_s - since_s)
+    return words("opens_in", s=max(0, math.ceil(left_s)))
 
 
 def _capitalize(text: str) -> str:

@@ -6,39 +6,56 @@ other programs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from enum import StrEnum
 from functools import partial
-from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
-from palpate.errors import InputError, PalpateError, StoreError
-from palpate.grasp.document import Bin, GraspDocument, ItemFacts
-from palpate.grasp.estimator import Observation
-from palpate.grasp.result import Outcome
-from palpate.measurement import Measurement
-from palpate.recording import RecordingReader
-from palpate.recording.replay import observations
-from palpate_station.dashboard.messages import FrameSource
+from palpate.errors import InputError, PalpateError, StoreAwayError, StoreMissingError
+from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate_station.dashboard.messages import FrameSource, Grasped
 from palpate_station.dashboard.panel_html import draw_panel_svg
+from palpate_station.grasp_record import make_grasp_record
+from palpate_station.identify.identifier import Identifier
+from palpate_station.identify.kinds import learn_kinds
 from palpate_station.line.results import NO_ITEM
+from palpate_station.records import Grasp, Item, Verdict
+from palpate_station.ripeness.history import (
+    firmness_history,
+    judge_ripeness,
+    last_drive,
+    learn_rule,
+)
+from palpate_station.ripeness.stages import RIPE, STAGES
+from palpate_station.sorting.placement import Placement
+from palpate_station.sorting.rules import RuleBook, decide
+from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence
+from palpate_station.store import Store
+from palpate_station.store.item_history import (
+    ItemHistory,
+    item_facts,
+    read_item_histories,
+    read_item_history,
+)
+from palpate_station.store.sender import Sender
 
-if TYPE_CHECKING:
-    from palpate_station.identify.identifier import Identifier
-    from palpate_station.records import Grasp, Verdict
-    from palpate_station.sorting.rules import RuleBook
-    from palpate_station.store import Store
-    from palpate_station.store.item_history import ItemHistory
-    from palpate_station.store.sender import Sender
-
+_LOG = logging.getLogger(__name__)
 _Read = TypeVar("_Read")
 #: Caption and axis label of the measurements over time on an item's page.
 _FIGURES = {
     "firmness": ("Firmness over time", "firmness (of 100)"),
     "settled_percent": ("Settled change over time", "settled change (%)"),
 }
+
+
+class StoreFault(StrEnum):
+    """A fault of the store in few words for every screen; the log has the details."""
+
+    AWAY = "the store does not answer"
+    UNUSABLE = "the store can't be used"
 
 
 class ItemStore:
@@ -58,116 +75,93 @@ class ItemStore:
         #: Reason why the last record was not stored; empty after a success.
         self.trouble = ""
 
-    def sort_grasp(
-        self,
-        document: GraspDocument,
-        *,
-        source: FrameSource,
-        recording: Path | None = None,
-        closing: Mapping[str, Measurement] = MappingProxyType({}),
-    ) -> GraspDocument:
-        """Return the document with its item and bin, based on all grasps of the item.
+    def place(self, grasped: Grasped, *, item_id: str, source: FrameSource) -> Placement:
+        """Return the record and the bin of a measured item, from all grasps of the item.
 
-        A grasp of a named item with a recording is first written to the local store, which is then
-        sent to a shared store. `closing` contains the measurements of the closing motion by their
-        names in the store.
+        Nothing is stored: the grasp has not ended yet.
         """
-        if self._rules is None and not document.item_id:
-            return replace(document, stored=False, not_stored=NO_ITEM)
-        from palpate_station.grasp_record import make_grasp_record
-        from palpate_station.store import Store
-        from palpate_station.store.sender import Sender
-
-        try:
-            grasp = make_grasp_record(
-                document.result,
-                # A record requires a name, but a grasp without a name is never stored.
-                item_id=document.item_id or "-",
-                observations=() if recording is None else _read_observations(recording),
-                layout=source.layout,
-                rig=source.name,
-                drive="width" if source.gripper is None else source.gripper.drive,
-                origin=source.origin,
-                calibration=source.calibration,
-                recording=recording,
-                closing=closing,
-            )
-            if recording is not None:
-                with Store.open(self._where) as store:
-                    store.add_grasp(grasp, calibration=source.calibration)
-                self.trouble = ""
-        except (PalpateError, OSError) as error:
-            self.trouble = str(error)
-            return self.place_without_store(document, why=self.trouble)
-        placed = self._choose_bin(grasp, document, is_stored=recording is not None)
-        if recording is None:
-            return placed
-        if self._sender is None:
-            self._sender = Sender(self._where)
-        self._sender.wake()
-        return replace(placed, stored=True, not_stored="")
-
-    def _choose_bin(
-        self, grasp: Grasp, document: GraspDocument, *, is_stored: bool
-    ) -> GraspDocument:
-        """Apply the rules to the item; store the decision if the grasp is stored."""
-        from palpate_station.sorting.rules import decide
-        from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence
-        from palpate_station.store import Store
-
-        rules, item_id = self._rules, document.item_id
-        why = "" if item_id else NO_ITEM
-        placed = replace(document, is_sorted=rules is not None, stored=False, not_stored=why)
+        grasp = make_grasp_record(
+            grasped.document.result,
+            # A record requires a name, but a grasp without a name is never stored.
+            item_id=item_id or "-",
+            observations=grasped.observations,
+            layout=source.layout,
+            rig=source.name,
+            drive="width" if source.gripper is None else source.gripper.drive,
+            origin=source.origin,
+            calibration=source.calibration,
+            recording=grasped.recording,
+            closing=grasped.closing,
+        )
+        found = Placement(grasp=grasp, is_sorted=self._rules is not None)
+        rules = self._rules
         try:
             stored = (
                 self._read(lambda store: _StoredItem.read(store, item_id, rules=rules))
                 or _StoredItem()
             )
             if item_id:
-                placed = replace(placed, item=stored.facts(item_id))
+                facts = item_facts(item_id, kind=stored.kind, verdicts=stored.verdicts)
+                found = replace(found, item=facts, away=stored.away)
             if rules is None:
-                return placed
-            grasps = stored.grasps if is_stored else (*stored.grasps, grasp)
+                return found
+            grasps = (*stored.grasps, grasp)
             evidence = combine_evidence(
                 grasps, identifier=stored.identifier, kind=stored.kind, verdicts=stored.verdicts
             )
-            decision = decide(rules, evidence)
-            if grasp.outcome is not Outcome.HELD:
-                return placed
-            if is_stored:
-                done = Sorted(
-                    item_id=item_id,
-                    decision=decision,
-                    identity=evidence.identity,
-                    size_mm=evidence.size_mm,
-                    grasps=grasps,
-                    grasping_s=0.0,
-                )
-                with Store.open(self._where) as store:
-                    store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
         except PalpateError as error:
-            return self.place_without_store(document, why=str(error))
-        chosen = Bin(
-            name=decision.bin,
-            rule=None if decision.rule is None else decision.rule.line,
-            probability=decision.probability,
-            # Grasps without a name are not combined, so another one would not help.
-            again=decision.needs_regrasp and item_id != "",
-            why=f"{decision.why} ({stored.away})" if stored.away else decision.why,
+            unread = ItemFacts(id=item_id) if item_id else None
+            return replace(found, item=unread, no_bin=self._report(error))
+        done = Sorted(
+            item_id=item_id,
+            decision=decide(rules, evidence),
+            identity=evidence.identity,
+            size_mm=evidence.size_mm,
+            grasps=grasps,
+            grasping_s=0.0,
         )
-        return replace(placed, bin=chosen)
+        return replace(found, done=done)
 
-    def place_without_store(self, document: GraspDocument, *, why: str) -> GraspDocument:
-        """Return the document without a bin if the store can't be used, with the reason."""
-        item_id = document.item_id
-        return replace(
-            document,
-            item=ItemFacts(id=item_id) if item_id else None,
-            is_sorted=self._rules is not None,
-            no_bin=why,
-            stored=False,
-            not_stored=(self.trouble or why) if item_id else NO_ITEM,
+    def add(
+        self, document: GraspDocument, *, placement: Placement, calibration: str, batch: str = ""
+    ) -> GraspDocument:
+        """Store a finished grasp and its bin; return its document.
+
+        `batch`: the item's batch; empty to leave it unchanged.
+
+        The local store is written, and then sent to a shared store. A grasp without a name is not
+        stored.
+        """
+        completed = replace(placement.complete(document), stored=False, not_stored=NO_ITEM)
+        if not document.item_id:
+            return completed
+        result = document.result
+        grasp = replace(
+            placement.grasp,
+            outcome=result.outcome,
+            decision_time_s=result.decision_time_s,
+            peak_force_n=result.peak_force_n,
         )
+        try:
+            with Store.open(self._where) as store:
+                store.add_grasp(grasp, calibration=calibration)
+                if batch:
+                    store.add_item(Item(item_id=document.item_id, batch=batch))
+                if completed.bin is not None and placement.done is not None:
+                    store.add_verdict(bin_verdict(placement.done, given_at=datetime.now(UTC)))
+        except (PalpateError, OSError) as error:
+            return replace(completed, not_stored=self._report(error))
+        self.trouble = ""
+        if self._sender is None:
+            self._sender = Sender(self._where)
+        self._sender.wake()
+        return replace(completed, stored=True, not_stored="", grasp_id=grasp.grasp_id)
+
+    def _report(self, error: Exception) -> StoreFault:
+        """Log a fault of the store; return its words for the screens."""
+        self.trouble = str(error)
+        _LOG.error("%s", error)
+        return StoreFault.AWAY if isinstance(error, StoreAwayError) else StoreFault.UNUSABLE
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the histories of the newest items, newest first; empty without a store.
@@ -177,8 +171,6 @@ class ItemStore:
         PalpateError
             If the store can't be used or does not answer.
         """
-        from palpate_station.store.item_history import read_item_histories
-
         return self._read(lambda store: read_item_histories(store, store.items(limit=limit))) or ()
 
     def page(self, item_id: str) -> ItemHistory:
@@ -189,8 +181,6 @@ class ItemStore:
         PalpateError
             If the item does not exist or the store can't be used.
         """
-        from palpate_station.store.item_history import read_item_history
-
         found = self._read(lambda store: read_item_history(store, item_id))
         if found is None:
             raise InputError(f"no item {item_id!r}: the store is empty")
@@ -223,14 +213,10 @@ class ItemStore:
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
-        from palpate_station.store import Store
-
         try:
             store = Store.open(self._where, create=False)
-        except StoreError as error:
-            if "no such file" in str(error):
-                return None
-            raise
+        except StoreMissingError:
+            return None
         with store:
             return read(store)
 
@@ -250,8 +236,6 @@ class _StoredItem:
     @classmethod
     def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:
         """Read an item from the store."""
-        from palpate_station.identify.kinds import learn_kinds
-
         items = store.find_items([item_id]) if item_id else ()
         kind = items[0].kind if items else None
         is_guessed = kind is None and rules is not None and rules.has_condition("class")
@@ -263,32 +247,9 @@ class _StoredItem:
             away="" if store.away is None else str(store.away),
         )
 
-    def facts(self, item_id: str) -> ItemFacts:
-        """Return `item` of the grasp document."""
-        from palpate_station.store.item_history import item_facts
-
-        return item_facts(item_id, kind=self.kind, verdicts=self.verdicts)
-
-
-def _read_observations(recording: Path) -> list[Observation]:
-    with RecordingReader(recording) as reader:
-        return [
-            Observation(frame=frame, gripper=state)
-            for frame, state in observations(reader)
-            if state is not None
-        ]
-
 
 def _ripening(store: Store, page: ItemHistory) -> str:
     """Draw an item's ripening with the curves of labelled items of the same kind."""
-    from palpate_station.ripeness.history import (
-        firmness_history,
-        judge_ripeness,
-        last_drive,
-        learn_rule,
-    )
-    from palpate_station.ripeness.stages import RIPE, STAGES
-
     item_id, kind, grasps = page.item.item_id, page.item.kind, page.grasps
     if kind is None:
         return ""

@@ -16,8 +16,10 @@ from palpate.calibrate.rest import compute_rest, format_now, replace_rest
 from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.force.of_calibration import DWELL_S, HORIZON_S
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.requests import Requests
+from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.gripper.plain import NO_GRIPPER
@@ -48,6 +50,7 @@ from palpate_station.dashboard.messages import (
     Grasped,
     GraspOrder,
     Guide,
+    Measured,
     OpenHand,
 )
 from palpate_station.dashboard.telemetry import Telemetry
@@ -225,6 +228,29 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     context.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     closing = ClosingWatch(job.plan)
+    observed: list[Observation] = []
+    answered: list[Grasped] = []
+
+    def observe(observation: Observation) -> None:
+        """Send the frame to the page, and keep it until the answer."""
+        telemetry.observe(observation)
+        if not answered:
+            observed.append(observation)
+
+    def grasped() -> Grasped:
+        """Return the grasp so far."""
+        return Grasped(
+            document=job.document(),
+            observations=() if answered else tuple(observed),
+            recording=order.recording,
+            closing=closing.list_measurements(),
+        )
+
+    def send_answer(grasp_state: GraspState) -> None:
+        """Send the answer once, when the hand holds the object."""
+        if job.known.is_set() and not answered:
+            answered.append(grasped())
+            telemetry.note(Measured(answered[0]))
 
     def confirm_stop_on_opening(grasp_state: GraspState) -> None:
         """Confirm a stop as soon as the hand opens."""
@@ -235,16 +261,23 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     with job:
         telemetry.set_plan(job.plan)
         job.run(
-            subscribers=[telemetry.observe],
-            watchers=[telemetry.set_grasp_state, confirm_stop_on_opening, closing.add_state],
+            subscribers=[observe],
+            watchers=[
+                telemetry.set_grasp_state,
+                confirm_stop_on_opening,
+                closing.add_state,
+                send_answer,
+            ],
         )
         # Stopped before the recording is closed: a slow disk must not delay the confirmation.
         if context.requests.stop.is_set():
             with suppress(DeviceError):
                 context.stop_hand()
-    return Grasped(
-        document=job.document(), recording=order.recording, closing=closing.list_measurements()
+    requests, found = context.requests, grasped()
+    is_alone = found.document.result.outcome is Outcome.HELD and not (
+        requests.release.is_set() or requests.stop.is_set()
     )
+    return replace(found, is_released_alone=is_alone)
 
 
 def open_hand(order: OpenHand, *, context: JobContext) -> None:

@@ -17,6 +17,7 @@ from palpate.force.force_law import ForceLaw
 from palpate.force.sheet_law import SheetLaw
 from palpate.grasp.damage_limit import DamageLimit
 from palpate.grasp.document import GraspDocument
+from palpate.grasp.estimator import Observation
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
@@ -333,13 +334,24 @@ class CalibrationRenewed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A finished grasp."""
+    """A grasp with its answer, while the hand holds the object or at the end."""
 
     document: GraspDocument
+    #: Every frame up to the answer, unless an earlier `Measured` of the grasp had them.
+    observations: tuple[Observation, ...] = ()
     #: Recording with every frame of the grasp.
     recording: Path | None = None
+    #: Whether the hand opened without a request, at the end of the hold time.
+    is_released_alone: bool = False
     #: Measurements of the closing motion, by their names in the store.
     closing: Mapping[str, Measurement] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The hand holds the object, and the answer is known."""
+
+    grasped: Grasped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -421,6 +433,7 @@ Note: TypeAlias = (
     FrameSource
     | OrderStarted
     | Guide
+    | Measured
     | OrderEnded
     | StopConfirmed
     | Trouble

@@ -64,7 +64,7 @@ def build_page(
     ui.on("confirm", lambda: viewer.request(Confirm()))
     ui.on("speed", lambda event: viewer.request(SetSpeed(event.args)))
     with ui.element("div").classes("page"):
-        _add_static_html("stage.html", classes="stage")
+        _add_static_html("stage.html", viewer, classes="stage")
         with ui.element("aside").classes("card panel"):
             _add_panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
     ui.timer(_REFRESH_S, viewer.refresh)
@@ -74,11 +74,11 @@ def build_operator_page(app_state: AppState, client: Client) -> None:
     """Build the operator's page: verdict, next step, force and three buttons."""
     viewer = _start_page(app_state, client, script="operate.js")
     ui.query("body").classes("operate")
-    _add_header(app_state, viewer, other=("/", "Full page"), sound=True)
+    _add_header(app_state, viewer, other=("/", viewer.words("button.full")), sound=True)
     with ui.element("div").classes("operator"):
-        _add_static_html("operate.html")
+        _add_static_html("operate.html", viewer)
         with ui.element("div").classes("item") as item:
-            add_item_field(app_state, viewer, label="Next item")
+            add_item_field(app_state, viewer, label=viewer.words("item.next"))
         viewer.show_with_gripper(item)
     add_grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)
@@ -88,30 +88,36 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     """Add the parts common to all pages; join the session when the browser connects."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
+    session = app_state.session
+    texts = json.dumps(dict(session.words.texts)).replace("<", "\\u003c")
+    ui.add_head_html(f'<script id="words" type="application/json">{texts}</script>')
     if script == "live.js":
         ui.add_head_html(_UPLOT)
     # Outside of the framework's element tree, so the framework never moves or removes it.
-    ui.add_body_html((_STATIC / "stop.html").read_text(encoding="utf-8"))
+    ui.add_body_html(session.words.fill((_STATIC / "stop.html").read_text(encoding="utf-8")))
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Joined only when the browser has connected: a client that merely fetches the page must not
     # become the driver.
-    client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
-    client.on_delete(lambda: app_state.session.leave(client.id))
-    viewer = Viewer(app_state.session, viewer_id=client.id)
+    kind = "screen.full" if script == "live.js" else "screen.operate"
+    name = session.words(kind, address=client.ip or "")
+    client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name))
+    client.on_delete(lambda: session.leave(client.id))
+    ui.query("body").props(f"data-viewer={client.id}")
+    viewer = Viewer(session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.record_press(event.args))
     return viewer
 
 
-def _add_static_html(name: str, *, classes: str = "contents") -> None:
+def _add_static_html(name: str, viewer: Viewer, *, classes: str = "contents") -> None:
     """Add a static HTML file, whose elements the page's scripts fill."""
-    html = (_STATIC / name).read_text(encoding="utf-8")
+    html = viewer.words.fill((_STATIC / name).read_text(encoding="utf-8"))
     ui.html(html, sanitize=False).classes(classes)
 
 
 def _add_header(
     app_state: AppState, viewer: Viewer, *, other: tuple[str, str], sound: bool = False
 ) -> None:
-    dark = ui.dark_mode(None)
+    dark, words = ui.dark_mode(None), viewer.words
 
     async def toggle_dark() -> None:
         """Switch between light and dark; the browser's preference is the default."""
@@ -121,15 +127,17 @@ def _add_header(
         dark.set_value(not is_dark)
 
     with ui.element("header").classes("bar"):
-        _add_static_html("header.html")
+        _add_static_html("header.html", viewer)
         driver = ui.label().classes("pill").props("id=who")
-        take_over = viewer.button("Take over", viewer.take_over, props="id=take-over", small=True)
+        take_over = viewer.button(
+            words("button.take_over"), viewer.take_over, props="id=take-over", small=True
+        )
         ui.link(other[1], other[0]).classes("pill")
         if sound:
-            _add_static_html("sound.html")
+            _add_static_html("sound.html", viewer)
         contrast = ui.button(icon="contrast", on_click=toggle_dark, color=None)
         contrast.classes("btn plain small").props("flat id=shade")
-        contrast.props["aria-label"] = "Light or dark"
+        contrast.props["aria-label"] = words("label.shade")
 
     was_driver = [False]
 
@@ -137,12 +145,14 @@ def _add_header(
         """Show the driver, the number of watchers and the button to take over."""
         is_driver = viewer.is_driver
         if was_driver[0] and not is_driver:
-            ui.notify("Another user is now the driver", type="warning")
+            ui.notify(words("who.taken"), type="warning")
         was_driver[0] = is_driver
         others = len(app_state.session.viewers) - 1 if is_driver else 0
-        watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
-        status = "no driver" if app_state.session.driver is None else "you watch"
-        driver.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else status)
+        texts = [words("who.driver"), *([words("who.watches", n=others)] if others else [])]
+        if not is_driver:
+            is_free = app_state.session.driver is None
+            texts = [words("who.nobody" if is_free else "who.watcher")]
+        driver.set_text(" · ".join(texts))
         take_over.set_visibility(not is_driver)
 
     viewer.on_refresh(show_driver)

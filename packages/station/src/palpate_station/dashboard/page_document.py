@@ -12,15 +12,21 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.grasp.verdict import outcome_text
 from palpate.measurement import Measurement
 from palpate.object.firmness import firmness_text, is_determined
 from palpate.sensor.health import Health
 from palpate_station.dashboard.grasp_progress import GraspProgress
-from palpate_station.dashboard.headline import headline_of, operator_view, phase_text
+from palpate_station.dashboard.headline import (
+    activity_text,
+    find_headline,
+    operator_document,
+    phase_text,
+    verdict_document,
+)
 from palpate_station.dashboard.live import Live, finite_or_none
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.words import Words
 
 #: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).
 _MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
@@ -39,7 +45,7 @@ def state_document(session: Session) -> dict[str, object]:
     return {
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
-        "answered": running is not None and running.decided and not session.devices.is_placing,
+        "answered": running is not None and session.devices.is_answered,
         "bin": (placed and placed.bin_name) or None,
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.is_simulated,
@@ -64,7 +70,7 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         the whole curve if the generation differs.
     """
     live, link = session.devices.live, _link(session)
-    headline = headline_of(session, stale=link["stale"])
+    headline = find_headline(session, stale=link["stale"])
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
@@ -81,7 +87,9 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
             "newtons": source.law is not None,
         },
         "link": link,
-        "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
+        "hand": _hand(
+            live, live.reported, moving=live.moving, released=live.released, force=live.force
+        ),
         "pixels": _pixels(session),
         "past": _past_moments(live) if after_s == -math.inf else [],
         "curve": [
@@ -95,14 +103,17 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
             for band in live.band
             if band.time_s > after_s - 1.0
         ],
-        "grasp": _grasp(live.progress, live),
-        "replay": _replay(live),
+        "grasp": _grasp(live.progress, live, words=session.words),
+        "replay": _replay(live, words=session.words),
         "guide": None if session.devices.guide is None else asdict(session.devices.guide),
-        "verdict": headline,
-        "operator": operator_view(session, headline=headline),
-        "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
+        "alarms": [[f"{at.astimezone():%H:%M}", text] for at, text in session.devices.alarms],
+        "alarm_count": session.devices.alarm_count,
+        "driver_id": session.driver,
+        "activity_text": activity_text(session.devices.activity, session.words),
+        "verdict": verdict_document(session, headline),
+        "operator": operator_document(session, headline),
+        "nothing_there": headline.outcome is Outcome.NOTHING_THERE,
         "item": session.devices.item_id,
-        "not_stored": session.devices.not_stored,
         "kind": session.form.kind,
         "measured": _list_measurements(session),
         "recording": None if session.devices.recording is None else session.devices.recording.name,
@@ -114,7 +125,7 @@ def _newtons(force: Measurement | None) -> list[float]:
     return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
 
 
-def _replay(live: Live) -> dict[str, Any] | None:
+def _replay(live: Live, *, words: Words) -> dict[str, Any] | None:
     """Return the replay position and the phases and events of the whole recording."""
     timeline, playing = live.timeline, live.playing
     if timeline is None or playing is None:
@@ -122,28 +133,32 @@ def _replay(live: Live) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": _phase_texts(timeline.phases),
-        "grasp": _grasp(timeline.ended, live),
+        "phases": _phase_texts(timeline.phases, words),
+        "grasp": _grasp(timeline.ended, live, words=words),
         "time_s": playing.time_s,
         "paused": playing.paused,
         "speed": playing.speed,
     }
 
 
-def _phase_texts(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
-    return [[time_s, phase_text(phase)] for time_s, phase in phases]
+def _phase_texts(phases: Sequence[tuple[float, str]], words: Words) -> list[list[object]]:
+    return [[time_s, phase_text(phase, words)] for time_s, phase in phases]
 
 
-def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
+def _grasp(progress: GraspProgress | None, live: Live, *, words: Words) -> dict[str, Any] | None:
     """Return phase and events of the running or last grasp."""
     if progress is None:
         return None
     return {
         "phase": progress.phase,
-        "phases": _phase_texts(live.phases),
+        "phases": _phase_texts(live.phases, words),
         "began_s": progress.began_s,
         "touched_s": progress.touched_s,
-        "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
+        # The contact is confirmed a few frames after it: its mark is at the zero of all times.
+        "moments": [
+            [progress.touched_s if one.name == "contact" else one.time_s, one.name, one.finger]
+            for one in progress.moments
+        ],
         "fingers": [] if live.is_hand_open else _fingers_in_contact(progress.moments),
         "bounds": asdict(progress.bounds),
     }
@@ -176,7 +191,9 @@ def _link(session: Session) -> dict[str, Any]:
     }
 
 
-def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[str, Any] | None:
+def _hand(
+    live: Live, reported: float, *, moving: bool, released: bool, force: Measurement | None
+) -> dict[str, Any] | None:
     limits = None if live.source is None else live.source.gripper
     if limits is None:
         return None
@@ -188,7 +205,16 @@ def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[
         "moving": moving,
         "open": live.is_open(reported, moving=moving),
         "opening": released and moving,
+        "own_mm": _own_deflection_mm(live, force),
     }
+
+
+def _own_deflection_mm(live: Live, force: Measurement | None) -> float | None:
+    """Return by how much the gripper's reported width is too small; None if unknown."""
+    compliance = None if live.progress is None else live.progress.compliance
+    if compliance is None or force is None or not force.has_value:
+        return None
+    return round(float(compliance.deflection_mm(force.middle)) - compliance.zero_mm, 3)
 
 
 def _pixels(session: Session) -> dict[str, Any] | None:
@@ -238,6 +264,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
                 point.reported,
                 moving=point.moving,
                 released=point.time_s >= released_s,
+                force=point.force,
             ),
         }
         for point in points[:: math.ceil(len(points) / max_moments)]
@@ -297,7 +324,9 @@ def _measurement_document(measured: Measurement | None, true: object) -> dict[st
         return None
     content = {"status": str(measured.status), "truth": true}
     if not measured.has_value:
-        return content | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
+        low, high = measured.known_ends
+        content |= {"known": [low, None, high], "text": measured.text(digits=2)}
+        return content | {"value": None, "low": None, "high": None}
     if measured.unit == "index" and not is_determined(measured):
         content["text"] = firmness_text(measured)
     value, low, high = finite_or_none([measured.middle, measured.low, measured.high])

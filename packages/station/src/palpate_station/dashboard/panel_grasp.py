@@ -16,6 +16,18 @@ from palpate_station.dashboard.viewer import Viewer, finite_number
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: Value of the object choice "random"; no object has this name.
 _DRAWN_BY_SEED = ""
+#: Letters of a long name that a small screen shows: its end is the serial number.
+_TAIL_LETTERS = 12
+
+
+def _short_name(item_id: str) -> str:
+    """Return the end of a long name.
+
+    >>> _short_name("A17"), _short_name("(01)04012345000016(21)A17")
+    ('A17', '…00016(21)A17')
+    """
+    is_long = len(item_id) > _TAIL_LETTERS + 1
+    return f"…{item_id[-_TAIL_LETTERS:]}" if is_long else item_id
 
 
 def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -47,6 +59,19 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
     add_item_field(app_state, viewer, label="Item")
+    lot = ui.input("Lot (empty: without a name)", value=app_state.session.lot.name)
+    lot.props("outlined dense maxlength=80 autocomplete=off")
+    with lot.add_slot("append"):
+        text = "Start lot"
+        viewer.button(
+            text,
+            lambda: viewer.run_action(
+                Action.FILES, lambda: app_state.start_lot((lot.value or "").strip())
+            ),
+            props="id=start-lot",
+            small=True,
+        )
+    viewer.enable_for_driver(lot)
     hint = "Grasps of a named item are stored; the tab Items shows them."
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
@@ -58,7 +83,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
 
     A damaged label is shown in red with the reason, and is not taken.
     """
-    form = app_state.session.form
+    form, words = app_state.session.form, viewer.words
 
     def set_item(item_id: object) -> None:
         if viewer.is_driver:
@@ -94,11 +119,14 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     def show() -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
+        is_long = _short_name(form.item_id) != form.item_id
+        shown = f"{label} {_short_name(form.item_id)}" if is_long else label
         state = "" if not form.item_id else "taken" if fault() is None else "refused"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
-        hint = {"": ": none, not stored", "refused": ": label refused, scan again"}.get(state, "")
-        item.props["label"] = f"{label}{hint}"
-        same_item.set_text(f"Same item again: {form.last_item_id}")
+        none = "item.needed" if app_state.session.requires_item else "item.unnamed"
+        hint = {"": none, "refused": "item.refused"}.get(state)
+        item.props["label"] = shown if hint is None else words(hint, label=label)
+        same_item.set_text(words("item.same", name=_short_name(form.last_item_id)))
         same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
 
     viewer.on_refresh(show)
@@ -139,12 +167,14 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.refresh()
 
     with ui.element("div").classes("panel-foot") as foot:
-        grasp_button = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
+        grasp_button = ui.button(viewer.words("button.grasp"), on_click=grasp, color=None).classes(
+            "btn main"
+        )
         grasp_button.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
         viewer.enable_when_allowed(grasp_button, Action.GRASP)
         shortcut = 'id=release aria-keyshortcuts="F9"'
         release_button = viewer.button(
-            "Release", viewer.release, props=shortcut, action=Action.RELEASE
+            viewer.words("button.release"), viewer.release, props=shortcut, action=Action.RELEASE
         )
         release_button.style("font-size: 19px")
     viewer.show_with_gripper(foot)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -16,9 +15,7 @@ from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate_station.dashboard.panel_html import day_text, panel_html
 from palpate_station.dashboard.viewer import Viewer, add_heading
-
-if TYPE_CHECKING:
-    from palpate_station.store.item_history import ItemHistory
+from palpate_station.store.item_history import ItemHistory, item_facts
 
 #: Maximum number of items in the list; any other item can be found by its name.
 _MAX_ITEMS = 50
@@ -99,8 +96,6 @@ def add_items_panel(
 
 def item_label(page: ItemHistory) -> str:
     """Return the list text of an item: name, kind, stage and last grasp."""
-    from palpate_station.store.item_history import item_facts
-
     facts = item_facts(page.item.item_id, kind=page.item.kind, verdicts=page.verdicts)
     last = day_text(page.grasps[-1].taken_at) if page.grasps else ""
     words = (page.item.item_id, facts.kind, facts.stage, last)

@@ -6,8 +6,10 @@ driver. Another viewer becomes the driver by taking over.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from threading import RLock
 
@@ -15,6 +17,7 @@ from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.sensor.health import Health
 from palpate_station.dashboard.live import Live
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     ACTIONS,
     ACTIVITIES,
@@ -28,6 +31,7 @@ from palpate_station.dashboard.messages import (
     Grasped,
     GraspOrder,
     Guide,
+    Measured,
     Note,
     OpenHand,
     OpenRig,
@@ -48,7 +52,11 @@ from palpate_station.dashboard.messages import (
     Update,
     check_ranges,
 )
+from palpate_station.dashboard.words import Words
 from palpate_station.line.results import NO_ITEM
+
+#: Number of alarms that the pages list.
+_MAX_ALARMS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,24 +76,36 @@ class DeviceState:
 
     Parameters
     ----------
-    on_grasped : callable
-        Called with each finished grasp and its `GraspOrder`, but not with replays.
+    on_measured, on_grasped : callable
+        Called with each measured and each finished grasp and its `GraspOrder`, but not with
+        replays.
     """
 
-    def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
-        self._on_grasped = on_grasped
+    def __init__(
+        self,
+        *,
+        on_measured: Callable[[Grasped, GraspOrder], None],
+        on_grasped: Callable[[Grasped, GraspOrder], None],
+    ) -> None:
+        self._on_measured, self._on_grasped = on_measured, on_grasped
         self.activity = DeviceActivity.IDLE
         self.live = Live()
         #: Current instruction for the user.
         self.guide: Guide | None = None
-        #: The last problem; empty after its end or after the start of an order.
-        self.trouble = ""
+        self._trouble = ""
+        #: Time and text of the last alarms, oldest first, and the number of all alarms.
+        self.alarms = deque[tuple[datetime, str]](maxlen=_MAX_ALARMS)
+        self.alarm_count = 0
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
-        #: The document of the shown grasp with its item and bin; None without rules and item.
+        #: The document of the shown grasp with its item and bin; None before the answer.
         self.placed: GraspDocument | None = None
-        #: Whether the bin of the held object is being determined.
-        self.is_placing = False
+        #: What the bin is based on, as text.
+        self.evidence = ""
+        #: Whether the hand holds an object with its answer, and its bin if there are rules.
+        self.is_answered = False
+        #: Whether the last grasp ended because the hold time was over.
+        self.is_released_alone = False
         #: Item of the shown grasp; empty without a name.
         self.item_id = ""
         #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
@@ -103,6 +123,22 @@ class DeviceState:
         self.rig_open = False
         #: The running order; None between orders.
         self.order: Order | None = None
+
+    @property
+    def trouble(self) -> str:
+        """The last problem; empty after its end or after the start of an order."""
+        return self._trouble
+
+    @trouble.setter
+    def trouble(self, text: str) -> None:
+        if text and text != self._trouble:
+            self.add_alarm(text)
+        self._trouble = text
+
+    def add_alarm(self, text: str) -> None:
+        """Add a problem to the alarms."""
+        self.alarms.append((datetime.now(UTC), text))
+        self.alarm_count += 1
 
     @property
     def files_in_use(self) -> set[str]:
@@ -147,6 +183,8 @@ class DeviceState:
                 self._start_order(note.order)
             case Guide():
                 self.guide = note
+            case Measured() if isinstance(self.order, GraspOrder):
+                self._on_measured(note.grasped, self.order)
             case RecordedSegment():
                 self.live.add_frames(note.frames)
                 if note.progress is not None:
@@ -172,7 +210,8 @@ class DeviceState:
         if isinstance(order, OpenHand):
             self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placed, self.is_placing = None, None, False
+            self.grasped, self.placed, self.is_answered = None, None, False
+            self.evidence, self.is_released_alone = "", False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             is_unnamed = isinstance(order, GraspOrder) and not order.item_id
             self.not_stored = NO_ITEM if is_unnamed else ""
@@ -199,6 +238,7 @@ class DeviceState:
         match note.found:
             case Grasped():
                 self.grasped = note.found
+                self.is_released_alone = note.found.is_released_alone
                 if isinstance(note.order, GraspOrder):
                     self.live.finish_grasp(note.found.document.result.moments)
                     self._on_grasped(note.found, note.order)
@@ -276,10 +316,15 @@ class Session:
     ----------
     send : callable
         Sends an order or a request to the device process.
-    on_grasped : callable, optional
-        Called with each finished grasp and its `GraspOrder`, but not with replays.
+    on_measured, on_grasped : callable, optional
+        Called with each measured and each finished grasp and its `GraspOrder`, but not with
+        replays.
     silent_s : callable, optional
         Returns the time since the last message of the device process, seconds.
+    words : Words, optional
+        Texts of the pages; English by default.
+    requires_item : bool
+        Whether a grasp needs the name of its item.
 
     Examples
     --------
@@ -295,11 +340,21 @@ class Session:
         self,
         *,
         send: Callable[[Order | Request], None],
+        on_measured: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
+        words: Words | None = None,
+        requires_item: bool = False,
     ) -> None:
         self._send, self._silent_s = send, silent_s
-        self.devices = DeviceState(on_grasped=on_grasped)
+        #: Texts of the pages.
+        self.words = words or Words()
+        self.requires_item = requires_item
+        #: The items of the current batch.
+        self.lot = Lot()
+        #: Names of the viewers for other viewers.
+        self.names = dict[str, str]()
+        self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self.driver: str | None = None
         self._viewer_of_tab = dict[str, str]()
@@ -325,7 +380,7 @@ class Session:
 
     # -- control --------------------------------------------------------------------------------
 
-    def join(self, viewer: str, *, tab: str | None = None) -> bool:
+    def join(self, viewer: str, *, tab: str | None = None, name: str = "") -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
         A page reloaded in the same browser tab retains control.
@@ -340,6 +395,8 @@ class Session:
             # The server detects the closed connection of the old page only later.
             self.viewers -= {before}
         self.viewers.add(viewer)
+        if name:
+            self.names[viewer] = name
         if self.driver is None or self.driver == before:
             self.driver = viewer
         return self.driver == viewer
@@ -352,6 +409,7 @@ class Session:
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to join or take over drives."""
         self.viewers.discard(viewer)
+        self.names.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
@@ -368,40 +426,41 @@ class Session:
 
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why an action is refused now; empty if it is allowed."""
-        activity, guide = self.devices.activity, self.devices.guide
+        activity, guide, words = self.devices.activity, self.devices.guide, self.words
         if activity is DeviceActivity.GONE:
-            return "the device process has ended: restart palpate serve"
+            return words("refusal.gone")
         if self.silence_s is not None:
-            return "the devices do not respond: if the hand may move, use the emergency stop"
+            return words("refusal.hung")
         if viewer != self.driver:
-            if self.driver is None:
-                return "there is no driver; take over first"
-            return "another user is the driver; take over first"
+            return words("refusal.no_driver" if self.driver is None else "refusal.other_driver")
         if action is Action.CONFIRM:
-            return "" if guide is not None and guide.needs_confirmation else "no step to confirm"
+            has_step = guide is not None and guide.needs_confirmation
+            return "" if has_step else words("refusal.no_step")
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.SEEK:
-            return "" if activity is DeviceActivity.REPLAYING else "no replay is running"
+            is_replaying = activity is DeviceActivity.REPLAYING
+            return "" if is_replaying else words("refusal.no_replay")
         if action is Action.RELEASE and activity is DeviceActivity.GRASPING:
             return ""
         if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
-            return f"{activity!s}: wait, or press stop"
+            text = words(f"activity.{activity.name.lower()}")
+            return words("refusal.busy", activity=text)
         if action in (Action.OPEN, Action.PLAY):
             return ""
         return self._rig_refusal(action)
 
     def _rig_refusal(self, action: Action) -> str:
-        devices = self.devices
+        devices, words = self.devices, self.words
         if not devices.rig_open:
-            return "no rig is open: choose one"
+            return words("refusal.no_rig")
         if devices.is_sensor_only and action in (Action.GRASP, Action.RELEASE):
-            return "this rig has no gripper"
+            return words("refusal.no_gripper")
         link = devices.live.link
         if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MAX_FRAME_AGE_S:
-            return "no fresh frames: check the link"
+            return words("refusal.no_frames")
         if action in _NEEDS_OPEN_HAND and devices.live.is_hand_open is False:
-            return "the hand is not open: release first"
+            return words("refusal.closed")
         return ""
 
     # -- actions --------------------------------------------------------------------------------
@@ -411,6 +470,8 @@ class Session:
         """Send an order of a viewer if it is allowed."""
         self._check(ACTIONS[type(order)], viewer)
         check_ranges(order)
+        if self.requires_item and isinstance(order, GraspOrder) and not order.item_id:
+            raise InputError(self.words("next.name"))
         self.send_order(order)
 
     def send_order(self, order: Order) -> None:

@@ -42,7 +42,7 @@ class Viewer:
         viewer_id: str,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._session, self._id = session, viewer_id
+        self._session, self._id, self.words = session, viewer_id, session.words
         self._known_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []
@@ -177,10 +177,10 @@ class Viewer:
     def _check_fresh(self) -> None:
         """Refuse a press that precedes a stop or is too old."""
         if self._known_stops < self._session.stops:
-            raise InputError("stopped before it started")
+            raise InputError(self.words("refusal.stopped"))
         age_s = self._now_s() - self._pressed_s
         if not age_s <= _MAX_PRESS_AGE_S:
-            raise InputError(f"the button press arrived {age_s:.0f} s late: press the button again")
+            raise InputError(self.words("refusal.late", age=f"{age_s:.0f}"))
 
     def refuse(self, error: Exception) -> None:
         """Show the reason of a refusal as a notification."""

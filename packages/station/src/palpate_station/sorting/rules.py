@@ -96,8 +96,19 @@ class BinDecision:
     probability: float | None
     #: Whether another grasp may change the decision; the bin is then provisional.
     needs_regrasp: bool
-    #: The reason as text.
-    why: str
+    #: What is known of the item, as text for a person who does not know the rules file.
+    evidence: str
+    #: How the rules apply to it, with their lines in the rules file.
+    applied: str
+    #: Number of grasps that the decision uses.
+    grasps: int
+
+    @property
+    def why(self) -> str:
+        """The reason as text."""
+        bin_name = self.bin if self.rule is not None else f"{self.bin} (default)"
+        count = f"{self.grasps} grasp{'s' if self.grasps != 1 else ''}"
+        return f"{bin_name}: {self.evidence}; {self.applied}; {count}"
 
 
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
@@ -134,24 +145,23 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     rejected = evidence.identity is not None and evidence.identity.rejected
     is_undecided |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
     if applied is None:
-        bin_name = book.default_bin
-        why = f"{bin_name} (default): {_explain_no_rule(book, evidence)}"
+        known, met = _explain_no_rule(book, evidence)
     else:
-        bin_name = applied.bin
-        reasons = ", ".join(condition.reason(evidence) for condition in applied.conditions)
+        known = ", ".join(condition.reason(evidence) for condition in applied.conditions)
         met = f"rule on line {applied.line} met with {percent(probability or 0.0)}"
-        why = f"{bin_name}: {reasons}; {met}"
     return BinDecision(
-        bin=bin_name,
+        bin=book.default_bin if applied is None else applied.bin,
         rule=applied,
         probability=probability,
         needs_regrasp=evidence.grasps < book.most_grasps and is_undecided,
-        why=f"{why}; {evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}",
+        evidence=known,
+        applied=met,
+        grasps=evidence.grasps,
     )
 
 
-def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
-    """Return why no rule applies, with the most probable rule."""
+def _explain_no_rule(book: RuleBook, evidence: Evidence) -> tuple[str, str]:
+    """Return the evidence, and why no rule applies, with the most probable rule."""
     closest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = closest.probability(evidence)
     # The evidence for all conditions of the rules, and the kind if known.
@@ -159,10 +169,10 @@ def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
     names = [key for key in CONDITIONS if book.has_condition(key) or (key == "class" and has_kind)]
     known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
     if high <= 1.0 - closest.confidence:
-        return f"{known}: no rule matches"
+        return known, "no rule matches"
     if missing := closest.describe_missing(evidence):
-        return f"{known}; the rule on line {closest.line} requires {missing}"
-    return (
-        f"{known}; closest rule on line {closest.line} ({closest.bin}): "
+        return known, f"the rule on line {closest.line} requires {missing}"
+    return known, (
+        f"closest rule on line {closest.line} ({closest.bin}): "
         f"{percent(low)}, {percent(closest.confidence)} required"
     )

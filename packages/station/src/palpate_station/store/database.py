@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import sqlalchemy as sa
 
-from palpate.errors import StoreAwayError, StoreError
+from palpate.errors import StoreAwayError, StoreError, StoreMissingError
 from palpate_station.records import Grasp, Item, Verdict
 from palpate_station.store.engine import (
     make_engine,
@@ -295,7 +295,7 @@ def _check_file(path: Path, *, name: str, create: bool) -> None:
     if not path.parent.is_dir():
         raise StoreError(f"{name}: the folder {path.parent} does not exist; create it first")
     if not create and not path.exists():
-        raise StoreError(
+        raise StoreMissingError(
             f"{name}: no such file; `palpate grasp --item NAME --store FILE` creates it, or name "
             "another file with --store or $PALPATE_STORE"
         )

@@ -270,7 +270,7 @@ function showReading(name, column, words) {
 function showForecast(name, [low, value, high], digits, unit) {
   const band = view.band.filter((b) => b[high] !== undefined), out = $(`${name}-settles`), plot = $(name);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
-  const text = now ? `settles at ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}` : "";
+  const text = now ? `forecast ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}` : "";
   if (out.textContent !== text) out.textContent = text;
   Object.assign(plot.dataset, { bands: now ? received.band.length : 0, halfWidth: now ? (now[high] - now[low]) / 2 : "", bandEnd: now ? last(forecast(high))[0] : "" });
 }
@@ -410,24 +410,24 @@ function drawPixels() {
   Object.assign(canvas.dataset, { cols, perLine, count, moments: points.length });
 }
 
-// Force over closing after contact. The measured points include the compliance of pads and fingers;
-// the slope and its band describe the object alone.
+// Force over the object's own deformation: the deflection of pads, fingers and servo is taken out, so
+// that the points and the band of the stiffness describe the same thing.
 function drawPress() {
   const size = doc.measured.values.size_mm, slope = doc.measured.values.stiffness_n_per_mm, box = $("press-box");
   const points = [];
   let at = 0;
   if (doc.hand?.drive === "width" && size?.value > 0 && doc.source.newtons && view.touched) {
     for (const one of received.pixels) {
-      if (one.time_s < view.zero || one.hand?.value == null || one.hand.open || one.hand.opening) continue;
+      if (one.time_s < view.zero || one.hand?.value == null || one.hand.own_mm === null || one.hand.open || one.hand.opening) continue;
       while (at < received.curve.length - 1 && received.curve[at][0] < one.time_s) at += 1;
-      if (known(received.curve[at]?.[3])) points.push([size.value - one.hand.value, received.curve[at][3]]);
+      if (known(received.curve[at]?.[3])) points.push([size.value - one.hand.value - one.hand.own_mm, received.curve[at][3]]);
     }
   }
   box.classList.toggle("hidden", points.length < 2);
   if (points.length < 2) return;
-  const ends = slope ? [slope.low, slope.value, slope.high] : [], words = !slope ? "" : known(slope.value) ? `object: ${fixed(slope.value, 2)} N/mm ${range(slope.low, slope.high, 2)}` : slope.text ? `object: ${slope.text} N/mm` : "";
+  const ends = slope ? slope.known ?? [slope.low, slope.value, slope.high] : [], words = !slope ? "" : known(slope.value) ? `stiffness ${fixed(slope.value, 2)} N/mm ${range(slope.low, slope.high, 2)}` : slope.text ? `stiffness ${slope.text} N/mm` : "";
   $("press-slope").textContent = words;
-  $("press").ariaLabel = `Force over closing: up to ${fixed(points.reduce((a, p) => Math.max(a, p[1]), 0), 1)} N at ${fixed(last(points)[0], 1)} mm. ${words}`;
+  $("press").ariaLabel = `Force over deformation: up to ${fixed(points.reduce((a, p) => Math.max(a, p[1]), 0), 1)} N at ${fixed(last(points)[0], 1)} mm. ${words}`;
   const [ctx, width, height] = surface($("press")), left = 26 * scale(), foot = height - 16 * scale();
   const widest = Math.max(0.5, 1.1 * points.reduce((a, p) => Math.max(a, p[0]), 0)), highest = Math.max(0.5, 1.15 * points.reduce((a, p) => Math.max(a, p[1]), 0));
   const x = (mm) => left + (Math.max(0, mm) / widest) * (width - left - 4), y = (n) => foot - (n / highest) * (foot - 4);
@@ -435,14 +435,16 @@ function drawPress() {
   ctx.strokeRect(left, 4, width - left - 4, foot - 4);
   ctx.fillText(fixed(highest, 1), 0, 10);
   ctx.fillText("0", left - 10, foot - 4);
-  ctx.fillText(`${fixed(widest, 1)} mm`, width - 42 * scale(), height - 6);
+  ctx.fillText("0", left, height - 6);
+  ctx.fillText("deformation of the object, mm", left + 16 * scale(), height - 6);
+  ctx.fillText(fixed(widest, 1), width - 24 * scale(), height - 6);
   ctx.save();
   ctx.beginPath();
   ctx.rect(left, 4, width - left - 4, foot - 4);
   ctx.clip();
   // A lower bound has no upper limit, so its band extends to the vertical axis.
-  const [low, value, high] = ends, ray = (k) => [x(widest), y(k === Infinity ? highest * 100 : k * widest)];
-  const bound = slope?.text?.startsWith("at least") ? [parseFloat(slope.text.slice(9)), null, Infinity] : [low, value, high];
+  const ray = (k) => [x(widest), y(k === Infinity ? highest * 100 : k * widest)];
+  const bound = slope && !known(slope.value) && known(ends[0]) && !known(ends[2]) ? [ends[0], null, Infinity] : ends;
   if (known(bound[0]) && known(bound[2])) {
     Object.assign(ctx, { fillStyle: ink.band, globalAlpha: 0.25 });
     ctx.beginPath();

@@ -54,7 +54,7 @@ function drawMeasures(doc) {
     if (!card) continue;
     if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, { decided: measured.decided, hand }); continue; }
     card.dataset.decided = measured.decided;
-    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${t(STATUS[one.status] ?? one.status, { s: fixed(measured.data_s, 1) })}</span>` : measured.decided ? "" : "<span>so far</span>";
+    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${t(STATUS[one.status] ?? one.status, { s: fixed(measured.data_s, 1) })}</span>` : measured.decided ? "" : "<span>forecast</span>";
     const truth = one && typeof one.truth === "number" ? one.truth : null;
     if (one && one.text) {
       card.title = "only a bound of the value is known";
@@ -82,7 +82,7 @@ function drawForceNow(card, now, answer, { decided, hand }) {
   card.dataset.decided = true;
   card.title = "force now, with its 90 % interval";
   const digits = now.value < 10 ? 2 : 1;
-  const settled = answer && answer.value !== null ? `${decided ? "answer" : "so far"} ${fixed(answer.value, digits)} N ${range(answer.low, answer.high, digits)}` : "";
+  const settled = answer && answer.value !== null ? `${decided ? "answer" : "forecast"} ${fixed(answer.value, digits)} N ${range(answer.low, answer.high, digits)}` : "";
   card.innerHTML = `<div class="name"><span>${hand ? "Grip force now" : "Force now"}</span></div><div class="value num">${fixed(now.value, digits)} <span>N</span></div>
     <div class="range num">${interval(now, digits)}</div><div class="range num">${settled}</div>`;
 }
@@ -90,7 +90,7 @@ function drawForceNow(card, now, answer, { decided, hand }) {
 function drawVerdict(doc) {
   const card = $("verdict");
   if (!card) return;
-  const verdict = doc.verdict, parts = reasons(doc);
+  const verdict = doc.verdict, parts = [verdict.is_grasp ? doc.item : "", doc.operator.badge, joined(verdict.why), ...reasons(doc)].filter(Boolean);
   card.dataset.kind = verdict.kind;
   const now = doc.measured.force_now;
   if (doc.grasp && verdict.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));

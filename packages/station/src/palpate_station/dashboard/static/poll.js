@@ -1,6 +1,6 @@
 // Polls the page document and draws it. The next request follows the drawing, so a slow browser polls
 // less often. This module also draws the header and the loss of the connection, common to all pages.
-import { fixed, t } from "/static/words.js";
+import { fixed, w } from "/static/words.js";
 
 // The request timeout is longer than the time after which the connection counts as lost.
 const PERIOD_MS = 66, TIMEOUT_MS = 4000, NEXT_REQUEST_MS = 2000, LOST_MS = 1000, CHECK_MS = 100, RETRY_MS = 250;
@@ -39,10 +39,13 @@ export function fit(card) {
 }
 
 export const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
-const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
+const sinceFrame = (s) => (s < 1 ? w("link.ms_ago", { time: fixed(1000 * s, 0) }) : w("link.s_ago", { time: fixed(s, 1) }));
 
 // Text in place of the force while the hand is open or opens.
-export const handState = (doc) => (doc.hand?.open ? "hand open" : doc.hand?.opening ? "hand opens" : "");
+export const handState = (doc) => (doc.hand?.open ? w("force.open") : doc.hand?.opening ? w("force.opens") : "");
+
+// Whether this page may move the gripper; other pages only watch.
+export const isDriver = (doc) => doc.driver_id === document.body.dataset.viewer;
 
 // Joins numbers and units with non-breaking spaces.
 export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]|$))/g, "$1\u00a0");
@@ -51,17 +54,14 @@ export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]
 export const reasons = (doc) => listReasons(doc).map(joined);
 
 function listReasons(doc) {
-  const verdict = doc.verdict, parts = [];
-  if ("target_force_n" in verdict && doc.item) parts.push(doc.item);
-  if ("target_force_n" in verdict && doc.not_stored) parts.push(t("not stored: {why}", { why: doc.not_stored }));
-  if (verdict.why) parts.push(verdict.why);
-  if (verdict.on_target === true) parts.push(t("within the target of {force} N", { force: number(verdict.target_force_n) }));
-  if (verdict.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < verdict.target_force_n ? "below" : "above", force: number(verdict.target_force_n) }));
+  const verdict = doc.verdict, parts = [], force = number(verdict.target_force_n);
+  if (verdict.on_target === true) parts.push(w("reason.within", { force }));
+  if (verdict.on_target === false) parts.push(w(doc.measured.values.force_n?.high < verdict.target_force_n ? "reason.below" : "reason.above", { force }));
   if (verdict.kind === "idle") parts.push(...doc.idle);
   // The remaining texts apply to grasps only, not to calibrations and other headlines.
-  if (!("target_force_n" in verdict)) return parts;
-  if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
-  if (doc.measured.limited) parts.push("limited by the damage limit");
+  if (!verdict.is_grasp) return parts;
+  if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(w("reason.answer", { time: fixed(doc.measured.decision_time_s, 1) }));
+  if (doc.measured.limited) parts.push(w("reason.limited"));
   parts.push(...doc.measured.faults);
   return parts;
 }
@@ -74,15 +74,15 @@ function drawHead(doc) {
   const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
   // Age at the time of sending plus the time since the request, an upper bound of the network delay.
-  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s + (performance.now() - received.askedAt) / 1000) });
+  const age = link.age_s === null ? w("link.none_yet") : w("link.last", { ago: sinceFrame(link.age_s + (performance.now() - received.askedAt) / 1000) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  const counted = [link.stale ? "NO FRAMES" : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
+  const counted = [link.stale ? w("link.silent") : "", rate, w("link.lost", link), link.corrupt ? w("link.corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
-  $("link-text").textContent = counts ? counted : replayed ? "replay" : doc.activity;
+  $("link-text").textContent = counts ? counted : replayed ? w("link.replay") : doc.activity_text;
   $("link-age").textContent = counts ? age : "";
-  pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % of frame intervals below {p99} ms", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
-  setText($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? doc.activity : "frames arrive");
-  $("rig-name").textContent = !doc.source ? "no rig" : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
+  pill.title = w("link.counts", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
+  setText($("link-state"), replayed ? w("link.replay") : link.stale ? w("link.stopped") : link.waiting ? doc.activity_text : w("link.arrive"));
+  $("rig-name").textContent = !doc.source ? w("link.no_rig") : replayed ? w("link.replay_of", { name: doc.source.name }) : doc.source.name;
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble);
   setText($("trouble-text"), doc.trouble);
@@ -112,14 +112,14 @@ function drawLoss(onLost) {
   for (const part of document.querySelectorAll(GREYED)) if (lost) part.ariaDisabled = "true"; else part.removeAttribute("aria-disabled");
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
-  const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
-  headline(box, $("lost-title"), server || unsent ? "No connection" : "The devices do not respond");
-  const why = server ? "palpate serve does not answer." : unsent ? "Only STOP can be sent; the page reconnects automatically." : "";
-  const old = server || devices ? "The values shown are outdated; the hand may still move or hold." : "";
+  const ago = agoS < 60 ? w("lost.seen_s", { time: Math.floor(agoS) }) : w("lost.seen_min", { time: Math.floor(agoS / 60) });
+  headline(box, $("lost-title"), w(server || unsent ? "lost.title" : "lost.devices"));
+  const why = server ? w("lost.server") : unsent ? w("lost.socket") : "";
+  const old = server || devices ? w("lost.old") : "";
   $("lost-why").textContent = [`${ago}.`, why, old].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
-  $("link-text").textContent = `${server || unsent ? "NO CONNECTION" : "NO DEVICE DATA"} · ${ago}`;
+  $("link-text").textContent = `${w(server || unsent ? "lost.pill" : "lost.pill_devices")} · ${ago}`;
 }
 
 function storeData(doc, began) {

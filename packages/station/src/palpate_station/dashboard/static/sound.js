@@ -6,7 +6,7 @@ const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 
 const LOUDNESS = 0.3, EDGE_S = 0.02;
 // Maximum time from the end of a scan until the server has checked the label.
 const CHECKED_MS = 3000;
-let context = null, before = null, scannedAt = -Infinity;
+let context = null, before = null, alarms = null, scannedAt = -Infinity;
 
 const wanted = () => localStorage.getItem(STORAGE_KEY) === "on";
 
@@ -55,13 +55,16 @@ export function begin() {
 }
 
 // Plays a tone on changes only, not for the state at loading.
-export function sound(kind) {
+export function sound(kind, alarmCount = alarms) {
   show();
+  const isAlarm = alarms !== null && alarmCount > alarms;
+  alarms = alarmCount;
   if (performance.now() - scannedAt < CHECKED_MS && document.querySelector(".refused")) {
     scannedAt = -Infinity;
     play("fault");
   }
-  if (before !== null && kind !== before) {
+  if (isAlarm && kind !== "bad" && kind !== "lost") play("fault");
+  else if (before !== null && kind !== before) {
     if (kind === "lost" || (kind === "bad" && before !== "lost")) play("fault");
     else if (before === "busy" && (kind === "good" || kind === "warn")) play("done");
   }

@@ -1,0 +1,69 @@
+"""The bin of a measured item, decided once, while the hand holds the item."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from palpate.grasp.document import Bin, GraspDocument, ItemFacts
+from palpate.grasp.result import Outcome
+from palpate_station.records import Grasp
+from palpate_station.sorting.run import Sorted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """What a station knows and decides about a grasp, from the answer on.
+
+    Attributes
+    ----------
+    grasp : Grasp
+        The record for the store.
+    item : ItemFacts or None
+        What the store knows of the item; None without a name.
+    is_sorted : bool
+        Whether there are sorting rules.
+    done : Sorted or None
+        The decision from all grasps of the item; None without rules, or with an unreadable store.
+    no_bin : str
+        Why there is no decision.
+    away : str
+        Why grasps of other stations may be missing.
+    """
+
+    grasp: Grasp
+    item: ItemFacts | None = None
+    is_sorted: bool = False
+    done: Sorted | None = None
+    no_bin: str = ""
+    away: str = ""
+
+    @property
+    def bin(self) -> Bin | None:
+        """The bin, if the rules decided."""
+        if self.done is None:
+            return None
+        decision = self.done.decision
+        return Bin(
+            name=decision.bin,
+            rule=None if decision.rule is None else decision.rule.line,
+            probability=decision.probability,
+            # Grasps without a name are not combined, so another one would not help.
+            again=decision.needs_regrasp and self.item is not None,
+            why=f"{decision.why} ({self.away})" if self.away else decision.why,
+        )
+
+    @property
+    def evidence(self) -> str:
+        """What the bin is based on, as text; empty without a decision."""
+        return "" if self.done is None else self.done.decision.evidence
+
+    def complete(self, document: GraspDocument) -> GraspDocument:
+        """Return the document with its item, and with the bin if the item was held to the end."""
+        is_held = document.result.outcome is Outcome.HELD
+        return replace(
+            document,
+            item=self.item,
+            is_sorted=self.is_sorted,
+            bin=self.bin if is_held else None,
+            no_bin=self.no_bin if is_held else "",
+        )
