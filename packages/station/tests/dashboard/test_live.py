@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.compliance import Compliance
 from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.measurement import Measurement
+from palpate.object.compliance import Compliance
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.sample import pixel_resistance_ohm
 from palpate_station.dashboard.grasp_progress import GraspProgress

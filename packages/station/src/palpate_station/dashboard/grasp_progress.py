@@ -14,16 +14,13 @@ from palpate.force.force_law import ForceLaw
 from palpate.force.gain import Gain
 from palpate.force.of_calibration import force_law_of
 from palpate.force.sheet_law import SheetLaw
-from palpate.estimate.compliance import Compliance
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_law import SheetLaw
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
+from palpate.object.compliance import Compliance
 
 
 def force_law(calibration: Calibration | None) -> SheetLaw | ForceLaw | None:

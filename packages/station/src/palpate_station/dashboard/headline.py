@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.firmness import firmness_text
 from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
+from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.lot import Lot
