@@ -74,9 +74,13 @@ def test_stiffness_interval_with_gain_uncertainty_covers_gain_error() -> None:
     assert uncertain.low < 2.0 < uncertain.high
 
 
-@pytest.mark.parametrize("measure", [measure_closing, measure_soft_stiffness])
-def test_contact_at_the_last_step_returns_none(measure: Callable[..., Any]) -> None:
-    assert close(np.array([41.0, 40.0]), np.array([0.0, 2.0]), measure=measure) is None
+def test_single_reading_bounds_size_and_stiffness() -> None:
+    width_mm, force_n = np.array([41.0, 40.0]), np.array([0.0, 2.0])
+    assert close(width_mm, force_n, measure=measure_soft_stiffness) is None
+    found = close(width_mm, force_n)
+    # Fingers that deflect by 0.55 mm at 2 N leave at most 0.45 mm for the object.
+    assert 40.55 - 0.15 < found.size_mm.low < found.size_mm.high < 41.3
+    assert found.stiffness.low < 2.0 / 0.45 < 0.1 * found.stiffness.high
 
 
 def size(width_mm: np.ndarray, force_n: np.ndarray, **how: Any) -> Measurement:
