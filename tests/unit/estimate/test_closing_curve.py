@@ -119,6 +119,17 @@ def test_size_interval_covers_exponent_error(exponent: float, law: float) -> Non
     assert np.mean(inside) >= 0.9
 
 
+@pytest.mark.parametrize("n_per_mm", [0.6, 2.0])
+def test_weak_reading_of_a_firm_contact_does_not_move_the_size(n_per_mm: float) -> None:
+    """Near its threshold, a sheet reads half of the force of a hand that has met the object."""
+    force_n = np.array([0.85, 1.25, 1.4, 1.6, 1.8])
+    width_mm = 40.0 - force_n / n_per_mm - HAND.deflection_mm(force_n)
+    read_n = np.array([0.43, 1.25, 1.4, 1.6, 1.8])
+    found = close(width_mm, read_n, floor_n=0.28, law_sd=0.1)
+    assert found.size_mm.low < 40.0 < found.size_mm.high
+    assert found.stiffness.low < n_per_mm < found.stiffness.high
+
+
 # -- fingers that deflect more than the object -----------------------------------------------------
 
 
