@@ -219,7 +219,8 @@ def _evaluate(exponent: float, readings: _Readings, compliance: Compliance) -> _
     covariance = design @ design.swapaxes(1, 2)
     variance = readings.log_variance + (readings.width_sd_mm / slope_mm) ** 2
     covariance += variance[..., None] * np.eye(readings.force_n.size)
-    final_sd = np.sqrt(covariance[:, -1, -1, None])
+    # A force near 0 has no useful logarithm: the grid ends at a factor of exp(7) to either side.
+    final_sd = np.minimum(np.sqrt(covariance[:, -1, -1, None]), 2.0)
     # Weak forces have normal errors in newtons: asinh is linear there, and logarithmic above.
     per_log = readings.force_n / np.hypot(readings.force_n, readings.floor_n)
     covariance *= per_log[:, None] * per_log
