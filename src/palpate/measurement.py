@@ -210,11 +210,6 @@ class Measurement:
         return math.log(self.high / low) / (2 * half_width_sds(self.level))
 
     @property
-    def relative_sd(self) -> float:
-        """Standard deviation relative to the value, from the width of the interval."""
-        return (self.high - self.low) / (2 * half_width_sds(self.level) * self.middle)
-
-    @property
     def side_sds(self) -> tuple[float, float]:
         """Standard deviations below and above the value, from each side of the interval."""
         sds = half_width_sds(self.level)

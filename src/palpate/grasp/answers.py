@@ -10,8 +10,16 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.force.gain import Gain, MeasuredForce
-from palpate.grasp.config import APPROACH, READING, SETTLE
+from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
+from palpate.estimate.compliance import (
+    SOFTEST_N_PER_MM,
+    STIFFEST_N_PER_MM,
+    Compliance,
+)
+from palpate.estimate.firmness import firmness_index
+from palpate.estimate.gain import Gain, MeasuredForce
+from palpate.estimate.soft_stiffness import measure_soft_stiffness
+from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.measurement import Measurement, Status, half_width_sds
@@ -68,8 +76,6 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     in millimetres.
     """
     size_mm, stiffness = _measure(estimate, force, plan)
-    if stiffness is None:
-        size_mm, stiffness = _bound_from_travel(estimate, force, plan)
     found: dict[str, Any] = {}
     if size_mm is not None and plan.bend is None:
         found["size_mm"] = size_mm
@@ -80,58 +86,6 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
         bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
         found["stiffness_n_per_mm"] = bounded
     return found
-
-
-def _bound_from_travel(
-    estimate: ContactEstimate, force: Measurement, plan: Plan
-) -> tuple[Measurement | None, Measurement | None]:
-    """Bound size and stiffness from the travel since contact and the force.
-
-    Used for contacts that are too light for a curve. Contact began between the last step
-    without force and the first step at which both fingers certainly pressed. The deformation is at
-    most the closing since the former, and at least the closing since the latter minus the gripper's
-    deflection.
-    """
-    compliance = plan.gripper_compliance
-    if compliance is None or not estimate.steps:
-        return None, None
-    without_contact = [
-        step.closure
-        for step in estimate.steps
-        if step.touch.strongest_percent > READING.contact_percent
-    ]
-    pressed = [
-        step.closure for step in estimate.steps if step.touch.weakest_percent <= plan.hint_percent
-    ]
-    begin = estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
-    begin = without_contact[-1] if without_contact else begin
-    longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
-    least_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
-    held_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - compliance.zero_mm
-    size_mm = Measurement(
-        value=held_mm + 0.5 * (longest_mm + least_mm),
-        low=held_mm + least_mm,
-        high=held_mm + longest_mm,
-        unit="mm",
-        level=force.level,
-    )
-    shortest_mm = least_mm - float(compliance.deflection_mm(force.high))
-    # The first reading may include a force as large as the scatter of weak readings.
-    initial_n = CONTACT_SD * plan.law.weak_sd_n
-    own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
-    low, high, value = (
-        min(max(force_n / max(travel_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
-        for force_n, travel_mm in (
-            (force.low - initial_n, longest_mm),
-            (force.high, shortest_mm),
-            (force.middle, own_mm),
-        )
-    )
-    if own_mm <= 0:
-        value = math.sqrt(low * high)
-    return size_mm, Measurement(
-        value=min(max(value, low), high), low=low, high=high, unit="n_per_mm", level=force.level
-    )
 
 
 def gain_of_law(touch: Touch, plan: Plan) -> Gain:
@@ -234,11 +188,9 @@ def sheet_forces_n(steps: Sequence[ClosingStep], estimate: ContactEstimate) -> F
 
 
 def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
-    """Return the steps, starting two before the first hint of contact; empty without a hint.
+    """Return the steps, starting two before the first hint of contact, or before the last step.
 
     More steps before the hint are excluded, because drift can resemble a weak contact.
     """
-    hinted = [c.touch.weakest_percent < plan.hint_percent for c in estimate.steps]
-    if not any(hinted):
-        return ()
-    return estimate.steps[max(hinted.index(True) - 2, 0) :]
+    hinted = [step.touch.weakest_percent < plan.hint_percent for step in estimate.steps[:-1]]
+    return estimate.steps[max([*hinted, True].index(True) - 2, 0) :]

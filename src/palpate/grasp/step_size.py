@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.grasp.answers import (
+    count_contact_steps,
     gain_of_law,
     measure_stiffness,
     mm_per_unit,
@@ -63,7 +64,9 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     For an object that stiffens, the measured slope is smaller than in the training set, because it
     counts from the first contact. The error is on the safe side.
     """
-    if plan.damage is None or not estimate.force_n > 0:
+    # A limit requires two steps with certain force.
+    few = count_contact_steps(estimate, plan) < 2
+    if plan.damage is None or few or not estimate.force_n > 0:
         return math.inf
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
@@ -129,7 +132,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     if plan.damage is None:
         return wanted
     if math.isinf(estimate.damage_low_n):
-        # A limit requires two steps with certain force, within a small travel.
+        # Find the limit within a small travel.
         return min(wanted, plan.fine_step)
     # Approach the limit in several steps, because each step measures it again.
     room_n = estimate.damage_low_n - estimate.force_high_n

@@ -74,9 +74,13 @@ def test_stiffness_interval_with_gain_uncertainty_covers_gain_error() -> None:
     assert uncertain.low < 2.0 < uncertain.high
 
 
-@pytest.mark.parametrize("measure", [measure_closing, measure_soft_stiffness])
-def test_contact_at_the_last_step_returns_none(measure: Callable[..., Any]) -> None:
-    assert close(np.array([41.0, 40.0]), np.array([0.0, 2.0]), measure=measure) is None
+def test_single_reading_bounds_size_and_stiffness() -> None:
+    width_mm, force_n = np.array([41.0, 40.0]), np.array([0.0, 2.0])
+    assert close(width_mm, force_n, measure=measure_soft_stiffness) is None
+    found = close(width_mm, force_n)
+    # Fingers that deflect by 0.55 mm at 2 N leave at most 0.45 mm for the object.
+    assert 40.55 - 0.15 < found.size_mm.low < found.size_mm.high < 41.3
+    assert found.stiffness.low < 2.0 / 0.45 < 0.1 * found.stiffness.high
 
 
 def size(width_mm: np.ndarray, force_n: np.ndarray, **how: Any) -> Measurement:
@@ -113,6 +117,17 @@ def test_size_interval_covers_exponent_error(exponent: float, law: float) -> Non
         found = size(width, np.where(true > 0.1, true**law, 0.0), law_sd=0.4)
         inside.append(found.low <= true_mm <= found.high)
     assert np.mean(inside) >= 0.9
+
+
+@pytest.mark.parametrize("n_per_mm", [0.6, 2.0])
+def test_weak_reading_of_a_firm_contact_does_not_move_the_size(n_per_mm: float) -> None:
+    """Near its threshold, a sheet reads half of the force of a hand that has met the object."""
+    force_n = np.array([0.85, 1.25, 1.4, 1.6, 1.8])
+    width_mm = 40.0 - force_n / n_per_mm - HAND.deflection_mm(force_n)
+    read_n = np.array([0.43, 1.25, 1.4, 1.6, 1.8])
+    found = close(width_mm, read_n, floor_n=0.28, law_sd=0.1)
+    assert found.size_mm.low < 40.0 < found.size_mm.high
+    assert found.stiffness.low < n_per_mm < found.stiffness.high
 
 
 # -- fingers that deflect more than the object -----------------------------------------------------
