@@ -10,15 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
-from palpate.estimate.compliance import (
-    SOFTEST_N_PER_MM,
-    STIFFEST_N_PER_MM,
-    Compliance,
-)
-from palpate.estimate.firmness import firmness_index
-from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.estimate.soft_stiffness import measure_soft_stiffness
+from palpate.force.gain import Gain, MeasuredForce
 from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan

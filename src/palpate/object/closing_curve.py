@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.measurement import Measurement
+from palpate.object.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 
 #: Exponents of force over indentation, equally likely: a flat or layered body, and a round one.
 _EXPONENTS = (1.0, 1.5)
