@@ -63,6 +63,6 @@ def test_check_coverage_of_good_instrument_covers_true_figures(
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)
     pool = Pool(truth=truth, grasps=truth[:, None] + random.normal(0.0, 0.1, (80, 2)))
-    rows = check_coverage(pool, 0.3, level="lab", campaigns=10)
+    rows = check_coverage(pool, level="lab", campaigns=10)
     assert {row["figure"] for row in rows} <= set(FIGURES)
     assert all(row["coverage"] >= 0.6 for row in rows)

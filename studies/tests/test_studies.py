@@ -49,15 +49,12 @@ UNIT = re.compile(r"\((%|N|ohm|mm|kPa|mV)[^)]*\)|G/G₀")
 @pytest.fixture(scope="module", autouse=True)
 def small_studies() -> Iterator[None]:
     """Leave out the level `field`, where a study runs alike at both, and most repeats."""
-    generators = ripeness_virtual.list_generators()
-    two = {name: generators[name] for name in ("first", "all three")}
     with pytest.MonkeyPatch.context() as patch:
         for module in (detection_limit, figure16, noise, size, stiffness, table6):
             patch.setattr(module, "LEVELS", ("lab",))
         patch.setattr(equal_width, "SHOWN_GRASPS", 2)
         patch.setattr(stiffness, "REPEATED_N_PER_MM", (4.0,))
         patch.setattr(table5, "MATERIALS", table5.MATERIALS[:2])
-        patch.setattr(ripeness_virtual, "list_generators", lambda: two)
         patch.setattr(ripeness_virtual, "LABELLED", 8)
         yield
 
