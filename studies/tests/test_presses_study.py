@@ -1,4 +1,4 @@
-"""The press study: cutting of presses, the given force, and separation of test data."""
+"""The press study: the given force, and separation of test data."""
 
 from __future__ import annotations
 
@@ -43,17 +43,6 @@ def test_follower_reads_reference_force_once(tmp_path: Path) -> None:
     for name, learn in MODELS.items():
         follow = learn(presses)
         assert follow(blind)[0].tolist() == follow(press)[0].tolist(), name
-
-
-@pytest.mark.slow
-def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any]) -> None:
-    path = press_csv(tmp_path / "p.csv")
-    found = document("presses", "--recordings", path)
-    assert {row["model"] for row in found["summary"]} == {*MODELS}
-    settings = {"all", *(f"shape{k}" for k in range(4))}
-    assert {row["setting"] for row in found["summary"]} == settings
-    overall = {one["model"]: one for one in found["summary"] if one["setting"] == "all"}
-    assert overall["ours"]["presses"] == 16
 
 
 @pytest.mark.slow

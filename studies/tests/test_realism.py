@@ -1,4 +1,4 @@
-"""Comparison of the twin with real recordings: its quantities, and the level `field`."""
+"""Comparison of the twin with real recordings at the level `field`."""
 
 from __future__ import annotations
 

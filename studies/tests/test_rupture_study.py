@@ -1,4 +1,4 @@
-"""The rupture study on real and synthetic fruit."""
+"""The gentle squeeze compared with real ruptures."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import LEVELS
+from palpate_studies.rows import LEVELS, mean, median
 
 #: Twin fruit in the pool, grasps of each fruit, and seed of the sensor.
 ITEMS, GRASPS, SENSOR = 160, 2, 46
@@ -169,12 +169,13 @@ def check_coverage(pool: Pool, *, level: str, campaigns: int) -> list[dict[str, 
             "level": level,
             "figure": name,
             "true": true[name],
-            "median": float(np.median([figure.value for figure in found_figures])),
-            "coverage": float(
-                np.mean([figure.low <= true[name] <= figure.high for figure in found_figures])
-            ),
+            # Without a relation between the instruments, a figure of converted grasps is withheld.
+            "withheld": len(estimates) - len(given),
+            "median": median([one.value for one in given]),
+            "coverage": mean([one.low <= true[name] <= one.high for one in given]),
         }
-        for name, found_figures in rows.items()
+        for name, estimates in rows.items()
+        for given in [[one for one in estimates if math.isfinite(one.value)]]
     ]
 
 

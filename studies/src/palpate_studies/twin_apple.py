@@ -200,12 +200,11 @@ def _finger_fractions(
     `along_mm`, `across_mm`: pixels relative to the first contact of the sound fruit.
     """
     middle_mm = np.array(along_mm), np.array(across_mm)
-    caught = _fraction_caught(find_contact(face, side_mm), middle_mm, pitch_mm=pitch_mm)
-    if face.patch is None:
-        return caught / max(caught.sum(), 1e-12)
-    sound = find_contact(replace(face, patch=None), side_mm)
-    if_sound = _fraction_caught(sound, middle_mm, pitch_mm=pitch_mm)
-    return caught / max(if_sound.sum(), 1e-12)
+    caught = if_sound = _fraction_caught(find_contact(face, side_mm), middle_mm, pitch_mm=pitch_mm)
+    if face.patch is not None:
+        sound = find_contact(replace(face, patch=None), side_mm)
+        if_sound = _fraction_caught(sound, middle_mm, pitch_mm=pitch_mm)
+    return np.asarray(caught / max(if_sound.sum(), 1e-12))
 
 
 def _fraction_caught(
