@@ -1,4 +1,4 @@
-"""The ladder study on synthetic and real ladders, and the learned population of the law."""
+"""The ladder study on synthetic ladders."""
 
 from __future__ import annotations
 
