@@ -8,7 +8,6 @@ import json
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies.benchmarks import settling
 from palpate_studies.benchmarks.running import Ratio, row
 from palpate_studies.catalogue import BENCHMARKS
 
@@ -56,13 +55,3 @@ def test_ratio_is_missed_only_below_requirement_of_installed_peer() -> None:
     assert ratio(wanted=1.6).is_missed
     assert not ratio(wanted=9.0, theirs=None).is_missed
     assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
-
-
-def test_settling_benchmark_times_and_agrees_with_curve_fit() -> None:
-    time_s, holds = settling.synthetic_holds(20)
-    known = settling._compare_on_known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
-    assert known.size == 20
-    assert known.times > 1
-    assert settling._compare_on_new_grid(holds[0]).wanted == 1
-    agreement = settling._describe_agreement(20)
-    assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.twin.world import GripperKind
-from palpate_studies.fault_devices import FAULTS
 from palpate_studies.fault_grasps import (
     KINDS,
     Cell,
-    FaultyGrasp,
-    list_cells,
     run_faulty_grasp,
-    sample_cells,
 )
-from palpate_studies.faults import is_unexplained, judge
+from palpate_studies.faults import is_unexplained
 
 pytestmark = pytest.mark.slow
 
@@ -88,23 +82,3 @@ def test_gripper_whose_moving_flag_flickers_ends_no_grasp_with_an_error() -> Non
     found = run_faulty_grasp(cell, seed=77)
     assert "failed" not in found.reason
     assert not is_unexplained(found)
-
-
-def test_sample_cells_includes_every_fault_equally() -> None:
-    cells = list_cells()
-    chosen = sample_cells(cells, 2 * len(FAULTS), seed=3)
-    assert len(chosen) == len(set(chosen))
-    assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
-    assert len(sample_cells(cells, 10**6, seed=3)) == len(cells)
-    assert 2 * len(list_cells(rates_hz=(250.0,))) == len(cells)
-
-
-def test_judge_row_shows_worst_case_of_fault() -> None:
-    cell = Cell(fault="pixel open", phase="hold", thing="strawberry", kind="rigid", speed=1.0)
-    seen = {"struck": True, "outcome": "sensor_lost", "reason": "", "safe_s": 0.1}
-    first = FaultyGrasp(cell=cell, **seen, peak_n=3.0, stays_n=2.0, damaged=False)
-    found = judge([first, replace(first, reason="pixel open", peak_n=6.0, damaged=True)])
-    part, alone = (table.rows for table in found.tables)
-    assert part[0][:2] == ["sheet", "rigid"]
-    assert alone[0][0] == "pixel open"
-    assert set(alone[0]) >= {"2", "6.0", "2.0", "1 of 2", "1"}

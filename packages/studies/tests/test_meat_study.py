@@ -48,12 +48,3 @@ def test_meat_cuts_that_differ_are_told(tmp_path: Path, document: Callable[..., 
     assert scatter["stiffness"]["between_cuts"] == pytest.approx(0.5, abs=0.1)
     assert scatter["stiffness"]["places"] == pytest.approx(0.1, abs=0.04)
     assert scatter["stiffness"]["specimens"] < 0.1
-
-
-def test_meat_equal_cuts_are_not_told(tmp_path: Path, document: Callable[..., Any]) -> None:
-    holds, _ = write_holds(tmp_path, difference=0.0)
-    rows = document("meat", "--holds", holds)["cuts"]
-    assert {row["inputs"] for row in rows} == {"relaxation, 2.5 s", "relaxation, 10 s"}
-    for row in rows:
-        low, high = row["discriminant_interval"]
-        assert low < 0.5 < high

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
-from palpate_station.qualify import agreement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.produce.qualify import agreement
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
-from palpate_studies.qualify import FIGURES, Pool, check_coverage, read_side_pairs
-from palpate_studies.rupture import RULE, apply_policy
-from palpate_studies.second.closings import other_closings
+from palpate_studies.qualify import FIGURES, Pool, check_coverage
+from palpate_studies.stoppable import require_uninterrupted
 
 
 def test_learned_on_training_specimens_raises() -> None:
@@ -40,19 +38,11 @@ def test_paired_difference_cancels_difficulty_of_specimens() -> None:
         difference_of_pairs([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
 
 
-def test_apply_policy_on_training_fruit_raises() -> None:
-    fruit = other_closings(seed=3)[:24]
-    with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
-        apply_policy(RULE, [(fruit, fruit[:3])])
-
-
-def test_read_side_pairs_reads_both_sides(tmp_path: Path) -> None:
-    path = tmp_path / "apples.csv"
-    path.write_text("side1_lbf,side2_lbf\n15,16\n14,\n")
-    pairs = read_side_pairs(path)
-    assert pairs.items == 2
-    assert int(pairs.has_both.sum()) == 1
-    assert np.isfinite(pairs.reference).sum() == 3
+def test_stopped_grasp_ends_the_study() -> None:
+    held = GraspResult(outcome=Outcome.HELD)
+    assert require_uninterrupted(held) is held
+    with pytest.raises(KeyboardInterrupt):
+        require_uninterrupted(GraspResult(outcome=Outcome.STOPPED))
 
 
 @pytest.mark.slow
@@ -63,6 +53,6 @@ def test_check_coverage_of_good_instrument_covers_true_figures(
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)
     pool = Pool(truth=truth, grasps=truth[:, None] + random.normal(0.0, 0.1, (80, 2)))
-    rows = check_coverage(pool, 0.3, level="lab", campaigns=10)
+    rows = check_coverage(pool, level="lab", campaigns=10)
     assert {row["figure"] for row in rows} <= set(FIGURES)
     assert all(row["coverage"] >= 0.6 for row in rows)

@@ -60,7 +60,6 @@ SOFT = "stroke_id,location_mm,depth_mm,voltage_v,force_n\n"
 INDEX, CURVES = "grasp_id,fruit,rupture_force_n\n", "grasp_id,closure_mm,force_n\na,1.0,2.0\n"
 #: Study, its files by option, and part of the message.
 CASES: tuple[tuple[str, dict[str, str], str], ...] = (
-    ("force-ladders", {"ladders": "ladder,step,load_n\nA,0,0\n"}, "no column resistance_ohm"),
     ("force-ladders", {"ladders": LADDER + "A,0,1.0,50\n"}, "doesn't begin unloaded"),
     ("force-ladders", {"ladders": LADDER + "A,0,0,500\nA,1,1.0,50\n"}, "fewer than 5 loaded"),
     ("force-ladders", {"ladders": LADDER + "A,0,0,0\n"}, "0 ohm"),
@@ -72,13 +71,8 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("presses", {"recordings": TOUCH + "\na,0,10,0\na,0,10,0\n"}, "doesn't increase"),
     ("presses", {"recordings": TOUCH + "\na,0,0,1\na,1,10,1\n"}, "0 ohm or less"),
     ("presses", {"recordings": TOUCH + "\na,0,10,0\na,1,10,0\n"}, "no press found"),
-    ("presses", {"recordings": TOUCH + "\na,0,10\n"}, "3 fields, but the header has 4"),
     ("strokes", {"recordings": TOUCH + ",touch,phase\na,0,10,0,0,rest\n"}, "sensor-pin-attempt"),
-    ("soft-sensor", {"train": SOFT}, "no rows below the header"),
     ("soft-sensor", {"train": SOFT + "1,0,0.5,0.04,2\n1,0,0.5,0.05,3\n"}, "one depth only"),
-    ("rupture", {"curves": CURVES, "index": ""}, "empty"),
-    ("rupture", {"curves": CURVES, "index": "grasp_id,fruit\na,kiwi\n"}, "no column rupture_force"),
-    ("rupture", {"curves": CURVES, "index": INDEX + "a,kiwi,firm\n"}, "line 2"),
     ("rupture", {"curves": CURVES, "index": INDEX + "a,kiwi,-1\n"}, "must be positive"),
     ("rupture", {"curves": CURVES, "index": INDEX + "b,kiwi,3.0\n"}, "no curve for b"),
     (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 from palpate.errors import InputError
 from palpate_studies.scoreboard import (
-    MARKS,
     claims_table,
     fill_page,
     generate_pages,
@@ -152,13 +150,6 @@ def test_make_result_stores_figures_that_are_current(tmp_path: Path) -> None:
 def test_generated_pages_match_stored_results() -> None:
     for page, wanted in generate_pages(DOCS).items():
         assert page.read_text() == wanted, f"{page} is stale: run docs/generate_scoreboard.py"
-
-
-def test_readme_has_only_the_generated_results_table() -> None:
-    text = (ROOT / "README.md").read_text()
-    begin, end = MARKS
-    outside = text.split(begin)[0] + text.split(end)[1]
-    assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
 
 
 def test_results_have_origin_and_are_quoted() -> None:

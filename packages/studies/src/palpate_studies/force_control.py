@@ -141,10 +141,7 @@ def compare_methods(found: Sequence[GripOutcome], *, method: str = "ours") -> li
 
 def judge(found: Sequence[GripOutcome]) -> StudyReport:
     """Return the report of any number of grasps."""
-    summary = [
-        {**key, "gripper": "all", **scores(part)}
-        for key, part in group(found, "task.level", "method")
-    ]
+    summary = [{**key, **scores(part)} for key, part in group(found, "task.level", "method")]
     return StudyReport(
         name="force-control",
         title="Gripping random objects to a force, and lifting them (simulated)",

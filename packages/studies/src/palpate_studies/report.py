@@ -87,7 +87,6 @@ _HEADS = {
     "seen": "detected",
     "share_of_settled": "RMS relative to settled",
     "share_ok": "fraction ok",
-    "sorted_right_per_hour": "sorted correctly per hour",
     "stiffness_bounds_right": "stiffness bounds correct",
     "strangers": "unknown items",
     "strangers_found": "unknown detected",

@@ -34,6 +34,11 @@ DAYS, LABELLED, LABELLED_GRASPS, GRASPS = 4, 24, 10, 6
 _GRASP_SD, _FRUIT_SD, _MORNING_SD = 0.25, 0.07, 0.05
 #: Stiffness at one force is proportional to this power of the force at 1 mm (Hertz).
 _POWER = 2.0 / 3.0
+#: Name -> function from a fruit of the first generator and its number to this generator's.
+GENERATORS: Mapping[str, Callable[[Avocado, int], Avocado]] = {
+    "first": lambda fruit, number: fruit,
+    "all three": lambda fruit, number: other_avocado(fruit, course=COURSES[number % len(COURSES)]),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +76,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
                 ]
             ),
         }
-        for name, make in list_generators().items()
+        for name, make in GENERATORS.items()
     ]
     return StudyReport(
         name="ripeness",
@@ -102,21 +107,6 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
         ],
         payload={"study": "ripeness", "simulated": True, "seed": SEED, "ripeness": rows},
     )
-
-
-def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
-    """Return name -> function from a fruit of the first generator to this generator's."""
-    found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
-    for course in COURSES:
-        found[course] = _always(course)
-    found["all three"] = lambda fruit, number: other_avocado(
-        fruit, course=COURSES[number % len(COURSES)]
-    )
-    return found
-
-
-def _always(course: str) -> Callable[[Avocado, int], Avocado]:
-    return lambda fruit, number: other_avocado(fruit, course=course)
 
 
 def _scores(days: Sequence[VirtualDay]) -> dict[str, Any]:

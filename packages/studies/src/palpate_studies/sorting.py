@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
@@ -35,15 +35,14 @@ from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 #: From the measurements of one grasp to a kind or unknown; None if a measurement is missing.
 Guess: TypeAlias = Callable[[Mapping[str, Measurement]], str | None]
 NEAREST_MEAN, PALPATE = "nearest mean, may abstain", "ours"
 #: Learners in place of palpate's linear discriminant, with the same background class -> names in
 #: `palpate_station.learning.METHODS`.
 LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
+#: Method -> numbers of grasps after which its answers are scored.
+_COUNTS = {PALPATE: (1, SORTED_GRASPS), **dict.fromkeys(LEARNERS, (SORTED_GRASPS,))}
 #: Training items of each kind: as many as a packhouse has at hand.
 TRAINING_ITEMS = 10
 #: First seed of the sensors, and that of the single evaluation on the second generator. Other seeds
@@ -157,15 +156,17 @@ def report(
 ) -> StudyReport:
     """Identify and sort mixed crates with unknown kinds; report purity and items per hour.
 
+    --second sorts items of the second generator at level lab.
+
     Example: palpate study sorting --out reports
     """
     if crates is not None:
         return judge(read_crates(crates))
-    first = SECOND_SENSOR if second else FIRST_SENSOR
+    first, levels = (SECOND_SENSOR, LEVELS[:1]) if second else (FIRST_SENSOR, LEVELS)
     return judge(
         [
             item
-            for level in LEVELS
+            for level in levels
             for sensor in range(first, first + sensors)
             for item in measure_crates(
                 level=level,
@@ -257,7 +258,7 @@ def name_items(
         named = [
             (name_method(name, count), known, count)
             for name, known in crate.identifiers.items()
-            for count in range(1, SORTED_GRASPS + 1)
+            for count in _COUNTS[name]
         ]
         others = [one for one in crates if one.level == level and one.sensor != crate.sensor]
         if others:
@@ -277,7 +278,7 @@ def name_items(
 
 
 def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
-    """Compare palpate with each learner at equal numbers of grasps, paired by item.
+    """Compare palpate with each learner after all grasps, paired by item.
 
     The loss of an item is 1 for a wrong answer, which may be a kind or unknown.
     """
@@ -287,23 +288,19 @@ def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
             name["method"]: [float(one.answer != one.item.true_answer) for one in each]
             for name, each in group(mine, "method")
         }
-        for count in range(1, SORTED_GRASPS + 1):
-            method = name_method(PALPATE, count)
-            items = [
-                f"{one.item.sensor}/{one.item.item_id}" for one in mine if one.method == method
-            ]
-            for learner in LEARNERS:
-                ours, theirs = lost[method], lost[name_method(learner, count)]
-                rows.append(
-                    {
-                        **key,
-                        "grasps": count,
-                        "learner": learner,
-                        "ours_wrong": float(np.mean(ours)),
-                        "learner_wrong": float(np.mean(theirs)),
-                        **difference_of_pairs(ours, theirs, items, statistic=np.mean).to_dict(),
-                    }
-                )
+        method = name_method(PALPATE, SORTED_GRASPS)
+        items = [f"{one.item.sensor}/{one.item.item_id}" for one in mine if one.method == method]
+        for learner in LEARNERS:
+            ours, theirs = lost[method], lost[name_method(learner, SORTED_GRASPS)]
+            rows.append(
+                {
+                    **key,
+                    "learner": learner,
+                    "ours_wrong": float(np.mean(ours)),
+                    "learner_wrong": float(np.mean(theirs)),
+                    **difference_of_pairs(ours, theirs, items, statistic=np.mean).to_dict(),
+                }
+            )
     return rows
 
 
@@ -328,7 +325,7 @@ def sort_crates(learned: Sequence[LearnedCrate]) -> dict[tuple[str, str], list[P
             _guess_item(item, crate.guess) for item in crate.sorting
         )
         for name, known in crate.identifiers.items():
-            for most in range(1, SORTED_GRASPS + 1):
+            for most in _COUNTS[name]:
                 method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
                 placed.setdefault((crate.level, method), []).extend(
                     _sort_item(item, known, most=most) for item in crate.sorting
@@ -383,8 +380,6 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "left_over": one.left_over,
             "grasps_per_item": one.grasps_per_item,
             "items_per_hour": one.items_per_hour,
-            "sorted_right_per_hour": one.items_per_hour * (1 - one.left_over) * (one.purity or 0.0),
-            "bins": {name: list(counts) for name, counts in one.bins.items()},
         }
         for (level, method), placed in sort_crates(learned).items()
         for one in [score_sorting(placed, book=BOOK)]
@@ -421,33 +416,4 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "against_learners": compare_learners(given),
         },
         files={"crates.json": partial(write_crates, crates)},
-        figures={"sorting-rate": partial(draw, summary)},
     )
-
-
-def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw errors over items per hour for one to three grasps."""
-    from palpate.plots.style import BLUE, ORANGE, new_figure
-
-    methods = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}
-    levels = list(dict.fromkeys(row["level"] for row in summary))
-    with new_figure(columns=len(levels), width_in=7.2, height_in=3.2, shared=True) as (fig, axes):
-        for axis, level in zip(axes[0], levels, strict=True):
-            for start, (label, colour) in methods.items():
-                rows = [
-                    row
-                    for row in summary
-                    if row["level"] == level and row["method"].startswith(start)
-                ]
-                rate = [row["items_per_hour"] for row in rows]
-                left = [100 * row["left_over"] for row in rows]
-                wrong = [
-                    (100 - at) * (1 - (r["purity"] or 0.0))
-                    for at, r in zip(left, rows, strict=True)
-                ]
-                axis.plot(rate, left, "s--", color=colour, label=f"{label}: not sorted")
-                axis.plot(rate, wrong, "o-", color=colour, label=f"{label}: in a wrong bin")
-            axis.set(xlabel="items per hour", title=f"{level}, simulated", ylim=(0, 100))
-        axes[0][0].set_ylabel("fraction of the crate (%)")
-        axes[0][0].legend(fontsize=7, loc="upper left")
-    return fig

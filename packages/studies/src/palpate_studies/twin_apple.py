@@ -139,18 +139,13 @@ class Faces:
             side_mm = max(deformation_mm, 0.0) * deflections[finger] / sum(deflections)
             # Rounded, so that the many time steps of a hold use one cached contact.
             side_mm = _STEP_MM * round(side_mm / _STEP_MM)
-            middle_mm = (
-                grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
-                grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1],
+            fractions[mine] = _finger_fractions(
+                face,
+                side_mm,
+                tuple(grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0]),
+                tuple(grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1]),
+                grid.pitch_mm,
             )
-            caught = _fraction_caught(
-                find_contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm
-            )
-            if_sound = caught
-            if face.patch is not None:
-                sound = find_contact(replace(face, patch=None), side_mm)
-                if_sound = _fraction_caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
-            fractions[mine] = caught / max(if_sound.sum(), 1e-12)
         return fractions
 
 
@@ -190,6 +185,26 @@ def find_first_touch(face: Face) -> tuple[float, float, float]:
 def _distance_squared(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
     """Return the squared distances of grid points from the contact point."""
     return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
+
+
+@lru_cache(maxsize=512)
+def _finger_fractions(
+    face: Face,
+    side_mm: float,
+    along_mm: tuple[float, ...],
+    across_mm: tuple[float, ...],
+    pitch_mm: float,
+) -> FloatArray:
+    """Return the fractions of `Faces.pixel_fractions` for one finger, shape (pixels,).
+
+    `along_mm`, `across_mm`: pixels relative to the first contact of the sound fruit.
+    """
+    middle_mm = np.array(along_mm), np.array(across_mm)
+    caught = if_sound = _fraction_caught(find_contact(face, side_mm), middle_mm, pitch_mm=pitch_mm)
+    if face.patch is not None:
+        sound = find_contact(replace(face, patch=None), side_mm)
+        if_sound = _fraction_caught(sound, middle_mm, pitch_mm=pitch_mm)
+    return np.asarray(caught / max(if_sound.sum(), 1e-12))
 
 
 def _fraction_caught(
