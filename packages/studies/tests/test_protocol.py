@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import PalpateError
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.produce.qualify import agreement
+from palpate_station.qualify import agreement
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
 from palpate_studies.qualify import FIGURES, Pool, check_coverage

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.estimate.damage_learning import FruitClosing, read_closings
 from palpate.grasp.plan import Plan
+from palpate.object.damage_learning import FruitClosing, read_closings
 
 
 @pytest.fixture(scope="module")

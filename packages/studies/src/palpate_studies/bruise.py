@@ -66,7 +66,7 @@ APPLES_PER_SENSOR = 24
 _FIRST_SENSOR = {"learn": 20_000, "test": 30_000}
 #: Method without training: the paper's mean over all pixels after 20 s, as named in stored results.
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
-#: Baseline with the same contrasts as input, and its name in `palpate.produce.learning.METHODS`.
+#: Baseline with the same contrasts as input, and its name in `palpate_station.learning.METHODS`.
 TREES, _TREES_METHOD = "boosted trees", "trees"
 #: The shipped pipeline with all references at once.
 TOGETHER = f"logistic regression against all three references at once, {EARLY_S:g} s"
