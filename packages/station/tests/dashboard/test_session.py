@@ -78,7 +78,7 @@ def rehearsal() -> Rehearsal:
 
 
 def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None:
-    with pytest.raises(InputError, match="another user is the driver; take over first"):
+    with pytest.raises(InputError, match="a page drives; take over first"):
         rehearsal.session.order("b", GRASP)
     rehearsal.session.take_over("b")
     with pytest.raises(InputError, match="take over first"):

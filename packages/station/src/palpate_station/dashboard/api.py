@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import FastAPI, HTTPException, Query, Request
+from fastapi import Depends, FastAPI, HTTPException, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
@@ -24,8 +24,6 @@ from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
 
-#: Driver name shared by all API clients; every client with access is trusted, as on the page.
-DRIVER = "machine"
 _SCHEMAS = Path(palpate_station.__file__).parent / "schemas"
 _SCHEMA_NAMES = ("measurement", "grasp", "state", "items", "item")
 
@@ -81,10 +79,24 @@ class Refusal(BaseModel):
     detail: str = Field(description="One line with the problem and the remedy.")
 
 
+def client_name(request: Request) -> str:
+    """Return the name of an API client as a driver: all clients at an address are one."""
+    return f"HTTP {request.client.host}" if request.client is not None else "HTTP"
+
+
+Client = Annotated[str, Depends(client_name)]
+
+
 def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     """Return the API application; `token`: whether clients must send a token."""
+
+    async def renew(client: Client) -> None:
+        """Extend the control of the driver with each of its requests."""
+        app_state.renew(client)
+
     api = FastAPI(
         title="palpate",
+        dependencies=[Depends(renew)],
         version="1",
         docs_url=None,
         redoc_url=None,
@@ -146,28 +158,28 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the command routes, with the same rules as on the page."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
-    async def grasp(body: GraspRequest) -> GraspStarted:
+    async def grasp(body: GraspRequest, client: Client) -> GraspStarted:
         """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
-            recording = await app_state.grasp(DRIVER, **body.model_dump())
+            recording = await app_state.grasp(client, **body.model_dump())
         return GraspStarted(recording=recording, not_stored=None if body.item_id else NO_ITEM)
 
     @api.post("/release", status_code=202, responses=_refusals(409))
-    async def release() -> Released:
+    async def release(client: Client) -> Released:
         """Release the object, or open the hand; `hand_open` of the state reports the end."""
         with _translate_errors():
-            await app_state.release(DRIVER)
+            await app_state.release(client)
         return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
-    async def take_over() -> None:
-        """Take control, even from another driver."""
-        await app_state.take_over(DRIVER)
+    async def take_over(client: Client) -> None:
+        """Take control, even from another driver; it ends 5 s after the last request."""
+        await app_state.take_over(client)
 
     @api.delete("/driver", status_code=204)
-    async def leave() -> None:
+    async def leave(client: Client) -> None:
         """Release control."""
-        await app_state.leave(DRIVER)
+        await app_state.leave(client)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:

@@ -242,15 +242,28 @@ class AppState:
 
     async def take_over(self, driver: str) -> None:
         """Make this client the driver."""
-        await self._on_session_loop(partial(self.session.take_over, driver))
+
+        def take() -> None:
+            self._join(driver)
+            self.session.take_over(driver)
+
+        await self._on_session_loop(take)
 
     async def leave(self, driver: str) -> None:
         """Leave the session, so that another client can drive."""
         await self._on_session_loop(partial(self.session.leave, driver))
 
+    def renew(self, driver: str) -> None:
+        """Extend the lease of a client; may be called from any thread."""
+        self.session.renew(driver)
+
+    def _join(self, driver: str) -> None:
+        """Join the session as a client that drives while it sends requests."""
+        self.session.join(driver, name=driver, leased=True)
+
     def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
         """Join the session as this driver, and run a command."""
-        self.session.join(driver)
+        self._join(driver)
         try:
             command()
         except InputError as error:

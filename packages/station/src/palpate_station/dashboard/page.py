@@ -95,7 +95,8 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Joined only when the browser has connected: a client that merely fetches the page must not
     # become the driver.
-    client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
+    name = f"the page at {client.ip}"
+    client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id, name=name))
     client.on_delete(lambda: app_state.session.leave(client.id))
     viewer = Viewer(app_state.session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.record_press(event.args))

@@ -6,8 +6,10 @@ driver. Another viewer becomes the driver by taking over.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from threading import RLock
 
@@ -223,6 +225,9 @@ _MAX_SILENCE_S = 1.0
 #: Orders are refused if the last frame is older than this, seconds. A briefly stale link is
 #: accepted, because each order checks its own frames.
 _MAX_FRAME_AGE_S = 1.0
+#: A client of the API or of a line protocol that sends nothing for this time loses control,
+#: seconds.
+LEASE_S = 5.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
@@ -280,15 +285,17 @@ class Session:
         Called with each finished grasp and its `GraspOrder`, but not with replays.
     silent_s : callable, optional
         Returns the time since the last message of the device process, seconds.
+    now_s : callable, optional
+        The clock of the leases.
 
     Examples
     --------
     >>> session = Session(send=print)
-    >>> session.join("a"), session.join("b"), session.driver
+    >>> session.join("a", name="the page at 10.0.0.7"), session.join("b"), session.driver
     (True, False, 'a')
     >>> session.order("b", OpenRig(name="sim-rigid"))
     Traceback (most recent call last):
-    palpate.errors.InputError: another user is the driver; take over first
+    palpate.errors.InputError: the page at 10.0.0.7 drives; take over first
     """
 
     def __init__(
@@ -297,11 +304,16 @@ class Session:
         send: Callable[[Order | Request], None],
         on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._send, self._silent_s = send, silent_s
+        self._send, self._silent_s, self._now_s = send, silent_s, now_s
         self.devices = DeviceState(on_grasped=on_grasped)
         self.viewers: set[str] = set()
-        self.driver: str | None = None
+        self._driver: str | None = None
+        #: Name of each viewer for people.
+        self._names = dict[str, str]()
+        #: End of the lease of each client without a connection of its own.
+        self._leases_s = dict[str, float]()
         self._viewer_of_tab = dict[str, str]()
         #: Settings of the next grasp.
         self.form = GraspForm()
@@ -325,10 +337,31 @@ class Session:
 
     # -- control --------------------------------------------------------------------------------
 
-    def join(self, viewer: str, *, tab: str | None = None) -> bool:
+    @property
+    def driver(self) -> str | None:
+        """The viewer that drives; None without one, or while its lease is over."""
+        driver = self._driver
+        is_over = driver is not None and self._leases_s.get(driver, inf) < self._now_s()
+        return None if is_over else driver
+
+    @property
+    def driver_name(self) -> str:
+        """Name of the driver for people; empty without a driver."""
+        driver = self.driver
+        return "" if driver is None else self._names.get(driver, driver)
+
+    def renew(self, client: str) -> None:
+        """Extend the lease of a client that has joined with one; others are ignored."""
+        if client in self._leases_s:
+            self._leases_s[client] = self._now_s() + LEASE_S
+
+    def join(
+        self, viewer: str, *, tab: str | None = None, name: str = "a page", leased: bool = False
+    ) -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
-        A page reloaded in the same browser tab retains control.
+        A page reloaded in the same browser tab retains control. A `leased` viewer drives until
+        `LEASE_S` after its last `renew`, because nothing else reveals that it has gone.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -340,23 +373,28 @@ class Session:
             # The server detects the closed connection of the old page only later.
             self.viewers -= {before}
         self.viewers.add(viewer)
+        self._names.setdefault(viewer, name)
+        if leased:
+            self._leases_s[viewer] = self._now_s() + LEASE_S
         if self.driver is None or self.driver == before:
-            self.driver = viewer
+            self._driver = viewer
         return self.driver == viewer
 
     def take_over(self, viewer: str) -> None:
         """Make this viewer the driver."""
         self.join(viewer)
-        self.driver = viewer
+        self._driver = viewer
 
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to join or take over drives."""
         self.viewers.discard(viewer)
+        self._names.pop(viewer, None)
+        self._leases_s.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
-        if self.driver == viewer:
-            self.driver = None
+        if self._driver == viewer:
+            self._driver = None
 
     # -- permitted actions ----------------------------------------------------------------------
 
@@ -376,7 +414,7 @@ class Session:
         if viewer != self.driver:
             if self.driver is None:
                 return "there is no driver; take over first"
-            return "another user is the driver; take over first"
+            return f"{self.driver_name} drives; take over first"
         if action is Action.CONFIRM:
             return "" if guide is not None and guide.needs_confirmation else "no step to confirm"
         if action in (Action.SPEED, Action.FILES):

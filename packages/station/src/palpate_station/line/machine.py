@@ -63,6 +63,10 @@ class Machine(Protocol):
         """Give up control so that another client can drive."""
         ...
 
+    def renew(self, driver: str) -> None:
+        """Note that a client is still there; without it, the driver loses control after 5 s."""
+        ...
+
     async def stop(self) -> bool:
         """Stop the hand; return whether the devices confirmed the stop."""
         ...
