@@ -23,13 +23,14 @@ from palpate.cli.output import (
     print_message,
 )
 from palpate.errors import InputError, StoreAwayError
-from palpate.files import check_writable
+from palpate.files import check_new, check_writable
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.terminal_table import make_console, make_table, print_table
 from palpate_station.cli.options import BatchOption, DayOption, complete_items
 from palpate_station.records import About, Item, Source, Verdict
 from palpate_station.store import Store
+from palpate_station.store.backup import back_up, restore_backup
 from palpate_station.store.item_history import (
     ItemHistory,
     item_document,
@@ -71,6 +72,13 @@ def items(
             "Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
         ),
     ] = None,
+    backup: Annotated[
+        Path | None,
+        opt("--backup FILE", "Copy the whole store to a new file, also while others write."),
+    ] = None,
+    restore: Annotated[
+        Path | None, opt("--restore FILE", "Create the store from a backup; it must not exist.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List items, show one, label one, or write them to Parquet.
@@ -79,6 +87,9 @@ def items(
     """
     if item is None and (changes or labels):
         raise InputError("--set and --say require an item: palpate items ITEM --set ...")
+    if backup is not None or restore is not None:
+        _copy_store(store, backup=backup, restore=restore)
+        return
     period = None if day is None else parse_day(day)[1:]
     with open_store(store, create=bool(changes or labels)) as opened:
         if item is not None and (changes or labels):
@@ -95,6 +106,18 @@ def items(
                 print_json(items_document(pages))
             else:
                 _print_items(pages, has_more=len(found) > limit)
+
+
+def _copy_store(store: str | None, *, backup: Path | None, restore: Path | None) -> None:
+    """Back up or restore a store, and print the number of its items."""
+    if backup is not None and restore is not None:
+        raise InputError("--backup and --restore: give one of them")
+    if backup is not None:
+        check_new(backup, option="--backup")
+        print_message(f"Written: {backup} (items: {back_up(store, backup)})")
+    elif restore is not None:
+        found, name = restore_backup(store, restore)
+        print_message(f"Restored: {name} (items: {found})")
 
 
 @contextmanager

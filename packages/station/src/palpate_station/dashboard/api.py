@@ -20,6 +20,7 @@ import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_station.dashboard.app_state import AppState
+from palpate_station.dashboard.monitor import Monitor
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
@@ -73,6 +74,20 @@ class Released(BaseModel):
     accepted: bool
 
 
+class Health(BaseModel):
+    """Whether a station can be used."""
+
+    healthy: bool
+    problems: list[str] = Field(description="One line for each; empty if healthy.")
+    version: str
+    uptime_s: float
+    state: str = Field(description="As in the state document.")
+    activity: str
+    fresh: bool
+    simulated: bool | None
+    rig: str | None
+
+
 class Refusal(BaseModel):
     """The reason of a refusal."""
 
@@ -80,19 +95,24 @@ class Refusal(BaseModel):
 
 
 def client_name(request: Request) -> str:
-    """Return the name of an API client as a driver: all clients at an address are one."""
+    """Return the name of an API client as a driver: its user, or else its address."""
+    user = request.scope.get("palpate_user")
+    if user is not None and user.name:
+        return str(user.name)
     return f"HTTP {request.client.host}" if request.client is not None else "HTTP"
 
 
 Client = Annotated[str, Depends(client_name)]
 
 
-def build_api(app_state: AppState, *, token: bool) -> FastAPI:
+def build_api(app_state: AppState, monitor: Monitor, *, token: bool) -> FastAPI:
     """Return the API application; `token`: whether clients must send a token."""
 
-    async def renew(client: Client) -> None:
+    async def renew(request: Request, client: Client) -> None:
         """Extend the control of the driver with each of its requests."""
-        app_state.renew(client)
+        # Whoever watches over the station is no driver.
+        if not request.url.path.endswith("/health"):
+            app_state.renew(client)
 
     api = FastAPI(
         title="palpate",
@@ -105,6 +125,7 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
     _add_validation_handler(api)
     _add_queries(api, app_state)
+    _add_health(api, monitor)
     _add_orders(api, app_state)
     return api
 
@@ -154,6 +175,15 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
             return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
 
 
+def _add_health(api: FastAPI, monitor: Monitor) -> None:
+    @api.get("/health", responses={503: {"model": Health}})
+    def health() -> Health:
+        """Whether the station can grasp and store; 503 with the problems if it can't."""
+        found = Health(**monitor.health())
+        status = 200 if found.healthy else 503
+        return JSONResponse(found.model_dump(), status_code=status)  # type: ignore[return-value]
+
+
 def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the command routes, with the same rules as on the page."""
 
@@ -182,9 +212,9 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
         await app_state.leave(client)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
-    async def stop() -> JSONResponse:
+    async def stop(client: Client) -> JSONResponse:
         """Stop all movement, also without control; 504 without a confirmation."""
-        stopped = await app_state.stop()
+        stopped = await app_state.stop(client)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
@@ -233,7 +263,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
         version=api.version,
         description=about,
         routes=api.routes,
-        servers=[{"url": "/api"}],
+        servers=[{"url": "/api/v1"}],
     )
     components = found["components"]
     components["schemas"] |= {name: _load_schema(name) for name in _SCHEMA_NAMES}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import threading
 import time
@@ -21,6 +22,7 @@ from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig.file import find_calibration_file
+from palpate_station.dashboard.audit import LOG, record_event
 from palpate_station.dashboard.device_process import run_devices
 from palpate_station.dashboard.folder import (
     Entry,
@@ -90,6 +92,8 @@ class Settings:
     damage_path: Path | None = None
     #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
+    #: Days after which recordings of grasps are deleted; None to keep them.
+    keep_days: float | None = None
 
 
 #: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
@@ -159,7 +163,10 @@ class AppState:
         #: Called with each grasp document.
         self.on_result: list[Callable[[GraspDocument], None]] = []
         self.session = Session(
-            send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
+            send=self._send,
+            on_grasped=self._store_grasp,
+            silent_s=lambda: self.silent_s,
+            on_event=record_event,
         )
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -169,7 +176,7 @@ class AppState:
         self._stop_confirmed = 0
         #: Callbacks that wake the stops waiting for a confirmation.
         self._stop_waiters = set[Callable[[], object]]()
-        self._is_process_lost = False
+        self._is_process_lost = self._is_closing = False
         #: Generation and measurements of the last predicted bin.
         self._predicted_for: object = None
         #: Reference that keeps the running task from garbage collection.
@@ -193,6 +200,7 @@ class AppState:
 
     def close(self) -> None:
         """Stop the running job and end the process."""
+        self._is_closing = True
         if self._process is not None:
             self._process.close()
 
@@ -279,9 +287,10 @@ class AppState:
             raise CommandRefusedError("the devices are not open yet: try again in a moment")
         return await run_on(self.loop, work())
 
-    async def stop(self, *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
+    async def stop(self, by: str = "a client", *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
         """Stop the running job; return whether the device process confirmed it in time.
 
+        `by`: name of the client, for the log.
         May be called from any event loop; it waits only for the device process.
         """
         updated = asyncio.Event()
@@ -297,7 +306,10 @@ class AppState:
             pass
         finally:
             self._stop_waiters.discard(wake)
-        return self._stop_confirmed >= number
+        is_confirmed = self._stop_confirmed >= number
+        what = "stop" if is_confirmed else "stop without a confirmation"
+        record_event(by, what, level=logging.WARNING if is_confirmed else logging.ERROR)
+        return is_confirmed
 
     def grasp_order(
         self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
@@ -461,6 +473,9 @@ class AppState:
             self.history.add(entry)
         except OSError as error:
             devices.trouble = f"the grasp was not added to the history: {error}"
+        stored = document.not_stored and f", not stored: {document.not_stored}"
+        text = f"{document.recording} of {document.item_id or 'no item'}: {document.result.outcome}"
+        LOG.log(logging.WARNING if stored else logging.INFO, "%s%s", text, stored)
         self._results += 1
         self._last_document = document
         for listener in self.on_result:
@@ -505,6 +520,8 @@ class AppState:
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
             self._stop_confirmed = max([self._stop_confirmed, *stops])
         self._is_process_lost = isinstance(update, DevicesLost)
+        if self._is_process_lost and not self._is_closing:
+            LOG.error("the device process has ended; restart palpate serve")
         for wake in tuple(self._stop_waiters):
             wake()
         loop = self.loop

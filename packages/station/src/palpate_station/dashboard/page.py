@@ -20,6 +20,8 @@ from palpate_station.dashboard.panel_grasp import (
 from palpate_station.dashboard.panel_history import add_items_panel, add_run_panel
 from palpate_station.dashboard.panel_recordings import add_recordings_panel
 from palpate_station.dashboard.panel_sensor import add_calibrate_panel, add_doctor_panel
+from palpate_station.dashboard.session import page_name
+from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.viewer import Viewer
 
 _STATIC = Path(__file__).parent / "static"
@@ -95,8 +97,11 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Joined only when the browser has connected: a client that merely fetches the page must not
     # become the driver.
-    name = f"the page at {client.ip}"
-    client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id, name=name))
+    user: User | None = client.request.scope.get("palpate_user")
+    name, role = page_name(client.ip, user), Role.CONFIGURE if user is None else user.role
+    client.on_connect(
+        lambda: app_state.session.join(client.id, tab=client.tab_id, name=name, role=role)
+    )
     client.on_delete(lambda: app_state.session.leave(client.id))
     viewer = Viewer(app_state.session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.record_press(event.args))

@@ -50,6 +50,7 @@ from palpate_station.dashboard.messages import (
     Update,
     check_ranges,
 )
+from palpate_station.dashboard.users import Role, User
 from palpate_station.line.results import NO_ITEM
 
 
@@ -228,6 +229,8 @@ _MAX_FRAME_AGE_S = 1.0
 #: A client of the API or of a line protocol that sends nothing for this time loses control,
 #: seconds.
 LEASE_S = 5.0
+#: Actions of the role `operate`; the others require `configure`.
+_OPERATE = (Action.GRASP, Action.RELEASE, Action.RECORD, Action.CONFIRM, Action.SPEED)
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
@@ -274,6 +277,15 @@ class GraspForm:
             self.item_id, self.is_returned = "", False
 
 
+def page_name(host: str, user: User | None = None) -> str:
+    """Return the name of a page's viewer for people.
+
+    >>> page_name("10.0.0.7"), page_name("10.0.0.7", User(name="maria", token="correct-horse"))
+    ('the page at 10.0.0.7', 'maria')
+    """
+    return user.name if user is not None and user.name else f"the page at {host}"
+
+
 class Session:
     """One rig, many viewers, one driver.
 
@@ -287,6 +299,8 @@ class Session:
         Returns the time since the last message of the device process, seconds.
     now_s : callable, optional
         The clock of the leases.
+    on_event : callable, optional
+        Called with the name of a viewer and what it has done, for the log.
 
     Examples
     --------
@@ -305,13 +319,16 @@ class Session:
         on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
         now_s: Callable[[], float] = time.monotonic,
+        on_event: Callable[[str, str], None] = lambda who, what: None,
     ) -> None:
         self._send, self._silent_s, self._now_s = send, silent_s, now_s
+        self._on_event = on_event
         self.devices = DeviceState(on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None
         #: Name of each viewer for people.
         self._names = dict[str, str]()
+        self._roles = dict[str, Role]()
         #: End of the lease of each client without a connection of its own.
         self._leases_s = dict[str, float]()
         self._viewer_of_tab = dict[str, str]()
@@ -356,12 +373,19 @@ class Session:
             self._leases_s[client] = self._now_s() + LEASE_S
 
     def join(
-        self, viewer: str, *, tab: str | None = None, name: str = "a page", leased: bool = False
+        self,
+        viewer: str,
+        *,
+        tab: str | None = None,
+        name: str = "a page",
+        leased: bool = False,
+        role: Role = Role.CONFIGURE,
     ) -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
         A page reloaded in the same browser tab retains control. A `leased` viewer drives until
-        `LEASE_S` after its last `renew`, because nothing else reveals that it has gone.
+        `LEASE_S` after its last `renew`, because nothing else reveals that it has gone. A viewer
+        whose `role` may only watch never becomes the driver.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -374,27 +398,37 @@ class Session:
             self.viewers -= {before}
         self.viewers.add(viewer)
         self._names.setdefault(viewer, name)
+        self._roles.setdefault(viewer, role)
         if leased:
             self._leases_s[viewer] = self._now_s() + LEASE_S
-        if self.driver is None or self.driver == before:
-            self._driver = viewer
+        if self._roles[viewer].may_drive and self.driver in (None, before):
+            self._drive(viewer)
         return self.driver == viewer
 
     def take_over(self, viewer: str) -> None:
-        """Make this viewer the driver."""
+        """Make this viewer the driver, if its role may drive."""
         self.join(viewer)
+        if self._roles[viewer].may_drive:
+            self._drive(viewer)
+
+    def _drive(self, viewer: str) -> None:
+        if self._driver != viewer:
+            before = self.driver_name
+            self._on_event(self._names[viewer], f"drives{before and f' instead of {before}'}")
         self._driver = viewer
 
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to join or take over drives."""
+        if self._driver == viewer:
+            self._on_event(self._names[viewer], "stops driving")
+            self._driver = None
         self.viewers.discard(viewer)
         self._names.pop(viewer, None)
+        self._roles.pop(viewer, None)
         self._leases_s.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
-        if self._driver == viewer:
-            self._driver = None
 
     # -- permitted actions ----------------------------------------------------------------------
 
@@ -415,6 +449,9 @@ class Session:
             if self.driver is None:
                 return "there is no driver; take over first"
             return f"{self.driver_name} drives; take over first"
+        role = self._roles.get(viewer, Role.CONFIGURE)
+        if role is not Role.CONFIGURE and action not in _OPERATE:
+            return f"{self._names[viewer]} may not {action!s}: it needs the role configure"
         if action is Action.CONFIRM:
             return "" if guide is not None and guide.needs_confirmation else "no step to confirm"
         if action in (Action.SPEED, Action.FILES):
@@ -450,6 +487,8 @@ class Session:
         self._check(ACTIONS[type(order)], viewer)
         check_ranges(order)
         self.send_order(order)
+        item = f" {order.item_id}" if isinstance(order, GraspOrder) and order.item_id else ""
+        self._on_event(self.driver_name, f"{ACTIONS[type(order)]}{item}")
 
     def send_order(self, order: Order) -> None:
         """Send an order without checking permissions."""
@@ -479,6 +518,8 @@ class Session:
         self._check(ACTIONS[type(request)], viewer)
         check_ranges(request)
         self._send(request)
+        if isinstance(request, ReleaseNow):
+            self._on_event(self.driver_name, str(Action.RELEASE))
         if isinstance(request, SetSpeed) and self.devices.activity is not DeviceActivity.REPLAYING:
             self.rig = self.rig and replace(self.rig, speed=request.speed)
 

@@ -67,7 +67,7 @@ class Machine(Protocol):
         """Note that a client is still there; without it, the driver loses control after 5 s."""
         ...
 
-    async def stop(self) -> bool:
+    async def stop(self, by: str) -> bool:
         """Stop the hand; return whether the devices confirmed the stop."""
         ...
 

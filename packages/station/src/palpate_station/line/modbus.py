@@ -132,7 +132,7 @@ class ModbusStation:
         elif command == RELEASE:
             await machine.release(client)
         elif command == STOP:
-            if not await machine.stop():
+            if not await machine.stop(client):
                 raise CommandRefusedError(
                     "the devices did not confirm the stop; use the emergency stop"
                 )

@@ -8,7 +8,7 @@ import json
 import logging
 import math
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -95,10 +95,10 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
 
 
 class _PasswordUserManager(UserManager):
-    """User manager with the single user `USER`."""
+    """User manager with a password for each username."""
 
-    def __init__(self, password: str) -> None:
-        self._password = password.encode()
+    def __init__(self, passwords: Mapping[str, str]) -> None:
+        self._passwords = passwords
 
     def get_user(
         self,
@@ -108,23 +108,22 @@ class _PasswordUserManager(UserManager):
         certificate: Any = None,
     ) -> User | None:
         """Return the user if the credentials are correct, otherwise None."""
-        is_correct = hmac.compare_digest((password or "").encode(), self._password)
-        return User(role=UserRole.User, name=USER) if username == USER and is_correct else None
+        expected = self._passwords.get(username or "", "")
+        is_correct = hmac.compare_digest((password or "").encode(), expected.encode())
+        return User(role=UserRole.User, name=username) if expected and is_correct else None
 
 
 class OpcUaStation:
     """OPC UA server of a machine.
 
     `machine`: its methods are called on the event loop that runs `start`.
-    `password`: password of the user ``palpate``; None allows anonymous access without encryption.
+    `passwords`: password of each username; empty allows anonymous access without encryption.
     `folder`: folder of the server certificate, which is created at the first start.
     """
 
-    def __init__(self, machine: Machine, *, password: str | None, folder: Path) -> None:
-        self._machine, self._password, self._folder = machine, password, folder
-        self._server = Server(
-            user_manager=None if password is None else _PasswordUserManager(password)
-        )
+    def __init__(self, machine: Machine, *, passwords: Mapping[str, str], folder: Path) -> None:
+        self._machine, self._is_open, self._folder = machine, not passwords, folder
+        self._server = Server(user_manager=_PasswordUserManager(passwords) if passwords else None)
         #: Nodes with their types, and the last written values, by path below the station.
         self._nodes: dict[str, tuple[Node, ua.VariantType]] = {}
         self._shown: dict[str, Any] = {}
@@ -138,7 +137,7 @@ class OpcUaStation:
         server.set_endpoint(f"opc.tcp://{host}:{port}/palpate")
         server.set_server_name("palpate")
         await server.set_application_uri(APPLICATION)
-        if self._password is None:
+        if self._is_open:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         else:
             await self._enable_encryption(host)
@@ -300,7 +299,7 @@ class OpcUaStation:
         return answer
 
     async def _stop(self, parent: Any) -> list[ua.Variant]:
-        is_stopped = await self._machine.stop()
+        is_stopped = await self._machine.stop(self._client())
         await self.refresh()
         return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
