@@ -66,6 +66,8 @@ class GraspDocument:
         Names of the item and of the grasp in the store; empty if unknown.
     recording, ended_at : str
         File name of the recording, and end of the grasp (ISO 8601, UTC); empty if unknown.
+    station : str
+        Name of the station; empty if unknown.
     item : ItemFacts or None
         What the store knows of the item.
     bin : Bin or None
@@ -99,6 +101,7 @@ class GraspDocument:
     grasp_id: str = ""
     recording: str = ""
     ended_at: str = ""
+    station: str = ""
     item: ItemFacts | None = None
     bin: Bin | None = None
     is_sorted: bool = False
@@ -118,7 +121,7 @@ class GraspDocument:
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON form, without what is unknown."""
-        limit, named = self.limit, ("item_id", "grasp_id", "recording", "ended_at")
+        limit, named = self.limit, ("item_id", "grasp_id", "recording", "ended_at", "station")
         document: dict[str, object] = {
             **self.result.to_dict(),
             "verdict": verdict(self.result, target_force_n=self.target_force_n),

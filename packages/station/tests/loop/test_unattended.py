@@ -15,7 +15,9 @@ from pathlib import Path
 
 import pytest
 from benchmarks.dashboard import children_of
+from packages.station.tests.epcis import read_epcis
 from packages.station.tests.served_pages import SIMULATED, Machine, run_server
+from tests.whole.test_json_schemas import faults
 
 OLD = "grasp-20260101-080000.mcap"
 
@@ -28,7 +30,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Machine, 
         (folder / "data" / name).write_bytes(b"")
     for name in (OLD, "kept.mcap"):
         os.utime(folder / "data" / name, (0, 0))
-    with run_server(folder, *SIMULATED, "--keep-days", "30") as (address, _):
+    options = ("--keep-days", "30", "--station", "4012345000009")
+    with run_server(folder, *SIMULATED, *options) as (address, _):
         machine = Machine(address)
         machine.ready()
         yield machine, address, folder / "data"
@@ -63,6 +66,34 @@ def test_health_and_metrics_follow_a_grasp_over_the_versioned_path(
     assert changed['palpate_grasps_stored_total{stored="true"}'] == 1
     assert changed["palpate_stops_total"] == 1
     assert (after["palpate_healthy"], after["palpate_state"]) == (1, 1)
+
+
+def test_item_stated_and_labelled_over_http_is_stored_with_its_station(
+    served: tuple[Machine, str, Path],
+) -> None:
+    machine, _, folder = served
+    machine.ready()
+    assert machine.ask("POST", "/grasp", {"item_id": "B1"})[0] == 202
+    machine.until(lambda at: at["state"] == "holding")
+    machine.ask("POST", "/release")
+    machine.ready()
+    result = machine.ask("GET", "/result")[1]
+    assert result["station"] == machine.ask("GET", "/state")[1]["station"] == "4012345000009"
+    stated = {"kind": "avocado", "batch": "Montag-Früh", "labels": {"ripeness": "ripe"}}
+    status, item = machine.ask("PATCH", "/items/B1", stated)
+    assert (status, faults("item", item)) == (200, [])
+    assert (item["item"]["kind"], item["item"]["batch"]) == ("avocado", "Montag-Früh")
+    assert item["grasps"][0]["station"] == "4012345000009"
+    (label,) = item["verdicts"]
+    assert (label["about"], label["text"], label["source"]) == ("ripeness", "ripe", "person")
+    assert label["details"] == {"by": "HTTP 127.0.0.1"}
+    assert label["grasp_id"] == item["grasps"][0]["grasp_id"]
+    assert machine.ask("GET", "/items/B1") == (200, item)
+    (event,) = read_epcis(machine.ask("GET", "/epcis/B1")[1])
+    assert event["readPoint"] == {"id": "https://id.gs1.org/414/4012345000009"}
+    assert "label B1" in (folder / "audit.jsonl").read_text()
+    for wrong in ({"labels": {"taste": "good"}}, {"labels": {"bin": ""}}, {"colour": "red"}):
+        assert machine.ask("PATCH", "/items/B1", wrong)[0] == 422
 
 
 def test_audit_file_tells_who_drove_and_stopped(served: tuple[Machine, str, Path]) -> None:
@@ -139,3 +170,19 @@ def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path
         while '"screen", "what": "stop"' not in audit.read_text():
             assert time.monotonic() < deadline_s
         assert '"maria", "what": "grasp"' in audit.read_text()
+
+
+def test_simulated_line_brings_a_new_object_unless_the_item_is_grasped_again(
+    served: tuple[Machine, str, Path],
+) -> None:
+    machine, _, _ = served
+    sizes_mm = {}
+    for number, item in enumerate(("", "", "C1", "C1", "C2")):
+        machine.ready()
+        assert machine.ask("POST", "/grasp", {"item_id": item})[0] == 202
+        machine.until(lambda at: at["state"] == "holding")
+        machine.ask("POST", "/release")
+        machine.ready()
+        sizes_mm[number, item] = machine.ask("GET", "/result")[1]["truth"]["size_mm"]
+    assert sizes_mm[2, "C1"] == sizes_mm[3, "C1"]
+    assert len(set(sizes_mm.values())) == 4

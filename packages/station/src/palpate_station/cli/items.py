@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import getpass
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +39,7 @@ from palpate_station.store.item_history import (
     read_item_histories,
     read_item_history,
 )
+from palpate_station.store.labels import add_label
 
 _SETTABLE = ("kind", "batch", "label")
 #: Maximum number of latest grasps and verdicts shown for an item.
@@ -69,7 +71,8 @@ def items(
         Path | None,
         opt(
             "--export FILE",
-            "Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
+            "Write the grasps to FILE (.parquet, .csv or .xlsx), and the verdicts to "
+            "FILE.verdicts.parquet, or a second file or sheet.",
         ),
     ] = None,
     backup: Annotated[
@@ -81,7 +84,7 @@ def items(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List items, show one, label one, or write them to Parquet.
+    """List items, show one, label one, or write them to Parquet, CSV or Excel.
 
     Example: palpate items A17 --set kind=avocado --say ripeness=ripe
     """
@@ -184,25 +187,7 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
     kind, batch, label = map(settings.get, _SETTABLE)
     store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
     for about, text in labelled:
-        add_label(store, item_id, about=About(about), text=text)
-
-
-def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
-    """Store a label that a person gave to an item.
-
-    The label is linked to the item's latest grasp.
-    """
-    grasps = store.grasps_of(item_id)
-    store.add_verdict(
-        Verdict(
-            item_id=item_id,
-            about=about,
-            text=text,
-            given_at=datetime.now(UTC),
-            source=Source.PERSON,
-            grasp_id=grasps[-1].grasp_id if grasps else None,
-        )
-    )
+        add_label(store, item_id, about=About(about), text=text, by=getpass.getuser())
 
 
 def _split_setting(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
@@ -223,12 +208,11 @@ def _export(
     batch: str | None,
     period: tuple[datetime, datetime] | None,
 ) -> None:
-    from palpate_station.store.export import export_grasps, export_verdicts, require_parquet
+    from palpate_station.store.export import FORMATS, export
 
-    if path.suffix != ".parquet":
-        raise InputError(f"--export {path}: the file name must end in .parquet")
+    if path.suffix not in FORMATS:
+        raise InputError(f"--export {path}: the file name must end in {', '.join(FORMATS)}")
     check_writable(path)
-    require_parquet()
     since, until = period or (None, None)
     found: tuple[Item, ...]
     if item is not None:
@@ -245,10 +229,8 @@ def _export(
             if verdict.item_id in names
             and (period is None or period[0] <= verdict.given_at < period[1])
         )
-    verdicts_path = path.with_suffix(".verdicts.parquet")
-    rows = export_grasps(path, grasps, items=found)
-    verdict_rows = export_verdicts(verdicts_path, verdicts)
-    print_message(f"Written: {path} (grasps: {rows}), {verdicts_path} (verdicts: {verdict_rows})")
+    written = export(path, grasps, verdicts, items=found)
+    print_message("Written: " + ", ".join(f"{file} ({rows})" for file, rows in written.items()))
 
 
 def _print_items(histories: Sequence[ItemHistory], *, has_more: bool) -> None:

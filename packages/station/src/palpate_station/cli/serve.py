@@ -17,6 +17,8 @@ from palpate.errors import DeviceError, InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
+from palpate_station.cli.options import STATION_VARIABLE
+from palpate_station.records import check_printable
 
 if TYPE_CHECKING:
     # Each requires an extra.
@@ -47,6 +49,15 @@ def serve(
     rules: Annotated[
         Path | None,
         opt("--rules FILE", "Show the bin of each grasped item: a rules file of `palpate sort`."),
+    ] = None,
+    station: Annotated[
+        str | None,
+        opt(
+            "--station NAME",
+            "Name of this station in results and records; a GLN is a place in EPCIS.",
+            envvar=STATION_VARIABLE,
+            show_envvar=True,
+        ),
     ] = None,
     keep_days: Annotated[
         float | None,
@@ -123,6 +134,8 @@ def serve(
         raise InputError(f"--rate-hz is for {', '.join(BUILT_IN)}, not for {rig}")
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
+    if station is not None:
+        check_printable(station, what="--station")
     known = () if users is None else read_users(users)
     _check_certificate(certificate, key)
     settings = Settings(
@@ -137,6 +150,7 @@ def serve(
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),
+        station=station,
         keep_days=keep_days,
     )
     ItemStore(store).check_usable()

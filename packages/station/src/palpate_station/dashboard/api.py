@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import Depends, FastAPI, HTTPException, Query, Request
 from fastapi.exceptions import RequestValidationError
@@ -19,7 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field
 import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
-from palpate_station.dashboard.app_state import AppState
+from palpate_station.dashboard.app_state import AppState, check_item
+from palpate_station.dashboard.audit import record_event
 from palpate_station.dashboard.monitor import Monitor
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
@@ -48,6 +49,19 @@ class GraspRequest(BaseModel):
         None,
         ge=0,
         description="Last known `stops` of the state; the grasp is refused after a newer stop.",
+    )
+
+
+class ItemChange(BaseModel):
+    """What a person states about an item; omitted fields stay as they are."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    kind: str | None = Field(None, min_length=1, max_length=80)
+    batch: str | None = Field(None, min_length=1, max_length=80)
+    label: str | None = Field(None, min_length=1, max_length=200, description="A note for people.")
+    labels: dict[Literal["ripeness", "bruise", "identity", "bin"], str] = Field(
+        default_factory=dict, description="Labels of the item as it is now, as training data."
     )
 
 
@@ -163,6 +177,22 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
         with _translate_errors():
             Item(item_id=item_id)
             return JSONResponse(item_document(app_state.item_store.page(item_id)))
+
+    @api.patch("/items/{item_id:path}", responses=_documents("item") | _refusals(503))
+    def change_item(item_id: str, body: ItemChange, client: Client) -> JSONResponse:
+        """State kind, batch or note of an item, or label it; a new item is added."""
+        from palpate_station.store.item_history import item_document
+
+        with _translate_errors(bad_value=422):
+            item_id = check_item(item_id)
+            facts = body.model_dump()
+            labels: dict[str, str] = facts.pop("labels")
+            page = app_state.item_store.change(
+                Item(item_id=item_id, **facts), labels=labels, by=client
+            )
+        stated = [f"{name}={text}" for name, text in (facts | labels).items() if text]
+        record_event(client, f"label {item_id} {' '.join(stated)}")
+        return JSONResponse(item_document(page))
 
     @api.get("/epcis/{item_id:path}", responses=_refusals(404, 503))
     def epcis(item_id: str) -> JSONResponse:

@@ -92,6 +92,8 @@ class Settings:
     damage_path: Path | None = None
     #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
+    #: Name of this station.
+    station: str | None = None
     #: Days after which recordings of grasps are deleted; None to keep them.
     keep_days: float | None = None
 
@@ -154,7 +156,7 @@ class AppState:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.item_store = ItemStore(settings.store, rules=settings.rules)
+        self.item_store = ItemStore(settings.store, rules=settings.rules, station=settings.station)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
         #: Number of finished grasps, and the document of the last one.
@@ -206,7 +208,7 @@ class AppState:
 
     def state(self) -> Mapping[str, Any]:
         """Return the state document."""
-        return state_document(self.session)
+        return state_document(self.session) | {"station": self.settings.station}
 
     def result(self) -> tuple[int, GraspDocument | None]:
         """Return the number of finished grasps and the document of the last grasp."""
@@ -410,6 +412,7 @@ class AppState:
             item_id=order.item_id,
             recording=order.recording.name,
             ended_at=entry.ended_at,
+            station=self.settings.station or "",
         )
         source = live.source
         if source is None or not (order.item_id or self.settings.rules):
