@@ -76,6 +76,8 @@ class GraspDocument:
         Whether there are sorting rules, so that a bin is missing where there is none.
     no_bin : str
         Why a held item has no bin; empty if it has one or was not sorted.
+    reference : mapping or None
+        The answer in the unit of a buyer's instrument, if the station was qualified.
     stored : bool or None
         Whether the grasp is in the store; None where nothing is stored.
     not_stored : str
@@ -106,6 +108,7 @@ class GraspDocument:
     bin: Bin | None = None
     is_sorted: bool = False
     no_bin: str = ""
+    reference: Mapping[str, object] | None = None
     stored: bool | None = None
     not_stored: str = ""
 
@@ -138,6 +141,8 @@ class GraspDocument:
             document["pull"] = self.pull.to_dict()
         if self.is_sorted:
             document["bin"] = self.bin and asdict(self.bin)
+        if self.reference is not None:
+            document["reference"] = dict(self.reference)
         if self.stored is not None:
             document |= {"stored": self.stored, "not_stored": self.not_stored or None}
         return document

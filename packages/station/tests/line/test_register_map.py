@@ -38,7 +38,7 @@ def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
         *((at, at + 5) for at in measured),
         (modbus.AGAIN, modbus.AGAIN),
         (modbus.HELD_AGAIN, modbus.HELD_AGAIN),
-        *((at, at + 5) for at in held),
+        *((at, at + 5) for at in (*held, modbus.REFERENCE, modbus.HELD_REFERENCE)),
         *(
             (at, at + text)
             for at in (modbus.ITEM, modbus.BIN, modbus.REFUSAL, modbus.HELD_BIN, modbus.DRIVER)

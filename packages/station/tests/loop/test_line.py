@@ -19,15 +19,29 @@ from packages.station.tests.epcis import read_epcis
 from packages.station.tests.served_pages import SIMULATED, Machine, run_server
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
+from tests.whole.test_json_schemas import faults
 
 from palpate_station.dashboard.session import LEASE_S
 from palpate_station.line import modbus
 from palpate_station.line.machine import LineState
+from palpate_station.qualify.conversion import Conversion
 
 #: Maximum number of polls for a state, and the pause between polls, seconds.
 MAX_POLLS, POLL_PERIOD_S = 3000, 0.02
 #: Timeout of OPC UA requests on a busy machine, seconds.
 TIMEOUT_S = 60.0
+#: Answers in a buyer's unit, here of a caliper.
+CENTIMETRES = Conversion(
+    measurement="size_mm",
+    unit="cm",
+    slope=0.1,
+    offset=0.0,
+    half_width=0.05,
+    lowest=5.0,
+    highest=80.0,
+    items=40,
+    simulated=True,
+)
 _Answer = TypeVar("_Answer")
 
 
@@ -48,7 +62,8 @@ class Station:
 
     def start(self) -> None:
         ports = ("--opcua", str(self._opcua_port), "--modbus", str(self.modbus))
-        served = run_server(self._folder, *SIMULATED, *ports)
+        CENTIMETRES.save(self._folder / "cm.json")
+        served = run_server(self._folder, *SIMULATED, *ports, "--reference", "cm.json")
         self.http, self._process = self._running.enter_context(served)
 
     def kill(self) -> None:
@@ -222,14 +237,12 @@ def test_numbers_of_the_held_object_are_the_same_over_every_protocol_before_its_
             stored = await read_registers(second, modbus.ITEM, modbus.TEXT_REGISTERS)
             assert await read_registers(second, modbus.OUTCOME, 1) == [1]
             assert await hand.value("Result", "OutcomeNumber") == 1
+            size_cm = struct.pack(">6H", *await read_registers(second, modbus.REFERENCE, 6))
+            registers = [*struct.unpack(">9f", values), *struct.unpack(">3f", size_cm)]
+            read += [await hand.value("Result", "Reference" + end) for end in ends]
+            assert await hand.value("Result", "ReferenceUnit") == "cm"
             await hand.reach("idle")
-            return (
-                state,
-                list(struct.unpack(">9f", values)),
-                read,
-                modbus.decode_text(stored),
-                driver,
-            )
+            return state, registers, read, modbus.decode_text(stored), driver
 
     state, registers, nodes, stored, driver = asyncio.run(work())
     assert (state["state"], state["state_number"], state["driver_name"]) == ("holding", 3, driver)
@@ -241,12 +254,17 @@ def test_numbers_of_the_held_object_are_the_same_over_every_protocol_before_its_
         for part in ("value", "low", "high")
     ]
     assert expected[0] > 0
+    in_cm = state["held"]["reference"]
+    assert in_cm["value"] == pytest.approx(expected[0] / 10.0)
+    expected += [in_cm[part] for part in ("value", "low", "high")]
     assert registers == pytest.approx(expected, nan_ok=True)
     assert nodes == pytest.approx(expected, nan_ok=True)
     result = machine.ask("GET", "/result")[1]
     assert {name: result[name] for name in ("size_mm", "force_n")} == {
         name: state["held"][name] for name in ("size_mm", "force_n")
     }
+    assert result["reference"] == in_cm
+    assert (faults("state", state), faults("grasp", result)) == ([], [])
     assert machine.ask("GET", "/state")[1]["held"] is None
 
 

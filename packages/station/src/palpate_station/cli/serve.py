@@ -18,6 +18,7 @@ from palpate.estimate.damage_file import DamageFile
 from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
 from palpate_station.cli.options import STATION_VARIABLE
+from palpate_station.qualify.conversion import Conversion
 from palpate_station.records import check_printable
 
 if TYPE_CHECKING:
@@ -49,6 +50,13 @@ def serve(
     rules: Annotated[
         Path | None,
         opt("--rules FILE", "Show the bin of each grasped item: a rules file of `palpate sort`."),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        opt(
+            "--reference FILE",
+            "Answer in a buyer's unit too: a file of `palpate qualify --save`.",
+        ),
     ] = None,
     station: Annotated[
         str | None,
@@ -151,6 +159,7 @@ def serve(
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),
         station=station,
+        reference=None if reference is None else Conversion.load(reference),
         keep_days=keep_days,
     )
     ItemStore(store).check_usable()

@@ -58,6 +58,7 @@ from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
 
 if TYPE_CHECKING:
+    from palpate_station.qualify.conversion import Conversion
     from palpate_station.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
@@ -92,6 +93,8 @@ class Settings:
     damage_path: Path | None = None
     #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
+    #: Conversion of the answers to the unit of a buyer's instrument.
+    reference: Conversion | None = None
     #: Name of this station.
     station: str | None = None
     #: Days after which recordings of grasps are deleted; None to keep them.
@@ -208,7 +211,12 @@ class AppState:
 
     def state(self) -> Mapping[str, Any]:
         """Return the state document."""
-        return state_document(self.session) | {"station": self.settings.station}
+        found = state_document(self.session) | {"station": self.settings.station}
+        held, conversion = found["held"], self.settings.reference
+        if isinstance(held, dict):
+            measured = {} if conversion is None else held[conversion.measurement] or {}
+            held["reference"] = conversion and conversion.convert(measured.get("value"))
+        return found
 
     def result(self) -> tuple[int, GraspDocument | None]:
         """Return the number of finished grasps and the document of the last grasp."""
@@ -414,6 +422,10 @@ class AppState:
             ended_at=entry.ended_at,
             station=self.settings.station or "",
         )
+        if (conversion := self.settings.reference) is not None:
+            measured = getattr(document.result, conversion.measurement)
+            value = None if measured is None else measured.value
+            document = replace(document, reference=conversion.convert(value))
         source = live.source
         if source is None or not (order.item_id or self.settings.rules):
             why = "the devices have no source" if order.item_id else NO_ITEM

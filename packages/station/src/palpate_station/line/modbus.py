@@ -14,6 +14,7 @@ from palpate_station.line.results import (
     OUTCOME_NUMBERS,
     list_held,
     list_measurements,
+    list_reference,
 )
 
 with require_extra("--modbus", extra="line", package="palpate-station"):
@@ -26,7 +27,7 @@ with require_extra("--modbus", extra="line", package="palpate-station"):
 _CLIENT = ContextVar("_CLIENT", default="Modbus")
 #: Zero-based addresses of 16-bit registers; longer values are stored high word first.
 STATE, FLAGS, STOPS, RESULTS, OUTCOME, STORAGE, VALUES = 0, 1, 2, 4, 6, 7, 8
-AGAIN, HELD_AGAIN, HELD_VALUES = 38, 39, 40
+AGAIN, HELD_AGAIN, HELD_VALUES, REFERENCE, HELD_REFERENCE = 38, 39, 40, 70, 76
 ITEM, BIN, REFUSAL, HELD_BIN, DRIVER = 100, 140, 180, 220, 260
 COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM = 300, 301, 302, 310
 #: Number of registers of a text (two bytes of UTF-8 each, zero-padded) and of the whole map.
@@ -153,7 +154,12 @@ class ModbusStation:
         found[STOPS : STOPS + 2] = _split_uint32(int(state["stops"]))
         found[RESULTS : RESULTS + 2] = _split_uint32(number)
         held = state["held"]
-        for place, values in ((VALUES, list_measurements(result)), (HELD_VALUES, list_held(held))):
+        for place, values in (
+            (VALUES, list_measurements(result)),
+            (HELD_VALUES, list_held(held)),
+            (REFERENCE, list_reference(None if result is None else result.reference)),
+            (HELD_REFERENCE, list_reference(held and held["reference"])),
+        ):
             packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
             found[place : place + len(packed)] = packed
         texts = {REFUSAL: self._refusal, DRIVER: state["driver_name"] or ""}

@@ -21,6 +21,7 @@ from palpate_station.line.results import (
     PARTS,
     list_held,
     list_measurements,
+    list_reference,
 )
 
 with require_extra("--opcua", extra="line", package="palpate-station"):
@@ -87,6 +88,10 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
     "Bin": (ua.VariantType.String, lambda found: found.bin_name),
     "BinProvisional": (ua.VariantType.Boolean, lambda found: found.needs_regrasp),
     "NotStored": (ua.VariantType.String, lambda found: found.not_stored),
+    "ReferenceUnit": (
+        ua.VariantType.String,
+        lambda found: str((found.reference or {}).get("unit", "")),
+    ),
     "Document": (
         ua.VariantType.String,
         lambda found: json.dumps(found.to_dict(), allow_nan=False),
@@ -159,7 +164,8 @@ class OpcUaStation:
             self._machine.renew(_client_name(connection))
         state = self._machine.state()
         held = state["held"]
-        for name, value in zip(_measurement_names(), list_held(held), strict=True):
+        answers = list_held(held) + list_reference(held and held["reference"])
+        for name, value in zip(_measurement_names(), answers, strict=True):
             await self._write(f"Held.{name}", value)
         for name, (kind, value_of) in _HELD.items():
             await self._write(
@@ -172,7 +178,10 @@ class OpcUaStation:
         if number == self._results:
             return
         self._results = number
-        for name, value in zip(_measurement_names(), list_measurements(result), strict=True):
+        answers = list_measurements(result) + list_reference(
+            None if result is None else result.reference
+        )
+        for name, value in zip(_measurement_names(), answers, strict=True):
             await self._write(f"Result.{name}", value)
         for name, (kind, value_of) in _RESULT.items():
             shown = _INITIAL_VALUES[kind] if result is None else value_of(result)
@@ -325,7 +334,7 @@ def _client_name(connection: Any) -> str:
 def _measurement_names() -> list[str]:
     """Return the variable names of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` etc."""
     names = []
-    for measurement in MEASUREMENTS:
+    for measurement in (*MEASUREMENTS, "reference"):
         stem = "".join(word.capitalize() for word in measurement.split("_"))
         names += [stem + ("" if part == "value" else part.capitalize()) for part in PARTS]
     return names

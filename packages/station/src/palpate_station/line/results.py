@@ -37,6 +37,12 @@ def list_measurements(document: GraspDocument | None) -> list[float]:
     return found
 
 
+def list_reference(reference: Mapping[str, Any] | None) -> list[float]:
+    """Return value, low and high of an answer in the buyer's unit; NaN for unknown numbers."""
+    numbers = [(reference or {}).get(part) for part in PARTS]
+    return [math.nan if number is None else number for number in numbers]
+
+
 def list_held(held: Mapping[str, Any] | None) -> list[float]:
     """Return value, low and high of each measurement of the held object, from the state document.
 
