@@ -119,8 +119,8 @@ def test_old_recordings_are_deleted_but_renamed_and_new_ones_are_kept(
     assert {"kept.mcap", "grasp-20260101-080001.mcap"} <= found
 
 
-def test_station_without_devices_is_not_healthy(tmp_path: Path) -> None:
-    with run_server(tmp_path, *SIMULATED) as (address, process):
+def test_station_without_devices_is_not_healthy_and_ends(tmp_path: Path) -> None:
+    with run_server(tmp_path, *SIMULATED, "--exit-after", "3") as (address, process):
         machine = Machine(address)
         machine.ready()
         for child in children_of(process.pid):
@@ -130,6 +130,7 @@ def test_station_without_devices_is_not_healthy(tmp_path: Path) -> None:
         status, health = machine.ask("GET", "/health")
         assert (status, health["healthy"]) == (503, False)
         assert "restart palpate serve" in health["problems"][0]
+        assert process.wait(timeout=60) == 3
 
 
 def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path) -> None:

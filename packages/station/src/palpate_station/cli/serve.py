@@ -58,6 +58,15 @@ def serve(
             "Answer in a buyer's unit too: a file of `palpate qualify --save`.",
         ),
     ] = None,
+    exit_after_s: Annotated[
+        float | None,
+        opt(
+            "--exit-after SECONDS",
+            "End if the devices have not worked for this time, so that a service manager starts "
+            "palpate serve again.",
+            min=1.0,
+        ),
+    ] = None,
     station: Annotated[
         str | None,
         opt(
@@ -158,6 +167,7 @@ def serve(
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _read_rules(rules),
+        exit_after_s=exit_after_s,
         station=station,
         reference=None if reference is None else Conversion.load(reference),
         keep_days=keep_days,

@@ -93,6 +93,8 @@ class Settings:
     damage_path: Path | None = None
     #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
+    #: Time without working devices after which the server ends; None to stay.
+    exit_after_s: float | None = None
     #: Conversion of the answers to the unit of a buyer's instrument.
     reference: Conversion | None = None
     #: Name of this station.

@@ -33,6 +33,15 @@ class Monitor:
 
     def problems(self) -> list[str]:
         """Return what keeps the station from grasping and storing; empty if it is healthy."""
+        found, app_state = self.device_problems(), self._app_state
+        if app_state.item_store.trouble:
+            found.append(app_state.item_store.trouble)
+        if self._free_bytes() < _MIN_FREE_BYTES:
+            found.append(f"{app_state.settings.folder}: less than 1 GB of disk space is free")
+        return found
+
+    def device_problems(self) -> list[str]:
+        """Return what keeps the station from grasping; empty if nothing does."""
         app_state = self._app_state
         state, activity = app_state.state(), app_state.session.devices.activity
         found = []
@@ -44,10 +53,6 @@ class Monitor:
             found.append("no rig is open")
         elif activity is DeviceActivity.WATCHING and not state["fresh"]:
             found.append("no fresh frames")
-        if app_state.item_store.trouble:
-            found.append(app_state.item_store.trouble)
-        if self._free_bytes() < _MIN_FREE_BYTES:
-            found.append(f"{app_state.settings.folder}: less than 1 GB of disk space is free")
         return found
 
     def health(self) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from palpate.errors import InputError
+from palpate.errors import DeviceError, InputError
 from palpate_station.dashboard.app_state import AppState, Settings
-from palpate_station.dashboard.audit import write_log
+from palpate_station.dashboard.audit import LOG, write_log
 from palpate_station.dashboard.folder import find_recording
 from palpate_station.dashboard.front import STOP_PATHS
 from palpate_station.dashboard.listening import bind_port
@@ -43,6 +43,8 @@ _LINE_REFRESH_S = 0.05
 _PUBLISH_PERIOD_S = 0.1
 #: Period at which old recordings are deleted, seconds.
 _RETENTION_PERIOD_S = 3600.0
+#: Period at which the devices are examined for `--exit-after`, seconds.
+_WATCHDOG_PERIOD_S = 0.5
 #: A driver with a broken connection stays the driver for this time, seconds.
 _RECONNECT_TIMEOUT_S = 10.0
 
@@ -71,7 +73,7 @@ def serve(
     InputError
         If the token is too short, or if other machines could connect without a token.
     DeviceError
-        If the port is in use.
+        If the port is in use, or the devices have not worked for `settings.exit_after_s`.
     MissingExtraError
         If NiceGUI is not installed.
     """
@@ -123,10 +125,20 @@ def serve(
     if certificate is not None:
         address = address.replace("http:", "https:", 1)
     app.router.on_startup.append(lambda: announce(address))
+    server, failures = uvicorn.Server(config), list[str]()
+
+    def end_after_failure(text: str) -> None:
+        failures.append(text)
+        server.should_exit = True
+
+    if settings.exit_after_s is not None:
+        _add_watchdog(app, monitor, limit_s=settings.exit_after_s, on_failure=end_after_failure)
     # A full collection of all imported objects would block every thread for 0.1 s.
     gc.freeze()
     with write_log(settings.folder), listening, threaded, line_thread or nullcontext():
-        uvicorn.Server(config).run(sockets=[listening])
+        server.run(sockets=[listening])
+    if failures:
+        raise DeviceError(failures[0])
 
 
 def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
@@ -150,6 +162,35 @@ def _add_metrics_route(app: FastAPI, monitor: Monitor) -> None:
         return PlainTextResponse(monitor.metrics(), media_type="text/plain; version=0.0.4")
 
     app.add_route("/metrics", metrics, methods=["GET"])
+
+
+def _add_watchdog(
+    app: FastAPI, monitor: Monitor, *, limit_s: float, on_failure: Callable[[str], None]
+) -> None:
+    """Call a function with one line after a time without working devices."""
+    running: list[asyncio.Task[None]] = []
+
+    async def watch() -> None:
+        failed_s: float | None = None
+        while True:
+            problems, now_s = monitor.device_problems(), time.monotonic()
+            failed_s = (failed_s or now_s) if problems else None
+            if failed_s is not None and now_s - failed_s > limit_s:
+                text = f"{problems[0]} (for {limit_s:g} s, --exit-after)"
+                LOG.error("%s", text)
+                on_failure(text)
+                return
+            await asyncio.sleep(_WATCHDOG_PERIOD_S)
+
+    async def start() -> None:
+        running.append(asyncio.create_task(watch()))
+
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
 
 
 def _add_retention(app: FastAPI, app_state: AppState) -> None:
