@@ -1,6 +1,8 @@
 # palpate with everything optional, and the firmware for `palpate flash`:
 #   docker build -t palpate . && docker run --rm palpate grasp --seed 1
 # A board needs its port handed in: docker run --device /dev/ttyACM0 ...
+# The page and the API, from outside of the container, with the data kept in a volume:
+#   docker run -p 8080:8080 -v palpate:/work -e PALPATE_TOKEN=... palpate serve --rig sim-rigid
 FROM python:3.12-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends make gcc-avr avr-libc binutils-avr
 COPY . /src
@@ -16,5 +18,7 @@ RUN pip install --no-cache-dir "$(ls /dist/palpate-*.whl)[all]" "$(ls /dist/palp
   "$(ls /dist/palpate_station-*.whl)[all]" /dist/palpate_[aflm]*.whl /dist/palpate_studies-*.whl \
   && rm -r /dist
 WORKDIR /work
+# Inside of the container, the loopback can't be reached from outside; serve then requires a token.
+ENV PALPATE_HOST=0.0.0.0
 EXPOSE 8080
 ENTRYPOINT ["palpate"]

@@ -20,8 +20,11 @@ import urllib.request
 from collections.abc import Callable
 from typing import Any
 
-#: The number of an outcome is its index; 0 means another outcome.
-OUTCOMES = ("", "held", "nothing_there", "slipped", "too_weak", "force_limit", "timed_out")
+#: The number of an outcome is its index, as over Modbus and OPC UA; 0 means another outcome.
+OUTCOMES = (
+    *("", "held", "nothing_there", "slipped", "too_weak", "force_limit", "timed_out"),
+    *("sensor_lost", "gripper_fault", "stopped"),
+)
 #: Quantity of each register -> register units per unit of the quantity.
 REGISTERS = {"size_mm": 10, "force_n": 1000, "stiffness_n_per_mm": 1000}
 #: Register value without a measurement; 0 would be a valid value.
@@ -64,13 +67,14 @@ def wait_for_state(address: str, reached: Callable[[dict[str, Any]], bool]) -> d
 
 def measure(address: str, item_id: str) -> dict[str, Any]:
     """Grasp the object between the fingers, release it, and return the result."""
-    ready = wait_for_state(address, lambda at: at["activity"] == "watching" and at["fresh"])
+    ready = wait_for_state(address, lambda at: at["state"] == "idle")
     # A stop after this state was read also cancels this order.
     order = {"item_id": item_id, "stops": ready["stops"]}
     started = ask(address, "POST", "/grasp", order)
     # The grasp may end by itself, for example with nothing_there, slipped or stopped.
-    wait_for_state(address, lambda at: at["activity"] == "watching" or at["answered"])
-    if ask(address, "GET", "/state")["activity"] == "grasping":
+    at = wait_for_state(address, lambda at: at["state"] != "execute")
+    if at["state"] == "holding":
+        # Here a line reads at["held"], its numbers and its bin, and moves the item to its place.
         ask(address, "POST", "/release")
         wait_for_state(address, lambda at: at["activity"] == "watching")
     result: dict[str, Any] = ask(address, "GET", "/result")

@@ -56,7 +56,7 @@ USAGE = [
     ("items never --say taste=good", "NAME is one of ripeness, bruise, identity, bin"),
     ("items never --set kind=", "must be NAME=TEXT"),
     ("items --day yesterday", "not a date; use the form 2026-05-01"),
-    ("items --export all.csv", "must end in .parquet"),
+    ("items --export all.ods", "must end in .parquet, .csv, .xlsx"),
     ("items --store none.sqlite", "no such file"),
     ("qualify readings.csv --limit 15 --limit 13", "increasing order"),
     ("qualify readings.csv --limit 14 --cost 1 -1", "costs must not be negative"),

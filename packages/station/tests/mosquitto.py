@@ -90,6 +90,8 @@ class Subscriber:
         password: str | None = None,
     ) -> None:
         self.received: Queue[tuple[str, Any, bool]] = Queue()
+        #: All documents so far, by name.
+        self.seen: list[tuple[str, Any]] = []
         self._subscribed: Queue[None] = Queue()
         self._client = paho.Client(
             CallbackAPIVersion.VERSION2, client_id="listener", clean_session=False
@@ -107,7 +109,9 @@ class Subscriber:
 
     def _receive(self, client: object, data: object, message: paho.MQTTMessage) -> None:
         name = message.topic.rpartition("/")[2]
-        self.received.put((name, json.loads(message.payload), message.retain))
+        document = json.loads(message.payload)
+        self.seen.append((name, document))
+        self.received.put((name, document, message.retain))
 
     def until(self, name: str, fits: Callable[[Any], bool] = lambda document: True) -> Any:
         """Return the next document of a topic that fits."""

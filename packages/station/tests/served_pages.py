@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import ssl
 import subprocess
 import sys
 import urllib.error
@@ -52,7 +53,7 @@ def run_server(
         command, stdout=subprocess.PIPE, text=True, cwd=folder, env=os.environ | environment
     ) as process:
         try:
-            found = re.search(r"http://\S+", process.stdout.readline())
+            found = re.search(r"https?://\S+", process.stdout.readline())
             assert found is not None, "the server did not start"
             yield found[0], process
         finally:
@@ -62,8 +63,10 @@ def run_server(
 class Machine:
     """A minimal client, such as a gateway."""
 
-    def __init__(self, address: str, token: str | None = None) -> None:
-        self._address, self._token = address, token
+    def __init__(
+        self, address: str, token: str | None = None, *, trusted: ssl.SSLContext | None = None
+    ) -> None:
+        self._address, self._token, self._trusted = address, token, trusted
 
     def ask(self, method: str, path: str, body: object = None) -> tuple[int, Any]:
         data = body if isinstance(body, bytes) else None if body is None else json.dumps(body)
@@ -75,7 +78,9 @@ class Machine:
             | ({"Authorization": f"Bearer {self._token}"} if self._token else {}),
         )
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_MS / 1000) as reply:
+            with urllib.request.urlopen(
+                request, timeout=TIMEOUT_MS / 1000, context=self._trusted
+            ) as reply:
                 text = reply.read()
                 return reply.status, json.loads(text) if text else None
         except urllib.error.HTTPError as refused:

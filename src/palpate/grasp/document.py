@@ -66,6 +66,8 @@ class GraspDocument:
         Names of the item and of the grasp in the store; empty if unknown.
     recording, ended_at : str
         File name of the recording, and end of the grasp (ISO 8601, UTC); empty if unknown.
+    station : str
+        Name of the station; empty if unknown.
     item : ItemFacts or None
         What the store knows of the item.
     bin : Bin or None
@@ -74,6 +76,8 @@ class GraspDocument:
         Whether there are sorting rules, so that a bin is missing where there is none.
     no_bin : str
         Why a held item has no bin; empty if it has one or was not sorted.
+    reference : mapping or None
+        The answer in the unit of a buyer's instrument, if the station was qualified.
     stored : bool or None
         Whether the grasp is in the store; None where nothing is stored.
     not_stored : str
@@ -99,10 +103,12 @@ class GraspDocument:
     grasp_id: str = ""
     recording: str = ""
     ended_at: str = ""
+    station: str = ""
     item: ItemFacts | None = None
     bin: Bin | None = None
     is_sorted: bool = False
     no_bin: str = ""
+    reference: Mapping[str, object] | None = None
     stored: bool | None = None
     not_stored: str = ""
 
@@ -118,7 +124,7 @@ class GraspDocument:
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON form, without what is unknown."""
-        limit, named = self.limit, ("item_id", "grasp_id", "recording", "ended_at")
+        limit, named = self.limit, ("item_id", "grasp_id", "recording", "ended_at", "station")
         document: dict[str, object] = {
             **self.result.to_dict(),
             "verdict": verdict(self.result, target_force_n=self.target_force_n),
@@ -135,6 +141,8 @@ class GraspDocument:
             document["pull"] = self.pull.to_dict()
         if self.is_sorted:
             document["bin"] = self.bin and asdict(self.bin)
+        if self.reference is not None:
+            document["reference"] = dict(self.reference)
         if self.stored is not None:
             document |= {"stored": self.stored, "not_stored": self.not_stored or None}
         return document

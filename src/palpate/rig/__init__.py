@@ -55,6 +55,9 @@ class Rig:
         Returns the twin's true values; only on simulated rigs.
     seed : int or None
         Seed of a simulated rig's random variation.
+    place_object : callable or None
+        Places the n-th object of the seed and of the same kind between the open fingers; only on
+        simulated rigs. The first object is there already.
 
     Examples
     --------
@@ -75,6 +78,7 @@ class Rig:
     subject: str | None = None
     truth: Callable[[], Mapping[str, object]] | None = None
     seed: int | None = None
+    place_object: Callable[[int], None] | None = None
     _reader: Reader | None = field(default=None, init=False)
     _grip: Grip | None = field(default=None, init=False)
 

@@ -106,6 +106,11 @@ def _open(name: str, *, object_name: str | None, seed: int, rate_hz: float | Non
     world = World(
         obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind, frame_rate_hz=rate_hz
     )
+
+    def place_object(number: int) -> None:
+        """Replace the object with another one of its kind, as if a line had brought it."""
+        world.place(draw_object(np.random.default_rng([seed, 10, number]), obj.name))
+
     by_firmware = name == "sim-firmware"
     return Rig(
         name=name,
@@ -117,6 +122,7 @@ def _open(name: str, *, object_name: str | None, seed: int, rate_hz: float | Non
         subject=obj.name,
         truth=lambda: world.truth().to_dict(),
         seed=seed,
+        place_object=place_object,
     )
 
 

@@ -38,6 +38,7 @@ def make_grasp_record(
     calibration: str,
     recording: Path | None,
     angle_deg: float | None = None,
+    station: str | None = None,
     closing: Mapping[str, Measurement] = MappingProxyType({}),
 ) -> Grasp:
     """Return the record of a grasp, with the present time.
@@ -46,6 +47,7 @@ def make_grasp_record(
     `calibration`: the complete text of the calibration file.
     `recording`: the file of the grasp's frames.
     `angle_deg`: side of the item at the first finger.
+    `station`: name of the station.
     `closing`: measurements during closing (`ClosingWatch.list_measurements`).
     """
     # The store holds values only, no bounds.
@@ -64,6 +66,7 @@ def make_grasp_record(
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
         angle_deg=angle_deg,
+        station=station,
         calibration_id=calibration_id_of(calibration),
         recording=None if recording is None else str(recording.resolve()),
     )

@@ -147,11 +147,15 @@ class Grasp:
     calibration_id: str | None = None
     #: File of the raw frames.
     recording: str | None = None
+    #: Name of the station that made the grasp; None if unknown.
+    station: str | None = None
     #: A UUID. A grasp that is written twice is stored once.
     grasp_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
         check_printable(self.item_id, what="item")
+        if self.station is not None:
+            check_printable(self.station, what="station")
         object.__setattr__(self, "grasp_id", as_uuid(self.grasp_id, what="grasp_id"))
         object.__setattr__(self, "taken_at", in_utc(self.taken_at, what="taken_at"))
         object.__setattr__(self, "outcome", Outcome(self.outcome))

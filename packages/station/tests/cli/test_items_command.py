@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
+import openpyxl
 import pyarrow.parquet as pq
 import pytest
 from packages.station.tests.cli.stored import stored_grasp
@@ -174,3 +177,31 @@ def test_items_export_writes_every_grasp_with_its_item(palpate: Command, folder:
     assert pq.read_table(folder / "kiwi.verdicts.parquet").num_rows == 0
     palpate("items", "A17", "--export", "a17.parquet")
     assert pq.read_table(folder / "a17.parquet").num_rows == 2
+
+
+@pytest.mark.usefixtures("filled")
+def test_export_to_csv_and_excel_has_the_same_rows_and_no_formulas(
+    folder: Path, palpate: Command
+) -> None:
+    with Store.open() as store:
+        store.add_item(Item(item_id="A17", batch="=1+1"))
+        store.add_grasps([replace(grasp("K2", days=3), station="line 1")])
+    palpate("items", "--export", "all.csv")
+    palpate("items", "--export", "all.xlsx")
+    with (folder / "all.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["item_id"] for row in rows] == ["A17", "A17", "K2", "K2"]
+    assert [row["station"] for row in rows] == ["", "", "", "line 1"]
+    assert [float(row["stiffness_n_per_mm"]) for row in rows] == [3.0, 2.25, 3.0, 3.0]
+    assert rows[0]["batch"] == "'=1+1"
+    assert json.loads(rows[0]["pixel_settled_percent"]) == [[-40.0, None], [-42.0, -41.0]]
+    with (folder / "all.verdicts.csv").open(newline="", encoding="utf-8") as file:
+        assert [row["text"] for row in csv.DictReader(file)] == ["ripe"]
+    book = openpyxl.load_workbook(folder / "all.xlsx", read_only=True)
+    head, *cells = book["grasps"].iter_rows(values_only=True)
+    item = head.index("item_id")
+    assert [row[item] for row in cells] == [row["item_id"] for row in rows]
+    assert cells[0][head.index("stiffness_n_per_mm")] == 3.0
+    assert len(list(book["verdicts"].iter_rows())) == 2
+    book.close()
+    assert ".xlsx" in palpate.refused("items", "--export", "all.ods")

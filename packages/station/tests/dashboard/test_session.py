@@ -38,6 +38,7 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.session import GraspForm, Session
+from palpate_station.dashboard.users import Role
 
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
@@ -78,7 +79,7 @@ def rehearsal() -> Rehearsal:
 
 
 def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None:
-    with pytest.raises(InputError, match="another user is the driver; take over first"):
+    with pytest.raises(InputError, match="a page drives; take over first"):
         rehearsal.session.order("b", GRASP)
     rehearsal.session.take_over("b")
     with pytest.raises(InputError, match="take over first"):
@@ -89,6 +90,20 @@ def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None
     rehearsal.session.take_over("a")
     rehearsal.session.order("a", GRASP)
     assert rehearsal.sent == [GRASP]
+
+
+def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:
+    session = rehearsal.session
+    session.leave("a")
+    session.leave("b")
+    assert not session.join("screen", name="screen", role=Role.VIEW)
+    session.take_over("screen")
+    assert session.driver is None
+    assert session.join("m", name="maria", role=Role.OPERATE)
+    session.order("m", GRASP)
+    rehearsal.receive(OrderEnded(order=GRASP))
+    with pytest.raises(InputError, match="maria may not open a rig: it needs the role configure"):
+        session.order("m", OpenRig(name="sim-rigid"))
 
 
 def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:

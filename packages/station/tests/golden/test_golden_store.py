@@ -69,6 +69,14 @@ def test_old_store_opens_with_all_records(schema: int, tmp_path: Path) -> None:
         assert (label.text, label.source) == ("overripe", Source.PERSON)
 
 
+def test_station_of_a_grasp_is_read_since_schema_3_and_unknown_before(tmp_path: Path) -> None:
+    for schema, station in ((2, None), (3, "line 1")):
+        folder = tmp_path / str(schema)
+        folder.mkdir()
+        with Store.open(restored(schema, folder)) as store:
+            assert [grasp.station for grasp in store.grasps()] == [station]
+
+
 @pytest.mark.parametrize("schema", SCHEMAS)
 def test_old_store_migrates_to_current_schema(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"

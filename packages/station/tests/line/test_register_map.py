@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,6 +27,7 @@ def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
         assert before[1] < after[0]
     text = modbus.TEXT_REGISTERS - 1
     measured = [modbus.VALUES + 6 * place for place in range(len(MEASUREMENTS))]
+    held = [modbus.HELD_VALUES + 6 * place for place in range(len(MEASUREMENTS))]
     assert spans == [
         (modbus.STATE, modbus.STATE),
         (modbus.FLAGS, modbus.FLAGS),
@@ -34,21 +36,35 @@ def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
         (modbus.OUTCOME, modbus.OUTCOME),
         (modbus.STORAGE, modbus.STORAGE),
         *((at, at + 5) for at in measured),
-        *((at, at + text) for at in (modbus.ITEM, modbus.BIN, modbus.REFUSAL)),
+        (modbus.AGAIN, modbus.AGAIN),
+        (modbus.HELD_AGAIN, modbus.HELD_AGAIN),
+        *((at, at + 5) for at in (*held, modbus.REFERENCE, modbus.HELD_REFERENCE)),
+        *(
+            (at, at + text)
+            for at in (modbus.ITEM, modbus.BIN, modbus.REFUSAL, modbus.HELD_BIN, modbus.DRIVER)
+        ),
         (modbus.COMMAND, modbus.COMMAND),
         (modbus.TARGET, modbus.TARGET),
         (modbus.KNOWN_STOPS, modbus.KNOWN_STOPS + 1),
         (modbus.NEW_ITEM, modbus.REGISTER_COUNT - 1),
     ]
-    for at, name in zip(measured, MEASUREMENTS, strict=True):
+    for at, name in zip([*measured, *held], 2 * MEASUREMENTS, strict=True):
         assert f"`{name}`" in meanings[at]
     for name, number in OUTCOME_NUMBERS.items():
         assert f"{number} {name}" in meanings[modbus.OUTCOME]
 
 
-@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=2 * TEXT_REGISTERS))
-def test_encode_text_roundtrip_preserves_ascii(text: str) -> None:
-    assert decode_text(encode_text(text)) == text
+def test_gateway_example_numbers_outcomes_as_the_protocols_do() -> None:
+    outcomes = runpy.run_path(str(PAGE.parents[1] / "examples" / "plc_gateway.py"))["OUTCOMES"]
+    assert {name: number for number, name in enumerate(outcomes) if number} == OUTCOME_NUMBERS
+
+
+@given(st.text(st.characters(min_codepoint=32, exclude_categories=["Cs"]), max_size=100))
+def test_encode_text_roundtrip_preserves_every_complete_character(text: str) -> None:
+    found = decode_text(encode_text(text))
+    assert text.startswith(found)
+    following = text[len(found) : len(found) + 1]
+    assert not following or len((found + following).encode()) > 2 * TEXT_REGISTERS
 
 
 @pytest.mark.parametrize(

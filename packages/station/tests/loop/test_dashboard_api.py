@@ -156,7 +156,7 @@ def test_api_openapi_document_contains_the_published_schemas(machine: Machine) -
     status, described = machine.ask("GET", "/openapi.json")
     assert status == 200
     assert set(described["paths"]) == {
-        *("/state", "/grasp", "/release", "/stop", "/driver"),
+        *("/state", "/grasp", "/release", "/stop", "/driver", "/health"),
         *("/result", "/items", "/items/{item_id}", "/epcis/{item_id}"),
     }
     known = described["components"]["schemas"]

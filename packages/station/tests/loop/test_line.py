@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import socket
 import struct
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
@@ -17,14 +19,29 @@ from packages.station.tests.epcis import read_epcis
 from packages.station.tests.served_pages import SIMULATED, Machine, run_server
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
+from tests.whole.test_json_schemas import faults
 
+from palpate_station.dashboard.session import LEASE_S
 from palpate_station.line import modbus
 from palpate_station.line.machine import LineState
+from palpate_station.qualify.conversion import Conversion
 
 #: Maximum number of polls for a state, and the pause between polls, seconds.
 MAX_POLLS, POLL_PERIOD_S = 3000, 0.02
 #: Timeout of OPC UA requests on a busy machine, seconds.
 TIMEOUT_S = 60.0
+#: Answers in a buyer's unit, here of a caliper.
+CENTIMETRES = Conversion(
+    measurement="size_mm",
+    unit="cm",
+    slope=0.1,
+    offset=0.0,
+    half_width=0.05,
+    lowest=5.0,
+    highest=80.0,
+    items=40,
+    simulated=True,
+)
 _Answer = TypeVar("_Answer")
 
 
@@ -45,7 +62,8 @@ class Station:
 
     def start(self) -> None:
         ports = ("--opcua", str(self._opcua_port), "--modbus", str(self.modbus))
-        served = run_server(self._folder, *SIMULATED, *ports)
+        CENTIMETRES.save(self._folder / "cm.json")
+        served = run_server(self._folder, *SIMULATED, *ports, "--reference", "cm.json")
         self.http, self._process = self._running.enter_context(served)
 
     def kill(self) -> None:
@@ -188,6 +206,92 @@ def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station:
     assert len(machine.ask("GET", "/items/tray-4")[1]["grasps"]) == 1
 
 
+def test_numbers_of_the_held_object_are_the_same_over_every_protocol_before_its_release(
+    station: Station,
+) -> None:
+    machine, item = Machine(station.http), "Bäckerei-Ω-7"
+
+    async def work() -> tuple[dict[str, Any], list[float], list[float], str, str]:
+        async with (
+            opcua_driver(station) as hand,
+            AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as second,
+        ):
+            before = await read_registers(second, modbus.RESULTS, 2)
+            await hand.call("Leave")
+            await second.write_register(modbus.TARGET, 200)
+            await second.write_registers(modbus.NEW_ITEM, modbus.encode_text(item))
+            assert not (await second.write_register(modbus.COMMAND, modbus.GRASP)).isError()
+            await reach(second, LineState.HOLDING)
+            await hand.reach("holding")
+            state = machine.ask("GET", "/state")[1]
+            assert await read_registers(second, modbus.RESULTS, 2) == before
+            values = struct.pack(">18H", *await read_registers(second, modbus.HELD_VALUES, 18))
+            names = ("SizeMm", "ForceN", "StiffnessNPerMm")
+            ends = ("", "Low", "High")
+            read = [await hand.value("Held", name + end) for name in names for end in ends]
+            driver = await hand.value("Driver")
+            await second.write_register(modbus.COMMAND, modbus.RELEASE)
+            await wait_until(
+                lambda: read_registers(second, modbus.RESULTS, 2), lambda now: now != before
+            )
+            stored = await read_registers(second, modbus.ITEM, modbus.TEXT_REGISTERS)
+            assert await read_registers(second, modbus.OUTCOME, 1) == [1]
+            assert await hand.value("Result", "OutcomeNumber") == 1
+            size_cm = struct.pack(">6H", *await read_registers(second, modbus.REFERENCE, 6))
+            registers = [*struct.unpack(">9f", values), *struct.unpack(">3f", size_cm)]
+            read += [await hand.value("Result", "Reference" + end) for end in ends]
+            assert await hand.value("Result", "ReferenceUnit") == "cm"
+            await hand.reach("idle")
+            return state, registers, read, modbus.decode_text(stored), driver
+
+    state, registers, nodes, stored, driver = asyncio.run(work())
+    assert (state["state"], state["state_number"], state["driver_name"]) == ("holding", 3, driver)
+    assert stored == state["held"]["item_id"] == item
+    measured = [state["held"][name] for name in ("size_mm", "force_n", "stiffness_n_per_mm")]
+    expected = [
+        math.nan if one is None or one[part] is None else one[part]
+        for one in measured
+        for part in ("value", "low", "high")
+    ]
+    assert expected[0] > 0
+    in_cm = state["held"]["reference"]
+    assert in_cm["value"] == pytest.approx(expected[0] / 10.0)
+    expected += [in_cm[part] for part in ("value", "low", "high")]
+    assert registers == pytest.approx(expected, nan_ok=True)
+    assert nodes == pytest.approx(expected, nan_ok=True)
+    result = machine.ask("GET", "/result")[1]
+    assert {name: result[name] for name in ("size_mm", "force_n")} == {
+        name: state["held"][name] for name in ("size_mm", "force_n")
+    }
+    assert result["reference"] == in_cm
+    assert (faults("state", state), faults("grasp", result)) == ([], [])
+    assert machine.ask("GET", "/state")[1]["held"] is None
+
+
+def test_driver_that_has_gone_loses_control_after_its_lease(station: Station) -> None:
+    async def drive_and_go() -> None:
+        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+            await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+
+    machine = Machine(station.http)
+    asyncio.run(drive_and_go())
+    status, refused = machine.ask("POST", "/release")
+    assert (status, refused["detail"]) == (409, "Modbus 127.0.0.1 drives; take over first")
+    began_s = time.monotonic()
+    machine.until(lambda at: at["driver_name"] is None)
+    assert time.monotonic() - began_s < LEASE_S + 1.0
+    assert machine.ask("POST", "/release")[0] == 202
+    assert machine.ask("GET", "/state")[1]["driver_name"] == "HTTP 127.0.0.1"
+
+    async def keep_control_without_orders() -> None:
+        async with opcua_driver(station) as hand:
+            await asyncio.sleep(LEASE_S + 1.0)
+            assert await hand.value("Driver") == "OPC UA 127.0.0.1"
+
+    asyncio.run(keep_control_without_orders())
+    machine.until(lambda at: at["driver_name"] is None)
+
+
 def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
     station: Station,
 ) -> None:
@@ -231,7 +335,7 @@ def test_line_client_must_be_the_driver_to_grasp_but_not_to_stop(station: Statio
             refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
             assert refused.exception_code == 6
             why = await read_registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
-            assert modbus.decode_text(why) == "another user is the driver; take over first"
+            assert modbus.decode_text(why) == "OPC UA 127.0.0.1 drives; take over first"
             await hand.grasp()
             # The state is updated before a command returns.
             assert await hand.value("State") == "execute"

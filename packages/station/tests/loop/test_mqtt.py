@@ -6,6 +6,7 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby, pairwise
 from pathlib import Path
 from queue import Queue
 
@@ -110,6 +111,30 @@ def test_served_grasps_and_stops_with_a_hanging_or_missing_broker_are_not_delaye
         assert found == recordings
         process.send_signal(signal.SIGKILL)
         subscriber.until("online", lambda content: content == {"online": False})  # the last will
+
+
+def test_mqtt_state_is_published_once_for_each_change_with_the_held_object(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    with run_server(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
+        address,
+        _,
+    ):
+        machine = Machine(address)
+        machine.ready()
+        assert machine.ask("POST", "/grasp", {"item_id": "berry-8"})[0] == 202
+        machine.until(lambda at: at["state"] == "holding")
+        assert machine.ask("POST", "/release")[0] == 202
+        result = subscriber.until("result", lambda _: True)
+        machine.ready()
+        subscriber.until("state", lambda at: at["state"] == "idle")
+    states = [document for name, document in subscriber.seen if name == "state"]
+    assert all(before != after for before, after in pairwise(states))
+    names = [name for name, _ in groupby(at["state"] for at in states)]
+    assert [name for name in names if name in ("holding", "idle")][-2:] == ["holding", "idle"]
+    held = [at["held"] for at in states if at["held"] is not None]
+    assert held[-1]["item_id"] == "berry-8"
+    assert held[-1]["size_mm"] == result["size_mm"]
 
 
 @pytest.mark.parametrize(

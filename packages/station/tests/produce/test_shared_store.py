@@ -11,6 +11,7 @@ from pathlib import Path
 from queue import Queue
 
 import pytest
+import sqlalchemy as sa
 from packages.station.tests.factories import make_grasp
 from packages.station.tests.postgresql import PostgresqlProcess, programs
 from tests.fixtures import skip
@@ -175,3 +176,22 @@ def test_server_restart_loses_no_record_and_preserves_order(
         assert list(store.grasps()) == grasps
         assert store.away is None
         assert "away" not in item_document(read_item_history(store, "A17"))
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_server_of_schema_1_is_migrated_with_its_grasps(postgresql_url: str) -> None:
+    with Store.open(postgresql_url) as store:
+        store.add_grasps([make_grasp("A17")])
+        store.send()
+    engine = sa.create_engine(postgresql_url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sa.text("ALTER TABLE grasps DROP COLUMN station"))
+        connection.execute(sa.text("UPDATE palpate_schema SET version = 1"))
+    engine.dispose()
+    with Store.open(postgresql_url) as store:
+        store.add_grasps([replace(make_grasp("A18"), station="line 1")])
+        assert store.send() == 1
+        found = {one.item_id: one.station for one in store.grasps()}
+        assert found == {"A17": None, "A18": "line 1"}
+        assert store.away is None

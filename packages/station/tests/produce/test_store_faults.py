@@ -155,6 +155,8 @@ def test_read_only_store_of_older_schema_is_readable(without_root: Path) -> None
     without_root.chmod(0o555)
     with open_store(str(path)) as store:
         assert [item.item_id for item in store.items()] == ["A17"]
+        assert list(store.grasps()) == list(store.grasps_of("A17"))
+        assert [grasp.station for grasp in store.grasps()] == [None]
 
 
 def test_open_read_only_with_leftover_wal_file_raises(without_root: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +15,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import Watcher
 from palpate.rig import Rig
+from palpate_station.cli.options import STATION_VARIABLE
 from palpate_station.grasp_record import make_grasp_record
 from palpate_station.records import Grasp, Item
 from palpate_station.ripeness.closing import ClosingWatch
@@ -57,6 +59,7 @@ class StoreEntry:
             calibration=calibration,
             recording=recording,
             angle_deg=self._angle_deg,
+            station=os.environ.get(STATION_VARIABLE) or None,
             closing={} if self._closing is None else self._closing.list_measurements(),
         )
         self._record = grasp, calibration

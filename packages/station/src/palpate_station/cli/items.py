@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import getpass
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -23,13 +24,14 @@ from palpate.cli.output import (
     print_message,
 )
 from palpate.errors import InputError, StoreAwayError
-from palpate.files import check_writable
+from palpate.files import check_new, check_writable
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
 from palpate.terminal_table import make_console, make_table, print_table
 from palpate_station.cli.options import BatchOption, DayOption, complete_items
 from palpate_station.records import About, Item, Source, Verdict
 from palpate_station.store import Store
+from palpate_station.store.backup import back_up, restore_backup
 from palpate_station.store.item_history import (
     ItemHistory,
     item_document,
@@ -37,6 +39,7 @@ from palpate_station.store.item_history import (
     read_item_histories,
     read_item_history,
 )
+from palpate_station.store.labels import add_label
 
 _SETTABLE = ("kind", "batch", "label")
 #: Maximum number of latest grasps and verdicts shown for an item.
@@ -68,17 +71,28 @@ def items(
         Path | None,
         opt(
             "--export FILE",
-            "Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
+            "Write the grasps to FILE (.parquet, .csv or .xlsx), and the verdicts to "
+            "FILE.verdicts.parquet, or a second file or sheet.",
         ),
+    ] = None,
+    backup: Annotated[
+        Path | None,
+        opt("--backup FILE", "Copy the whole store to a new file, also while others write."),
+    ] = None,
+    restore: Annotated[
+        Path | None, opt("--restore FILE", "Create the store from a backup; it must not exist.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List items, show one, label one, or write them to Parquet.
+    """List items, show one, label one, or write them to Parquet, CSV or Excel.
 
     Example: palpate items A17 --set kind=avocado --say ripeness=ripe
     """
     if item is None and (changes or labels):
         raise InputError("--set and --say require an item: palpate items ITEM --set ...")
+    if backup is not None or restore is not None:
+        _copy_store(store, backup=backup, restore=restore)
+        return
     period = None if day is None else parse_day(day)[1:]
     with open_store(store, create=bool(changes or labels)) as opened:
         if item is not None and (changes or labels):
@@ -95,6 +109,18 @@ def items(
                 print_json(items_document(pages))
             else:
                 _print_items(pages, has_more=len(found) > limit)
+
+
+def _copy_store(store: str | None, *, backup: Path | None, restore: Path | None) -> None:
+    """Back up or restore a store, and print the number of its items."""
+    if backup is not None and restore is not None:
+        raise InputError("--backup and --restore: give one of them")
+    if backup is not None:
+        check_new(backup, option="--backup")
+        print_message(f"Written: {backup} (items: {back_up(store, backup)})")
+    elif restore is not None:
+        found, name = restore_backup(store, restore)
+        print_message(f"Restored: {name} (items: {found})")
 
 
 @contextmanager
@@ -161,25 +187,7 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
     kind, batch, label = map(settings.get, _SETTABLE)
     store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
     for about, text in labelled:
-        add_label(store, item_id, about=About(about), text=text)
-
-
-def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
-    """Store a label that a person gave to an item.
-
-    The label is linked to the item's latest grasp.
-    """
-    grasps = store.grasps_of(item_id)
-    store.add_verdict(
-        Verdict(
-            item_id=item_id,
-            about=about,
-            text=text,
-            given_at=datetime.now(UTC),
-            source=Source.PERSON,
-            grasp_id=grasps[-1].grasp_id if grasps else None,
-        )
-    )
+        add_label(store, item_id, about=About(about), text=text, by=getpass.getuser())
 
 
 def _split_setting(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
@@ -200,12 +208,11 @@ def _export(
     batch: str | None,
     period: tuple[datetime, datetime] | None,
 ) -> None:
-    from palpate_station.store.export import export_grasps, export_verdicts, require_parquet
+    from palpate_station.store.export import FORMATS, export
 
-    if path.suffix != ".parquet":
-        raise InputError(f"--export {path}: the file name must end in .parquet")
+    if path.suffix not in FORMATS:
+        raise InputError(f"--export {path}: the file name must end in {', '.join(FORMATS)}")
     check_writable(path)
-    require_parquet()
     since, until = period or (None, None)
     found: tuple[Item, ...]
     if item is not None:
@@ -222,10 +229,8 @@ def _export(
             if verdict.item_id in names
             and (period is None or period[0] <= verdict.given_at < period[1])
         )
-    verdicts_path = path.with_suffix(".verdicts.parquet")
-    rows = export_grasps(path, grasps, items=found)
-    verdict_rows = export_verdicts(verdicts_path, verdicts)
-    print_message(f"Written: {path} (grasps: {rows}), {verdicts_path} (verdicts: {verdict_rows})")
+    written = export(path, grasps, verdicts, items=found)
+    print_message("Written: " + ", ".join(f"{file} ({rows})" for file, rows in written.items()))
 
 
 def _print_items(histories: Sequence[ItemHistory], *, has_more: bool) -> None:

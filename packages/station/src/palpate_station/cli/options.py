@@ -8,6 +8,8 @@ import typer
 
 from palpate.cli.options import filter_names, opt
 
+#: Environment variable with the name of this station.
+STATION_VARIABLE = "PALPATE_STATION"
 #: Maximum number of completions, because a shell lists all of them at once.
 _MAX_ITEMS = 200
 

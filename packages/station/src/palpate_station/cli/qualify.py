@@ -10,11 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.cli.options import JsonOption, opt
+from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import finite_or_none, print_json, print_message
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_new
 from palpate.terminal_table import make_console, print_table
+from palpate_station.cli.items import open_store
 from palpate_station.plots.inline_svg import inline_svg
 from palpate_station.plots.qualify import differences_figure, readings_figure
 from palpate_station.plots.report_page import PageTable, Part, render_page
@@ -27,7 +28,8 @@ from palpate_station.qualify.agreement import (
     estimate_effort,
     measure_agreement,
 )
-from palpate_station.qualify.readings import read_pairs
+from palpate_station.qualify.conversion import CONVERTIBLE, Conversion
+from palpate_station.qualify.readings import read_pairs, read_pairs_with_store
 from palpate_station.qualify.scatter import estimate_scatter
 
 #: Default tolerance without repeated reference readings, as a fraction of the scatter between
@@ -38,7 +40,10 @@ _TOLERANCE_FRACTION = 0.5
 def qualify(
     readings: Annotated[
         Path,
-        typer.Argument(help="Table with columns item_id, side, reference, grasp.", metavar="FILE"),
+        typer.Argument(
+            help="Table (CSV, Parquet or Excel) with columns item_id, side, reference, grasp.",
+            metavar="FILE",
+        ),
     ],
     tolerance: Annotated[
         float | None,
@@ -71,6 +76,23 @@ def qualify(
     report: Annotated[
         Path | None, opt("--report FILE.html", "Also write a printable report.")
     ] = None,
+    measurement: Annotated[
+        str | None,
+        opt(
+            "--measurement NAME",
+            "Take the grasps from the store: firmness, stiffness_n_per_mm ...; FILE then has no "
+            "column grasp.",
+        ),
+    ] = None,
+    store: StoreOption = None,
+    save: Annotated[
+        Path | None,
+        opt(
+            "--save FILE.json",
+            "With --measurement: write the line to the reference's unit, for `palpate serve "
+            "--reference`.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Qualify grasps against a penetrometer, a durometer or a buyer's grades.
@@ -90,7 +112,19 @@ def qualify(
         raise InputError(f"--cost {cost_high:g} {cost_low:g}: costs must not be negative")
     if report is not None:
         check_new(report, option="--report")
-    pairs = read_pairs(readings)
+    if measurement is None:
+        if save is not None:
+            raise InputError("--save requires --measurement, which names what is converted")
+        pairs, simulated = read_pairs(readings), False
+    else:
+        if measurement not in CONVERTIBLE:
+            raise InputError(f"--measurement {measurement}: use one of {', '.join(CONVERTIBLE)}")
+        with open_store(store) as opened:
+            pairs, simulated = read_pairs_with_store(readings, opened, measurement=measurement)
+    if save is not None:
+        if not unit:
+            raise InputError("--save requires --unit, the unit of the answers")
+        check_new(save, option="--save")
     for name, values in (("reference", pairs.reference), ("grasp", pairs.grasp)):
         if np.ptp(values[pairs.has_both]) == 0:
             raise InputError(f"{readings}: all readings of the {name} are equal")
@@ -107,6 +141,22 @@ def qualify(
     document = qualification_document(
         found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.has_both.sum())
     )
+    if save is not None and measurement is not None:
+        if not found.is_related:
+            raise InputError(f"--save {save}: {relation_text(document)}")
+        taken = pairs.grasp[pairs.has_both]
+        Conversion(
+            measurement=measurement,
+            unit=unit,
+            slope=found.slope,
+            offset=found.offset,
+            half_width=found.figures["limit_of_agreement"].value,
+            lowest=float(taken.min()),
+            highest=float(taken.max()),
+            items=pairs.items,
+            simulated=simulated,
+        ).save(save)
+        print_message(f"Written: {save}")
     if report is not None:
         write_report(report, document, found=found, source=readings.name)
         print_message(f"Written: {report}")

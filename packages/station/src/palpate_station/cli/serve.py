@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable
+import ssl
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,10 +17,14 @@ from palpate.errors import DeviceError, InputError
 from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
+from palpate_station.cli.options import STATION_VARIABLE
+from palpate_station.qualify.conversion import Conversion
+from palpate_station.records import check_printable
 
 if TYPE_CHECKING:
     # Each requires an extra.
     from palpate_station.dashboard.server import LineOpener
+    from palpate_station.dashboard.users import User
     from palpate_station.line.machine import Line, Machine
     from palpate_station.line.modbus import ModbusStation
     from palpate_station.line.opcua import OpcUaStation
@@ -52,8 +57,47 @@ def serve(
     require_item: Annotated[
         bool, opt("--require-item", "Refuse a grasp without the name of its item.")
     ] = False,
+    reference: Annotated[
+        Path | None,
+        opt(
+            "--reference FILE",
+            "Answer in a buyer's unit too: a file of `palpate qualify --save`.",
+        ),
+    ] = None,
+    exit_after_s: Annotated[
+        float | None,
+        opt(
+            "--exit-after SECONDS",
+            "End if the devices have not worked for this time, so that a service manager starts "
+            "palpate serve again.",
+            min=1.0,
+        ),
+    ] = None,
+    station: Annotated[
+        str | None,
+        opt(
+            "--station NAME",
+            "Name of this station in results and records; a GLN is a place in EPCIS.",
+            envvar=STATION_VARIABLE,
+            show_envvar=True,
+        ),
+    ] = None,
+    keep_days: Annotated[
+        float | None,
+        opt(
+            "--keep-days N",
+            "Delete recordings of grasps after N days, unless renamed; items stay in the store.",
+            min=0.04,
+        ),
+    ] = None,
     host: Annotated[
-        str, opt("--host", "Listening address; addresses other than loopback require --token.")
+        str,
+        opt(
+            "--host",
+            "Listening address; addresses other than loopback require --token.",
+            envvar="PALPATE_HOST",
+            show_envvar=True,
+        ),
     ] = "127.0.0.1",
     port: Annotated[
         int, opt("--port", "TCP port; 0 selects a free port.", min=0, max=65535)
@@ -62,6 +106,17 @@ def serve(
         str | None,
         opt("--token", "Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
     ] = None,
+    users: Annotated[
+        Path | None,
+        opt(
+            "--users FILE",
+            "Users with tokens and roles: view, operate, configure (docs: Connect a packhouse).",
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, opt("--certificate FILE", "Serve HTTPS with this certificate (PEM).")
+    ] = None,
+    key: Annotated[Path | None, opt("--key FILE", "Private key of --certificate (PEM).")] = None,
     mqtt: Annotated[
         Path | None,
         opt(
@@ -92,6 +147,7 @@ def serve(
     from palpate_station.dashboard.app_state import Settings
     from palpate_station.dashboard.item_store import ItemStore
     from palpate_station.dashboard.server import serve as serve_page
+    from palpate_station.dashboard.users import read_users
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
         raise InputError(
@@ -101,6 +157,10 @@ def serve(
         raise InputError(f"--rate-hz is for {', '.join(BUILT_IN)}, not for {rig}")
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
+    if station is not None:
+        check_printable(station, what="--station")
+    known = () if users is None else read_users(users)
+    _check_certificate(certificate, key)
     settings = Settings(
         rigs=tuple(dict.fromkeys((rig, *rig_names()))),
         objects=tuple(OBJECTS),
@@ -115,6 +175,10 @@ def serve(
         rules=None if rules is None else _read_rules(rules),
         words=words,
         requires_item=require_item,
+        exit_after_s=exit_after_s,
+        station=station,
+        reference=None if reference is None else Conversion.load(reference),
+        keep_days=keep_days,
     )
     ItemStore(store).check_usable()
     existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
@@ -126,21 +190,37 @@ def serve(
         host=host.strip("[]"),
         port=port,
         token=token,
+        users=known,
+        certificate=certificate,
+        key=key,
         announce=lambda address: print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True),
         publisher=None if mqtt is None else _open_publisher(mqtt, store=store),
-        lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
+        lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder, users=known),
     )
+
+
+def _check_certificate(certificate: Path | None, key: Path | None) -> None:
+    """Raise `InputError` unless certificate and key are missing or fit each other."""
+    if certificate is None and key is None:
+        return
+    if certificate is None or key is None:
+        raise InputError("--certificate and --key: give both")
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(certificate, key)
+    except OSError as error:
+        raise InputError(f"--certificate {certificate}, --key {key}: {error}") from error
 
 
 def _open_publisher(file: Path, *, store: str | None) -> Publisher:
     """Connect to a broker; results wait in the store until it acknowledges them."""
+    from palpate_station.dashboard.audit import LOG
     from palpate_station.mqtt.broker import read_broker
     from palpate_station.mqtt.publisher import Publisher
 
     return Publisher(
         read_broker(file),
         store=store,
-        on_error=lambda text: print_message(f"palpate serve: {text}"),
+        on_error=LOG.error,
     )
 
 
@@ -155,7 +235,12 @@ def _read_rules(path: Path) -> RuleBook:
 
 
 def open_lines(
-    *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
+    *,
+    opcua: str | None,
+    modbus: str | None,
+    token: str | None,
+    folder: Path,
+    users: Sequence[User] = (),
 ) -> list[LineOpener]:
     """Return openers for the requested protocols.
 
@@ -167,12 +252,15 @@ def open_lines(
         from palpate_station.line.opcua import USER, OpcUaStation
 
         host, port = _parse_unused_address("--opcua", opcua)
-        if host not in _LOOPBACK and not token:
+        passwords = {user.name: user.token for user in users if user.role.may_drive}
+        if token:
+            passwords[USER] = token
+        if host not in _LOOPBACK and not passwords:
             raise InputError(
                 f"--opcua {host}:{port}: other machines could move the gripper; add --token, the "
-                f"password of user {USER}"
+                f"password of user {USER}, or --users"
             )
-        station = partial(OpcUaStation, password=token, folder=folder)
+        station = partial(OpcUaStation, passwords=passwords, folder=folder)
         text = "OPC UA at opc.tcp://{}:{}/palpate"
         openers.append(partial(_start, station_of=station, host=host, port=port, text=text))
     if modbus is not None:

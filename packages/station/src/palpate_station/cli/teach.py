@@ -14,10 +14,11 @@ from palpate.cli.options import JsonOption, StoreOption, opt, refuse_options
 from palpate.cli.output import format_percent, print_json
 from palpate.errors import InputError
 from palpate.terminal_table import make_console, print_table
-from palpate_station.cli.items import add_label, open_store
+from palpate_station.cli.items import open_store
 from palpate_station.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate_station.records import About
 from palpate_station.store import Store
+from palpate_station.store.labels import add_label
 from palpate_station.training_tables import read_labelled, read_labels_about
 
 

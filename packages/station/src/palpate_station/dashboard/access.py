@@ -6,7 +6,7 @@ import hmac
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
@@ -18,6 +18,7 @@ from starlette.types import Message as ASGIMessage
 
 from palpate.errors import InputError
 from palpate_station.dashboard.panel_html import panel_html
+from palpate_station.dashboard.users import User
 
 COOKIE = "palpate-token"
 MIN_TOKEN_LENGTH = 8
@@ -36,8 +37,8 @@ _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"same-origin"),
 )
-#: Requests below this path get JSON errors instead of the token page.
-_API_PREFIX = "/api/"
+#: Requests below these paths get JSON errors instead of the token page.
+_API_PREFIXES = ("/api/", "/metrics")
 
 
 def is_loopback(host: str) -> bool:
@@ -56,8 +57,8 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def check_token(host: str, token: str | None) -> None:
-    """Check that serving beyond the loopback uses a sufficiently long token.
+def check_token(host: str, token: str | None, *, users: Sequence[User] = ()) -> None:
+    """Check that serving beyond the loopback uses users, or a sufficiently long token.
 
     Raises
     ------
@@ -66,10 +67,10 @@ def check_token(host: str, token: str | None) -> None:
     """
     if token is not None and len(token) < MIN_TOKEN_LENGTH:
         raise InputError(f"the token has {len(token)} characters; use at least {MIN_TOKEN_LENGTH}")
-    if token is None and not is_loopback(host):
+    if token is None and not users and not is_loopback(host):
         raise InputError(
             f"--host {host} allows other machines to move the gripper: set --token (or "
-            "PALPATE_TOKEN), or omit --host"
+            "PALPATE_TOKEN) or --users, or omit --host"
         )
 
 
@@ -89,6 +90,9 @@ class AccessControl:
         client sends it with every request in the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether the server listens on the loopback only.
+    users : sequence of User
+        Users with tokens of their own. A request that passes has its user in the ASGI scope as
+        ``palpate_user``; a user who may only watch gets no other API requests through than stops.
     now_s : callable
         A clock.
     """
@@ -99,12 +103,14 @@ class AccessControl:
         *,
         token: str | None,
         loopback: bool,
+        users: Sequence[User] = (),
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.app, self._token, self._loopback = app, token, loopback
+        self.app, self._loopback = app, loopback
+        self._users = (*users, *([] if token is None else [User(token=token)]))
         self._wrong_tokens = WrongTokens(now_s)
         #: Random and independent of the token, so the cookie can't be used to verify guesses.
-        self._cookie = secrets.token_urlsafe(32)
+        self._cookies = [(secrets.token_urlsafe(32), user) for user in self._users]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward or answer one request."""
@@ -116,11 +122,17 @@ class AccessControl:
         answer: Response | None = None
         if not self._is_same_origin(headers):
             answer = _token_page(403, "Requests from other sites are refused.")
-        elif self._token is not None and not self._has_cookie(headers):
-            if scope["path"].startswith(_API_PREFIX):
-                answer = self._check_api_client(scope, headers, self._token)
-            else:
-                answer = await self._ask_for_token(scope, receive, self._token)
+        elif self._users:
+            user = self._user_of_cookie(headers)
+            is_api = scope["path"].startswith(_API_PREFIXES)
+            if user is None and is_api:
+                found = self._check_api_client(scope, headers)
+                user, answer = (found, None) if isinstance(found, User) else (None, found)
+            elif user is None:
+                answer = await self._ask_for_token(scope, receive)
+            scope["palpate_user"] = user
+            if is_api and user is not None and not _may_send(user, scope):
+                answer = _error_response(403, f"{user.name} may only watch and stop")
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -137,36 +149,38 @@ class AccessControl:
             return False
         return not foreign and (not self._loopback or is_loopback(host))
 
-    def _has_cookie(self, headers: Headers) -> bool:
+    def _user_of_cookie(self, headers: Headers) -> User | None:
         # All ports of a host share cookies, so cookies of other servers may be malformed.
-        return _is_same_token(
-            cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie
-        )
+        sent = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
+        return _find_user(sent, self._cookies)
 
-    def _check_api_client(self, scope: Scope, headers: Headers, token: str) -> Response | None:
-        """Return a one-line refusal of an API request; None with a valid token."""
+    def _check_api_client(self, scope: Scope, headers: Headers) -> User | Response:
+        """Return the user of an API request, or a one-line refusal."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             return _error_response(
                 401, "token missing: send the header Authorization: Bearer TOKEN"
             )
-        found = self._check_token(sent, token, _client_address(scope))
-        if found is None:
+        user, is_throttled = self._check_token(sent, _client_address(scope))
+        if user is not None:
+            return user
+        if is_throttled:
             return _error_response(429, "too many wrong tokens from this address: wait a minute")
-        return None if found else _error_response(403, "wrong token")
+        return _error_response(403, "wrong token")
 
-    def _check_token(self, sent: str, token: str, client: str) -> bool | None:
-        """Return whether a token is correct; None for one of too many wrong tokens."""
+    def _check_token(self, sent: str, client: str) -> tuple[User | None, bool]:
+        """Return the user of a token, and whether it is one of too many wrong tokens."""
         # Checked before the count, because the user with the correct token may share an address
         # with a client that sends wrong ones, and must never wait for a STOP.
-        if _is_same_token(sent, token):
-            return True
+        user = _find_user(sent, [(one.token, one) for one in self._users])
+        if user is not None:
+            return user, False
         if self._wrong_tokens.is_throttled(client):
-            return None
+            return None, True
         self._wrong_tokens.add(client)
-        return False
+        return None, False
 
-    async def _ask_for_token(self, scope: Scope, receive: Receive, token: str) -> Response:
+    async def _ask_for_token(self, scope: Scope, receive: Receive) -> Response:
         """Check the token of the form or URL; without a token, return the token page."""
         sent = _token_field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
@@ -178,14 +192,28 @@ class AccessControl:
             return _token_page(
                 401, "Enter the token that was set when this dashboard was started.", form=True
             )
-        found = self._check_token(sent, token, _client_address(scope))
-        if found is None:
+        user, is_throttled = self._check_token(sent, _client_address(scope))
+        if is_throttled:
             return _token_page(429, "Too many wrong tokens: wait a minute.", form=True)
-        if not found:
+        if user is None:
             return _token_page(403, "Wrong token.", form=True)
         redirect = RedirectResponse(_without_token(scope), status_code=303)
-        redirect.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
+        cookie = next(cookie for cookie, one in self._cookies if one is user)
+        is_secure = scope.get("scheme") in ("https", "wss")
+        redirect.set_cookie(COOKIE, cookie, httponly=True, samesite="lax", secure=is_secure)
         return redirect
+
+
+def _find_user(sent: str, known: Sequence[tuple[str, User]]) -> User | None:
+    """Return the user of a token or cookie, in a time that does not reveal it."""
+    found = [user for secret, user in known if _is_same_token(sent, secret)]
+    return found[0] if found else None
+
+
+def _may_send(user: User, scope: Scope) -> bool:
+    """Return whether a user may send an API request: everybody may read and stop."""
+    is_read = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+    return user.role.may_drive or is_read or scope["path"].endswith("/stop")
 
 
 class WrongTokens:

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from fastapi import FastAPI, HTTPException, Query, Request
+from fastapi import Depends, FastAPI, HTTPException, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
@@ -19,13 +19,13 @@ from pydantic import BaseModel, ConfigDict, Field
 import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
-from palpate_station.dashboard.app_state import AppState
+from palpate_station.dashboard.app_state import AppState, check_item
+from palpate_station.dashboard.audit import record_event
+from palpate_station.dashboard.monitor import Monitor
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
 
-#: Driver name shared by all API clients; every client with access is trusted, as on the page.
-DRIVER = "machine"
 _SCHEMAS = Path(palpate_station.__file__).parent / "schemas"
 _SCHEMA_NAMES = ("measurement", "grasp", "state", "items", "item")
 
@@ -52,6 +52,19 @@ class GraspRequest(BaseModel):
     )
 
 
+class ItemChange(BaseModel):
+    """What a person states about an item; omitted fields stay as they are."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    kind: str | None = Field(None, min_length=1, max_length=80)
+    batch: str | None = Field(None, min_length=1, max_length=80)
+    label: str | None = Field(None, min_length=1, max_length=200, description="A note for people.")
+    labels: dict[Literal["ripeness", "bruise", "identity", "bin"], str] = Field(
+        default_factory=dict, description="Labels of the item as it is now, as training data."
+    )
+
+
 class GraspStarted(BaseModel):
     """A grasp has been ordered."""
 
@@ -75,16 +88,49 @@ class Released(BaseModel):
     accepted: bool
 
 
+class Health(BaseModel):
+    """Whether a station can be used."""
+
+    healthy: bool
+    problems: list[str] = Field(description="One line for each; empty if healthy.")
+    version: str
+    uptime_s: float
+    state: str = Field(description="As in the state document.")
+    activity: str
+    fresh: bool
+    simulated: bool | None
+    rig: str | None
+
+
 class Refusal(BaseModel):
     """The reason of a refusal."""
 
     detail: str = Field(description="One line with the problem and the remedy.")
 
 
-def build_api(app_state: AppState, *, token: bool) -> FastAPI:
+def client_name(request: Request) -> str:
+    """Return the name of an API client as a driver: its user, or else its address."""
+    user = request.scope.get("palpate_user")
+    if user is not None and user.name:
+        return str(user.name)
+    return f"HTTP {request.client.host}" if request.client is not None else "HTTP"
+
+
+Client = Annotated[str, Depends(client_name)]
+
+
+def build_api(app_state: AppState, monitor: Monitor, *, token: bool) -> FastAPI:
     """Return the API application; `token`: whether clients must send a token."""
+
+    async def renew(request: Request, client: Client) -> None:
+        """Extend the control of the driver with each of its requests."""
+        # Whoever watches over the station is no driver.
+        if not request.url.path.endswith("/health"):
+            app_state.renew(client)
+
     api = FastAPI(
         title="palpate",
+        dependencies=[Depends(renew)],
         version="1",
         docs_url=None,
         redoc_url=None,
@@ -93,6 +139,7 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
     _add_validation_handler(api)
     _add_queries(api, app_state)
+    _add_health(api, monitor)
     _add_orders(api, app_state)
     return api
 
@@ -131,6 +178,22 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
             Item(item_id=item_id)
             return JSONResponse(item_document(app_state.item_store.page(item_id)))
 
+    @api.patch("/items/{item_id:path}", responses=_documents("item") | _refusals(503))
+    def change_item(item_id: str, body: ItemChange, client: Client) -> JSONResponse:
+        """State kind, batch or note of an item, or label it; a new item is added."""
+        from palpate_station.store.item_history import item_document
+
+        with _translate_errors(bad_value=422):
+            item_id = check_item(item_id)
+            facts = body.model_dump()
+            labels: dict[str, str] = facts.pop("labels")
+            page = app_state.item_store.change(
+                Item(item_id=item_id, **facts), labels=labels, by=client
+            )
+        stated = [f"{name}={text}" for name, text in (facts | labels).items() if text]
+        record_event(client, f"label {item_id} {' '.join(stated)}")
+        return JSONResponse(item_document(page))
+
     @api.get("/epcis/{item_id:path}", responses=_refusals(404, 503))
     def epcis(item_id: str) -> JSONResponse:
         """The grasps of one item as EPCIS 2.0 events in JSON-LD."""
@@ -142,37 +205,46 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
             return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
 
 
+def _add_health(api: FastAPI, monitor: Monitor) -> None:
+    @api.get("/health", responses={503: {"model": Health}})
+    def health() -> Health:
+        """Whether the station can grasp and store; 503 with the problems if it can't."""
+        found = Health(**monitor.health())
+        status = 200 if found.healthy else 503
+        return JSONResponse(found.model_dump(), status_code=status)  # type: ignore[return-value]
+
+
 def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the command routes, with the same rules as on the page."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
-    async def grasp(body: GraspRequest) -> GraspStarted:
+    async def grasp(body: GraspRequest, client: Client) -> GraspStarted:
         """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
-            recording = await app_state.grasp(DRIVER, **body.model_dump())
+            recording = await app_state.grasp(client, **body.model_dump())
         return GraspStarted(recording=recording, not_stored=None if body.item_id else NO_ITEM)
 
     @api.post("/release", status_code=202, responses=_refusals(409))
-    async def release() -> Released:
+    async def release(client: Client) -> Released:
         """Release the object, or open the hand; `hand_open` of the state reports the end."""
         with _translate_errors():
-            await app_state.release(DRIVER)
+            await app_state.release(client)
         return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
-    async def take_over() -> None:
-        """Take control, even from another driver."""
-        await app_state.take_over(DRIVER)
+    async def take_over(client: Client) -> None:
+        """Take control, even from another driver; it ends 5 s after the last request."""
+        await app_state.take_over(client)
 
     @api.delete("/driver", status_code=204)
-    async def leave() -> None:
+    async def leave(client: Client) -> None:
         """Release control."""
-        await app_state.leave(DRIVER)
+        await app_state.leave(client)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
-    async def stop() -> JSONResponse:
+    async def stop(client: Client) -> JSONResponse:
         """Stop all movement, also without control; 504 without a confirmation."""
-        stopped = await app_state.stop()
+        stopped = await app_state.stop(client)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
@@ -221,7 +293,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
         version=api.version,
         description=about,
         routes=api.routes,
-        servers=[{"url": "/api"}],
+        servers=[{"url": "/api/v1"}],
     )
     components = found["components"]
     components["schemas"] |= {name: _load_schema(name) for name in _SCHEMA_NAMES}

@@ -21,6 +21,7 @@ from palpate.grasp.document import GraspDocument
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.object.damage_file import DamageFile
 from palpate.rig.file import find_calibration_file
+from palpate_station.dashboard.audit import LOG, record_event
 from palpate_station.dashboard.device_process import run_devices
 from palpate_station.dashboard.folder import (
     Entry,
@@ -56,11 +57,12 @@ from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import Item
+from palpate_station.qualify.conversion import Conversion
 from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
-_LOG = logging.getLogger(__name__)
+
 _POLL_S = 0.01
 #: Maximum time that a stop waits for its confirmation, seconds.
 STOP_TIMEOUT_S = 2.0
@@ -96,6 +98,14 @@ class Settings:
     words: Path | None = None
     #: Whether a grasp without the name of its item is refused.
     requires_item: bool = False
+    #: Time without working devices after which the server ends; None to stay.
+    exit_after_s: float | None = None
+    #: Conversion of the answers to the unit of a buyer's instrument.
+    reference: Conversion | None = None
+    #: Name of this station.
+    station: str | None = None
+    #: Days after which recordings of grasps are deleted; None to keep them.
+    keep_days: float | None = None
 
 
 #: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
@@ -156,7 +166,7 @@ class AppState:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.item_store = ItemStore(settings.store, rules=settings.rules)
+        self.item_store = ItemStore(settings.store, rules=settings.rules, station=settings.station)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
         #: Number of finished grasps, and the document of the last one.
@@ -169,6 +179,7 @@ class AppState:
             on_measured=self._place_measured,
             on_grasped=self._finish_grasp,
             silent_s=lambda: self.silent_s,
+            on_event=record_event,
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item,
         )
@@ -181,7 +192,7 @@ class AppState:
         self._stop_confirmed = 0
         #: Callbacks that wake the stops waiting for a confirmation.
         self._stop_waiters = set[Callable[[], object]]()
-        self._is_process_lost = False
+        self._is_process_lost = self._is_closing = False
         #: The decision on the held object; None before its answer.
         self._placing: asyncio.Future[Placement] | None = None
         #: Reference that keeps the running task from garbage collection.
@@ -205,12 +216,18 @@ class AppState:
 
     def close(self) -> None:
         """Stop the running job and end the process."""
+        self._is_closing = True
         if self._process is not None:
             self._process.close()
 
     def state(self) -> Mapping[str, Any]:
         """Return the state document."""
-        return state_document(self.session)
+        found = state_document(self.session) | {"station": self.settings.station}
+        held, conversion = found["held"], self.settings.reference
+        if isinstance(held, dict):
+            measured = {} if conversion is None else held[conversion.measurement] or {}
+            held["reference"] = conversion and conversion.convert(measured.get("value"))
+        return found
 
     def result(self) -> tuple[int, GraspDocument | None]:
         """Return the number of finished grasps and the document of the last grasp."""
@@ -254,15 +271,28 @@ class AppState:
 
     async def take_over(self, driver: str) -> None:
         """Make this client the driver."""
-        await self._on_session_loop(partial(self.session.take_over, driver))
+
+        def take() -> None:
+            self._join(driver)
+            self.session.take_over(driver)
+
+        await self._on_session_loop(take)
 
     async def leave(self, driver: str) -> None:
         """Leave the session, so that another client can drive."""
         await self._on_session_loop(partial(self.session.leave, driver))
 
+    def renew(self, driver: str) -> None:
+        """Extend the lease of a client; may be called from any thread."""
+        self.session.renew(driver)
+
+    def _join(self, driver: str) -> None:
+        """Join the session as a client that drives while it sends requests."""
+        self.session.join(driver, name=driver, leased=True)
+
     def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
         """Join the session as this driver, and run a command."""
-        self.session.join(driver)
+        self._join(driver)
         try:
             command()
         except InputError as error:
@@ -278,9 +308,10 @@ class AppState:
             raise CommandRefusedError("the devices are not open yet: try again in a moment")
         return await run_on(self.loop, work())
 
-    async def stop(self, *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
+    async def stop(self, by: str = "a client", *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
         """Stop the running job; return whether the device process confirmed it in time.
 
+        `by`: name of the client, for the log.
         May be called from any event loop; it waits only for the device process.
         """
         updated = asyncio.Event()
@@ -296,7 +327,10 @@ class AppState:
             pass
         finally:
             self._stop_waiters.discard(wake)
-        return self._stop_confirmed >= number
+        is_confirmed = self._stop_confirmed >= number
+        what = "stop" if is_confirmed else "stop without a confirmation"
+        record_event(by, what, level=logging.WARNING if is_confirmed else logging.ERROR)
+        return is_confirmed
 
     def grasp_order(
         self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
@@ -427,7 +461,12 @@ class AppState:
             item_id=order.item_id,
             recording=order.recording.name,
             ended_at=entry.ended_at,
+            station=self.settings.station or "",
         )
+        if (conversion := self.settings.reference) is not None:
+            measured = getattr(document.result, conversion.measurement)
+            value = None if measured is None else measured.value
+            document = replace(document, reference=conversion.convert(value))
         if not self._is_placed(order):
             why = "the devices have no source" if order.item_id else NO_ITEM
             self._publish(entry, replace(document, stored=False, not_stored=why), order=order)
@@ -499,8 +538,11 @@ class AppState:
         try:
             self.history.add(entry)
         except OSError as error:
-            _LOG.error("%s: %s", entry.recording, error)
+            LOG.error("%s: %s", entry.recording, error)
             devices.add_alarm(words("badge.history"))
+        stored = document.not_stored and f", not stored: {document.not_stored}"
+        text = f"{document.recording} of {document.item_id or 'no item'}: {document.result.outcome}"
+        LOG.log(logging.WARNING if stored else logging.INFO, "%s%s", text, stored)
         self._results += 1
         self._last_document = document
         for listener in self.on_result:
@@ -517,6 +559,8 @@ class AppState:
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
             self._stop_confirmed = max([self._stop_confirmed, *stops])
         self._is_process_lost = isinstance(update, DevicesLost)
+        if self._is_process_lost and not self._is_closing:
+            LOG.error("the device process has ended; restart palpate serve")
         for wake in tuple(self._stop_waiters):
             wake()
         loop = self.loop

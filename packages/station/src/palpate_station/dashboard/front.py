@@ -17,7 +17,7 @@ import time
 from collections import deque
 
 #: Paths of the stop requests, for the page and for the API.
-STOP_PATHS = frozenset({"/stop", "/api/stop"})
+STOP_PATHS = frozenset({"/stop", "/api/stop", "/api/v1/stop"})
 _STOP_STARTS = tuple(f"POST {path} ".encode() for path in STOP_PATHS)
 _START_BYTES = max(map(len, _STOP_STARTS))
 #: Time after which a system that is out of file descriptors or memory is asked again, seconds.

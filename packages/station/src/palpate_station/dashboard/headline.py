@@ -331,7 +331,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     target_force_n = form.target_force_n
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
-    driver = session.names.get(session.driver or "", session.driver)
+    driver = session.driver_name or None
     is_scanned = form.item_id != "" and not form.is_returned
     return {
         "word": _capitalize(_operator_word(session, headline)),

@@ -42,7 +42,6 @@ from palpate_station.store.item_history import (
 )
 from palpate_station.store.sender import Sender
 
-_LOG = logging.getLogger(__name__)
 _Read = TypeVar("_Read")
 #: Caption and axis label of the measurements over time on an item's page.
 _FIGURES = {
@@ -67,10 +66,14 @@ class ItemStore:
         Path or URL for `palpate_station.store.Store.open`.
     rules : RuleBook or None
         Sorting rules that assign each item to a bin.
+    station : str or None
+        Name of this station, stored with each grasp.
     """
 
-    def __init__(self, where: str | None, *, rules: RuleBook | None = None) -> None:
-        self._where, self._rules = where, rules
+    def __init__(
+        self, where: str | None, *, rules: RuleBook | None = None, station: str | None = None
+    ) -> None:
+        self._where, self._rules, self._station = where, rules, station
         self._sender: Sender | None = None
         #: Reason why the last record was not stored; empty after a success.
         self.trouble = ""
@@ -91,6 +94,7 @@ class ItemStore:
             origin=source.origin,
             calibration=source.calibration,
             recording=grasped.recording,
+            station=self._station,
             closing=grasped.closing,
         )
         found = Placement(grasp=grasp, is_sorted=self._rules is not None)
@@ -160,7 +164,7 @@ class ItemStore:
     def _report(self, error: Exception) -> StoreFault:
         """Log a fault of the store; return its words for the screens."""
         self.trouble = str(error)
-        _LOG.error("%s", error)
+        LOG.error("%s", error)
         return StoreFault.AWAY if isinstance(error, StoreAwayError) else StoreFault.UNUSABLE
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
@@ -172,6 +176,26 @@ class ItemStore:
             If the store can't be used or does not answer.
         """
         return self._read(lambda store: read_item_histories(store, store.items(limit=limit))) or ()
+
+    def change(self, item: Item, *, labels: Mapping[str, str], by: str) -> ItemHistory:
+        """Add an item or update its fields, add labels by a person, and return its history.
+
+        Raises
+        ------
+        PalpateError
+            If a label is invalid, or the store can't be used.
+        """
+        from palpate_station.records import About
+        from palpate_station.store import Store
+        from palpate_station.store.item_history import read_item_history
+        from palpate_station.store.labels import add_label
+
+        with Store.open(self._where) as store:
+            store.add_item(item)
+            for about, text in labels.items():
+                add_label(store, item.item_id, about=About(about), text=text, by=by)
+            store.try_send()
+            return read_item_history(store, item.item_id)
 
     def page(self, item_id: str) -> ItemHistory:
         """Return the history of an item.

@@ -85,6 +85,9 @@ class JobContext:
     on_stopped: Callable[[], None]
     #: The user's requests to the running job.
     requests: Requests = field(default_factory=Requests)
+    #: Number of objects so far, and item of the last one.
+    objects: int = 0
+    item_id: str = ""
     #: Time at which the hand received the stop, on the rig's clock.
     reacted_s: float | None = None
 
@@ -99,6 +102,15 @@ class JobContext:
         if isinstance(self.rig, SensorRig):
             raise DeviceError(NO_GRIPPER)
         return self.rig
+
+    def present_object(self, item_id: str) -> None:
+        """On a simulated rig, present a new object, unless the last item is grasped again."""
+        if self.objects == 0 or not item_id or item_id != self.item_id:
+            self.objects += 1
+            place_object = self.rig_with_gripper.place_object
+            if place_object is not None and self.objects > 1:
+                place_object(self.objects)
+        self.item_id = item_id
 
     def source(self) -> FrameSource:
         """Return the description of the rig for the page."""
@@ -225,6 +237,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
         requests=context.requests,
         hold_s=HOLD_S,
     )
+    context.present_object(order.item_id)
     context.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     closing = ClosingWatch(job.plan)

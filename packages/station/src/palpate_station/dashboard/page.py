@@ -20,6 +20,7 @@ from palpate_station.dashboard.panel_grasp import (
 from palpate_station.dashboard.panel_history import add_items_panel, add_run_panel
 from palpate_station.dashboard.panel_recordings import add_recordings_panel
 from palpate_station.dashboard.panel_sensor import add_calibrate_panel, add_doctor_panel
+from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.viewer import Viewer
 
 _STATIC = Path(__file__).parent / "static"
@@ -98,9 +99,11 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Joined only when the browser has connected: a client that merely fetches the page must not
     # become the driver.
+    user: User | None = client.request.scope.get("palpate_user")
     kind = "screen.full" if script == "live.js" else "screen.operate"
-    name = session.words(kind, address=client.ip or "")
-    client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name))
+    name = (user and user.name) or session.words(kind, address=client.ip or "")
+    role = Role.CONFIGURE if user is None else user.role
+    client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name, role=role))
     client.on_delete(lambda: session.leave(client.id))
     ui.query("body").props(f"data-viewer={client.id}")
     viewer = Viewer(session, viewer_id=client.id)

@@ -27,10 +27,11 @@ from palpate_station.dashboard.live import Live, finite_or_none
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
+from palpate_station.line.machine import LineState, line_state
+from palpate_station.line.results import MEASUREMENTS
 
 #: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).
 _MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
-_MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 
 
 def state_document(session: Session) -> dict[str, object]:
@@ -42,7 +43,7 @@ def state_document(session: Session) -> dict[str, object]:
         session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
     )
     running = live.progress if is_grasping else None
-    return {
+    found: dict[str, object] = {
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
         "answered": running is not None and session.devices.is_answered,
@@ -52,10 +53,23 @@ def state_document(session: Session) -> dict[str, object]:
         "fresh": not live.link.stale and session.silence_s is None,
         "hand_open": live.is_hand_open,
         "driver": session.driver is not None,
+        "driver_name": session.driver_name or None,
         "trouble": session.devices.trouble,
         "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
+        "held": None,
     }
+    state = line_state(found)
+    found["state"], found["state_number"] = state.name.lower(), int(state)
+    if state is LineState.HOLDING and running is not None:
+        answers = {name: getattr(running.answer, name) for name in MEASUREMENTS}
+        found["held"] = {
+            "item_id": session.devices.item_id,
+            "bin": (placed and placed.bin_name) or None,
+            "again": placed is not None and placed.needs_regrasp,
+            **{name: one and one.to_dict() for name, one in answers.items()},
+        }
+    return found
 
 
 def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
@@ -293,7 +307,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         result, truth = grasped.document.result, grasped.document.truth or {}
     elif progress is not None:
         result = progress.answer
-    rows = {name: None if result is None else getattr(result, name) for name in _MEASUREMENTS}
+    rows = {name: None if result is None else getattr(result, name) for name in MEASUREMENTS}
     return {
         "values": {
             name: _measurement_document(value, truth.get(name)) for name, value in rows.items()

@@ -9,21 +9,28 @@ import tempfile
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from palpate.errors import InputError
+from palpate.errors import DeviceError, InputError
 from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.audit import LOG, write_log
 from palpate_station.dashboard.folder import find_recording
 from palpate_station.dashboard.front import STOP_PATHS
 from palpate_station.dashboard.listening import bind_port
+from palpate_station.dashboard.monitor import Monitor
 from palpate_station.dashboard.page_document import document
+from palpate_station.dashboard.retention import delete_old_recordings
+from palpate_station.dashboard.session import page_name
 from palpate_station.dashboard.transport import LoopThread
 from palpate_station.line.machine import Line, Machine
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
+    from starlette.requests import Request
 
+    from palpate_station.dashboard.users import User
     from palpate_station.mqtt.publisher import Publisher
 
 #: Starts a line protocol for this server.
@@ -34,6 +41,10 @@ _STATIC = Path(__file__).parent / "static"
 _LINE_REFRESH_S = 0.05
 #: Period at which the state is published, seconds.
 _PUBLISH_PERIOD_S = 0.1
+#: Period at which old recordings are deleted, seconds.
+_RETENTION_PERIOD_S = 3600.0
+#: Period at which the devices are examined for `--exit-after`, seconds.
+_WATCHDOG_PERIOD_S = 0.5
 #: A driver with a broken connection stays the driver for this time, seconds.
 _RECONNECT_TIMEOUT_S = 10.0
 
@@ -44,6 +55,9 @@ def serve(
     host: str,
     port: int,
     token: str | None,
+    users: Sequence[User] = (),
+    certificate: Path | None = None,
+    key: Path | None = None,
     announce: Callable[[str], None],
     publisher: Publisher | None = None,
     lines: Sequence[LineOpener] = (),
@@ -51,14 +65,15 @@ def serve(
     """Serve the dashboard until Ctrl-C; then stop the running job and the hand.
 
     `announce` is called with the URL (without the token) when the server is ready. `publisher`
-    receives every result and the state. `lines` start the protocols for line controllers.
+    receives every result and the state. With a `certificate` and its `key` (PEM) the server speaks
+    HTTPS. `lines` start the protocols for line controllers.
 
     Raises
     ------
     InputError
         If the token is too short, or if other machines could connect without a token.
     DeviceError
-        If the port is in use.
+        If the port is in use, or the devices have not worked for `settings.exit_after_s`.
     MissingExtraError
         If NiceGUI is not installed.
     """
@@ -71,11 +86,15 @@ def serve(
     from palpate_station.dashboard.api import build_api
     from palpate_station.dashboard.transport import AppThread, BoundedConnection, external_url
 
-    check_token(host, token)
+    check_token(host, token, users=users)
     listening = bind_port(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    app.mount("/api", build_api(app_state, token=token is not None))
+    monitor = Monitor(app_state)
+    api = build_api(app_state, monitor, token=token is not None or bool(users))
+    # The path without a version is that of the newest one.
+    app.mount("/api/v1", api)
+    app.mount("/api", api)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
@@ -84,9 +103,11 @@ def serve(
     if line_thread is not None:
         _serve_lines(app, app_state, lines, thread=line_thread)
     _add_stop_route(app, app_state)
+    _add_metrics_route(app, monitor)
+    _add_retention(app, app_state)
     _add_pages(app, app_state)
     threaded = AppThread(app, direct=STOP_PATHS)
-    gate = AccessControl(threaded, token=token, loopback=is_loopback(host))
+    gate = AccessControl(threaded, token=token, users=users, loopback=is_loopback(host))
     config = uvicorn.Config(
         gate,
         http=BoundedConnection,
@@ -97,24 +118,103 @@ def serve(
         log_level="warning",
         access_log=False,
         timeout_graceful_shutdown=2,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
     )
     address = external_url(host, listening.getsockname()[1])
+    if certificate is not None:
+        address = address.replace("http:", "https:", 1)
     app.router.on_startup.append(lambda: announce(address))
+    server, failures = uvicorn.Server(config), list[str]()
+
+    def end_after_failure(text: str) -> None:
+        failures.append(text)
+        server.should_exit = True
+
+    if settings.exit_after_s is not None:
+        _add_watchdog(app, monitor, limit_s=settings.exit_after_s, on_failure=end_after_failure)
     # A full collection of all imported objects would block every thread for 0.1 s.
     gc.freeze()
-    with listening, threaded, line_thread or nullcontext():
-        uvicorn.Server(config).run(sockets=[listening])
+    with write_log(settings.folder), listening, threaded, line_thread or nullcontext():
+        server.run(sockets=[listening])
+    if failures:
+        raise DeviceError(failures[0])
 
 
 def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
     """Add the STOP route to the outer application, independently of the page framework."""
     from fastapi.responses import JSONResponse
 
-    @app.post("/stop")
-    async def stop() -> JSONResponse:
+    async def stop(request: Request) -> JSONResponse:
         """Stop the hand; answer 200 after its confirmation, or 504 without one."""
-        stopped = await app_state.stop()
+        client = request.client
+        user, host = request.scope.get("palpate_user"), "" if client is None else client.host
+        stopped = await app_state.stop(page_name(host, user))
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+    app.add_route("/stop", stop, methods=["POST"])
+
+
+def _add_metrics_route(app: FastAPI, monitor: Monitor) -> None:
+    from fastapi.responses import PlainTextResponse
+
+    def metrics(request: Request) -> PlainTextResponse:
+        return PlainTextResponse(monitor.metrics(), media_type="text/plain; version=0.0.4")
+
+    app.add_route("/metrics", metrics, methods=["GET"])
+
+
+def _add_watchdog(
+    app: FastAPI, monitor: Monitor, *, limit_s: float, on_failure: Callable[[str], None]
+) -> None:
+    """Call a function with one line after a time without working devices."""
+    running: list[asyncio.Task[None]] = []
+
+    async def watch() -> None:
+        failed_s: float | None = None
+        while True:
+            problems, now_s = monitor.device_problems(), time.monotonic()
+            failed_s = (failed_s or now_s) if problems else None
+            if failed_s is not None and now_s - failed_s > limit_s:
+                text = f"{problems[0]} (for {limit_s:g} s, --exit-after)"
+                LOG.error("%s", text)
+                on_failure(text)
+                return
+            await asyncio.sleep(_WATCHDOG_PERIOD_S)
+
+    async def start() -> None:
+        running.append(asyncio.create_task(watch()))
+
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
+
+
+def _add_retention(app: FastAPI, app_state: AppState) -> None:
+    """Delete old recordings at the start and every hour."""
+    keep_days, folder = app_state.settings.keep_days, app_state.settings.folder
+    if keep_days is None:
+        return
+    running: list[asyncio.Task[None]] = []
+
+    async def delete_regularly() -> None:
+        while True:
+            in_use = app_state.session.devices.files_in_use
+            work = partial(delete_old_recordings, folder, keep_days=keep_days, in_use=in_use)
+            await asyncio.get_running_loop().run_in_executor(None, work)
+            await asyncio.sleep(_RETENTION_PERIOD_S)
+
+    async def start() -> None:
+        running.append(asyncio.create_task(delete_regularly()))
+
+    async def end() -> None:
+        running.pop().cancel()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
 
 
 def _add_pages(outer: FastAPI, app_state: AppState) -> None:

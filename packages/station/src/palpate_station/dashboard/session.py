@@ -6,10 +6,12 @@ driver. Another viewer becomes the driver by taking over.
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 from threading import RLock
 
@@ -52,6 +54,7 @@ from palpate_station.dashboard.messages import (
     Update,
     check_ranges,
 )
+from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.words import Words
 from palpate_station.line.results import NO_ITEM
 
@@ -263,6 +266,11 @@ _MAX_SILENCE_S = 1.0
 #: Orders are refused if the last frame is older than this, seconds. A briefly stale link is
 #: accepted, because each order checks its own frames.
 _MAX_FRAME_AGE_S = 1.0
+#: A client of the API or of a line protocol that sends nothing for this time loses control,
+#: seconds.
+LEASE_S = 5.0
+#: Actions of the role `operate`; the others require `configure`.
+_OPERATE = (Action.GRASP, Action.RELEASE, Action.RECORD, Action.CONFIRM, Action.SPEED)
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
@@ -309,6 +317,15 @@ class GraspForm:
             self.item_id, self.is_returned = "", False
 
 
+def page_name(host: str, user: User | None = None) -> str:
+    """Return the name of a page's viewer for people.
+
+    >>> page_name("10.0.0.7"), page_name("10.0.0.7", User(name="maria", token="correct-horse"))
+    ('the page at 10.0.0.7', 'maria')
+    """
+    return user.name if user is not None and user.name else f"the page at {host}"
+
+
 class Session:
     """One rig, many viewers, one driver.
 
@@ -325,15 +342,19 @@ class Session:
         Texts of the pages; English by default.
     requires_item : bool
         Whether a grasp needs the name of its item.
+    now_s : callable, optional
+        The clock of the leases.
+    on_event : callable, optional
+        Called with the name of a viewer and what it has done, for the log.
 
     Examples
     --------
     >>> session = Session(send=print)
-    >>> session.join("a"), session.join("b"), session.driver
+    >>> session.join("a", name="the page at 10.0.0.7"), session.join("b"), session.driver
     (True, False, 'a')
     >>> session.order("b", OpenRig(name="sim-rigid"))
     Traceback (most recent call last):
-    palpate.errors.InputError: another user is the driver; take over first
+    palpate.errors.InputError: the page at 10.0.0.7 drives; take over first
     """
 
     def __init__(
@@ -343,20 +364,26 @@ class Session:
         on_measured: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
+        now_s: Callable[[], float] = time.monotonic,
+        on_event: Callable[[str, str], None] = lambda who, what: None,
         words: Words | None = None,
         requires_item: bool = False,
     ) -> None:
-        self._send, self._silent_s = send, silent_s
+        self._send, self._silent_s, self._now_s = send, silent_s, now_s
+        self._on_event = on_event
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item = requires_item
         #: The items of the current batch.
         self.lot = Lot()
-        #: Names of the viewers for other viewers.
-        self.names = dict[str, str]()
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
-        self.driver: str | None = None
+        self._driver: str | None = None
+        #: Name of each viewer for people.
+        self._names = dict[str, str]()
+        self._roles = dict[str, Role]()
+        #: End of the lease of each client without a connection of its own.
+        self._leases_s = dict[str, float]()
         self._viewer_of_tab = dict[str, str]()
         #: Settings of the next grasp.
         self.form = GraspForm()
@@ -380,10 +407,38 @@ class Session:
 
     # -- control --------------------------------------------------------------------------------
 
-    def join(self, viewer: str, *, tab: str | None = None, name: str = "") -> bool:
+    @property
+    def driver(self) -> str | None:
+        """The viewer that drives; None without one, or while its lease is over."""
+        driver = self._driver
+        is_over = driver is not None and self._leases_s.get(driver, inf) < self._now_s()
+        return None if is_over else driver
+
+    @property
+    def driver_name(self) -> str:
+        """Name of the driver for people; empty without a driver."""
+        driver = self.driver
+        return "" if driver is None else self._names.get(driver, driver)
+
+    def renew(self, client: str) -> None:
+        """Extend the lease of a client that has joined with one; others are ignored."""
+        if client in self._leases_s:
+            self._leases_s[client] = self._now_s() + LEASE_S
+
+    def join(
+        self,
+        viewer: str,
+        *,
+        tab: str | None = None,
+        name: str = "a page",
+        leased: bool = False,
+        role: Role = Role.CONFIGURE,
+    ) -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
-        A page reloaded in the same browser tab retains control.
+        A page reloaded in the same browser tab retains control. A `leased` viewer drives until
+        `LEASE_S` after its last `renew`, because nothing else reveals that it has gone. A viewer
+        whose `role` may only watch never becomes the driver.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -395,26 +450,38 @@ class Session:
             # The server detects the closed connection of the old page only later.
             self.viewers -= {before}
         self.viewers.add(viewer)
-        if name:
-            self.names[viewer] = name
-        if self.driver is None or self.driver == before:
-            self.driver = viewer
+        self._names.setdefault(viewer, name)
+        self._roles.setdefault(viewer, role)
+        if leased:
+            self._leases_s[viewer] = self._now_s() + LEASE_S
+        if self._roles[viewer].may_drive and self.driver in (None, before):
+            self._drive(viewer)
         return self.driver == viewer
 
     def take_over(self, viewer: str) -> None:
-        """Make this viewer the driver."""
+        """Make this viewer the driver, if its role may drive."""
         self.join(viewer)
-        self.driver = viewer
+        if self._roles[viewer].may_drive:
+            self._drive(viewer)
+
+    def _drive(self, viewer: str) -> None:
+        if self._driver != viewer:
+            before = self.driver_name
+            self._on_event(self._names[viewer], f"drives{before and f' instead of {before}'}")
+        self._driver = viewer
 
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to join or take over drives."""
+        if self._driver == viewer:
+            self._on_event(self._names[viewer], "stops driving")
+            self._driver = None
         self.viewers.discard(viewer)
-        self.names.pop(viewer, None)
+        self._names.pop(viewer, None)
+        self._roles.pop(viewer, None)
+        self._leases_s.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
-        if self.driver == viewer:
-            self.driver = None
 
     # -- permitted actions ----------------------------------------------------------------------
 
@@ -432,7 +499,12 @@ class Session:
         if self.silence_s is not None:
             return words("refusal.hung")
         if viewer != self.driver:
-            return words("refusal.no_driver" if self.driver is None else "refusal.other_driver")
+            if self.driver is None:
+                return words("refusal.no_driver")
+            return words("refusal.other_driver", name=self.driver_name)
+        role = self._roles.get(viewer, Role.CONFIGURE)
+        if role is not Role.CONFIGURE and action not in _OPERATE:
+            return words("refusal.role", name=self._names[viewer], action=action)
         if action is Action.CONFIRM:
             has_step = guide is not None and guide.needs_confirmation
             return "" if has_step else words("refusal.no_step")
@@ -473,6 +545,8 @@ class Session:
         if self.requires_item and isinstance(order, GraspOrder) and not order.item_id:
             raise InputError(self.words("next.name"))
         self.send_order(order)
+        item = f" {order.item_id}" if isinstance(order, GraspOrder) and order.item_id else ""
+        self._on_event(self.driver_name, f"{ACTIONS[type(order)]}{item}")
 
     def send_order(self, order: Order) -> None:
         """Send an order without checking permissions."""
@@ -502,6 +576,8 @@ class Session:
         self._check(ACTIONS[type(request)], viewer)
         check_ranges(request)
         self._send(request)
+        if isinstance(request, ReleaseNow):
+            self._on_event(self.driver_name, str(Action.RELEASE))
         if isinstance(request, SetSpeed) and self.devices.activity is not DeviceActivity.REPLAYING:
             self.rig = self.rig and replace(self.rig, speed=request.speed)
 

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 from urllib.parse import quote
 
-from palpate_station.line.gs1 import item_uri
+from palpate_station.line.gs1 import item_uri, station_uri
 from palpate_station.records import About, Grasp, Verdict
 from palpate_station.store.item_history import ItemHistory
 
@@ -75,6 +75,8 @@ def _event(grasp: Grasp, *, verdicts: Sequence[Verdict]) -> dict[str, Any]:
                 reports[-1][key] = found[part]
     bins = [one for one in verdicts if one.about is About.BIN and one.grasp_id == grasp.grasp_id]
     reports += [{"type": "palpate:bin", "stringValue": one.text} for one in bins[-1:]]
+    if grasp.station is not None:
+        event["readPoint"] = {"id": station_uri(grasp.station)}
     if reports:
         device = f"urn:palpate:rig:{quote(grasp.rig, safe='')}"
         metadata = {"time": time, "deviceID": device}

@@ -119,3 +119,15 @@ def item_uri(item_id: str) -> str:
     return f"https://id.gs1.org/{key}/{number}" + (
         f"/21/{quote(serial, safe='')}" if serial else ""
     )
+
+
+def station_uri(station: str) -> str:
+    """Return a station's URI: a GS1 Digital Link for a GLN, otherwise a URN.
+
+    >>> station_uri("4012345000009"), station_uri("line 1")
+    ('https://id.gs1.org/414/4012345000009', 'urn:palpate:station:line%201')
+    """
+    is_gln = re.fullmatch(r"\d{13}", station) is not None
+    if is_gln and int(station[-1]) == gs1_standard_check_digit(station[:-1]):
+        return f"https://id.gs1.org/414/{station}"
+    return f"urn:palpate:station:{quote(station, safe='')}"

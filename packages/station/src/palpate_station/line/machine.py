@@ -63,7 +63,11 @@ class Machine(Protocol):
         """Give up control so that another client can drive."""
         ...
 
-    async def stop(self) -> bool:
+    def renew(self, driver: str) -> None:
+        """Note that a client is still there; without it, the driver loses control after 5 s."""
+        ...
+
+    async def stop(self, by: str) -> bool:
         """Stop the hand; return whether the devices confirmed the stop."""
         ...
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from contextvars import ContextVar
 from typing import Any
 
 from palpate.errors import InputError, require_extra
@@ -11,21 +12,25 @@ from palpate_station.line.machine import CommandRefusedError, Machine, line_stat
 from palpate_station.line.results import (
     NO_ITEM,
     OUTCOME_NUMBERS,
+    list_held,
     list_measurements,
+    list_reference,
 )
 
 with require_extra("--modbus", extra="line", package="palpate-station"):
     from pymodbus.constants import ExcCodes
     from pymodbus.server import ModbusTcpServer
+    from pymodbus.server.requesthandler import ServerRequestHandler
     from pymodbus.simulator import DataType, SimData, SimDevice
 
-#: Driver name of this protocol.
-DRIVER = "modbus"
+#: Driver name of the client whose request is being answered: the protocol and its address.
+_CLIENT = ContextVar("_CLIENT", default="Modbus")
 #: Zero-based addresses of 16-bit registers; longer values are stored high word first.
 STATE, FLAGS, STOPS, RESULTS, OUTCOME, STORAGE, VALUES = 0, 1, 2, 4, 6, 7, 8
-ITEM, BIN, REFUSAL = 100, 140, 180
+AGAIN, HELD_AGAIN, HELD_VALUES, REFERENCE, HELD_REFERENCE = 38, 39, 40, 70, 76
+ITEM, BIN, REFUSAL, HELD_BIN, DRIVER = 100, 140, 180, 220, 260
 COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM = 300, 301, 302, 310
-#: Number of registers of a text (two ASCII characters each, zero-padded) and of the whole map.
+#: Number of registers of a text (two bytes of UTF-8 each, zero-padded) and of the whole map.
 TEXT_REGISTERS, REGISTER_COUNT = 40, 350
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
@@ -33,6 +38,21 @@ GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
 STORED, WITHOUT_ITEM, STORE_FAILED = 1, 2, 3
 #: Value of `KNOWN_STOPS` that disables the comparison of the stop count.
 ANY_STOPS = 0xFFFFFFFF
+
+
+class _Handler(ServerRequestHandler):
+    """One connection, which notes its client for the answers."""
+
+    async def handle_request(self) -> None:
+        peer = self.transport.get_extra_info("peername")
+        _CLIENT.set(f"Modbus {peer[0]}" if peer else "Modbus")
+        await super().handle_request()  # type: ignore[no-untyped-call]
+
+
+class _Server(ModbusTcpServer):
+    def callback_new_connection(self) -> _Handler:
+        traces = self.trace_packet, self.trace_pdu, self.trace_connect
+        return _Handler(self, *traces)  # type: ignore[no-untyped-call]
 
 
 class ModbusStation:
@@ -51,7 +71,7 @@ class ModbusStation:
         """Start listening and return the port; port 0 selects a free port."""
         data = SimData(0, values=[0] * REGISTER_COUNT, datatype=DataType.REGISTERS)
         device = SimDevice(id=0, simdata=[data], action=self._access)
-        self._server = ModbusTcpServer(device, address=(host, port))
+        self._server = _Server(device, address=(host, port))
         await self._server.serve_forever(background=True)
         listening: Any = self._server.transport
         return int(listening.sockets[0].getsockname()[1])
@@ -74,6 +94,7 @@ class ModbusStation:
         set_values: Sequence[int] | None,
     ) -> ExcCodes | None:
         """Answer one request; called by pymodbus before a read and after a write."""
+        self._machine.renew(_CLIENT.get())
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
@@ -94,13 +115,13 @@ class ModbusStation:
         return None
 
     async def _run_command(self, command: int) -> None:
-        machine = self._machine
+        machine, client = self._machine, _CLIENT.get()
         if command == GRASP:
             stops = _join_uint32(self._written, KNOWN_STOPS - COMMAND)
             item = self._written[NEW_ITEM - COMMAND : NEW_ITEM - COMMAND + TEXT_REGISTERS]
             target = self._written[TARGET - COMMAND]
             await machine.grasp(
-                DRIVER,
+                client,
                 target_force_n=target / 100.0 if target else None,
                 item_id=decode_text(item),
                 kind="",
@@ -110,16 +131,16 @@ class ModbusStation:
             # never stores the next object under the name of the previous one.
             self._written[NEW_ITEM - COMMAND :] = [0] * TEXT_REGISTERS
         elif command == RELEASE:
-            await machine.release(DRIVER)
+            await machine.release(client)
         elif command == STOP:
-            if not await machine.stop():
+            if not await machine.stop(client):
                 raise CommandRefusedError(
                     "the devices did not confirm the stop; use the emergency stop"
                 )
         elif command == TAKE_OVER:
-            await machine.take_over(DRIVER)
+            await machine.take_over(client)
         elif command == LEAVE:
-            await machine.leave(DRIVER)
+            await machine.leave(client)
         else:
             raise InputError(f"command {command}: use a number from 1 to 5")
 
@@ -132,40 +153,52 @@ class ModbusStation:
         found[FLAGS] = _flags(state)
         found[STOPS : STOPS + 2] = _split_uint32(int(state["stops"]))
         found[RESULTS : RESULTS + 2] = _split_uint32(number)
-        values = list_measurements(result)
-        packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
-        found[VALUES : VALUES + len(packed)] = packed
+        held = state["held"]
+        for place, values in (
+            (VALUES, list_measurements(result)),
+            (HELD_VALUES, list_held(held)),
+            (REFERENCE, list_reference(None if result is None else result.reference)),
+            (HELD_REFERENCE, list_reference(held and held["reference"])),
+        ):
+            packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
+            found[place : place + len(packed)] = packed
+        texts = {REFUSAL: self._refusal, DRIVER: state["driver_name"] or ""}
+        if held is not None:
+            found[HELD_AGAIN] = int(held["again"])
+            texts[HELD_BIN] = held["bin"] or ""
         if result is not None:
             found[FLAGS] |= result.needs_regrasp << 4
+            found[AGAIN] = int(result.needs_regrasp)
             found[STORAGE] = _storage(result.not_stored)
             found[OUTCOME] = OUTCOME_NUMBERS[result.result.outcome]
-            for place, text in ((ITEM, result.item_id), (BIN, result.bin_name)):
-                found[place : place + TEXT_REGISTERS] = encode_text(text)
-        found[REFUSAL : REFUSAL + TEXT_REGISTERS] = encode_text(self._refusal)
+            texts |= {ITEM: result.item_id, BIN: result.bin_name}
+        for place, text in texts.items():
+            found[place : place + TEXT_REGISTERS] = encode_text(text)
         found[COMMAND:REGISTER_COUNT] = self._written
         return found
 
 
 def encode_text(text: str) -> list[int]:
-    """Encode a text as registers: non-ASCII characters become `?`, long texts are truncated.
+    """Encode a text as UTF-8 in registers; a long text ends after its last complete character.
 
     >>> encode_text("A1")[:2]
     [16689, 0]
     """
-    raw = text.encode("ascii", "replace")[: 2 * TEXT_REGISTERS].ljust(2 * TEXT_REGISTERS, b"\0")
+    size = 2 * TEXT_REGISTERS
+    raw = text.encode()[:size].decode(errors="ignore").encode().ljust(size, b"\0")
     return list(struct.unpack(f">{TEXT_REGISTERS}H", raw))
 
 
 def decode_text(registers: Sequence[int]) -> str:
     """Decode the text in registers up to the first zero byte.
 
-    Raises `UnicodeDecodeError` if the text is not ASCII.
+    Raises `UnicodeDecodeError` if the text is not UTF-8.
 
-    >>> decode_text(encode_text("A1"))
-    'A1'
+    >>> decode_text(encode_text("Früchte-1"))
+    'Früchte-1'
     """
     raw = struct.pack(f">{len(registers)}H", *registers)
-    return raw.split(b"\0", 1)[0].decode("ascii")
+    return raw.split(b"\0", 1)[0].decode()
 
 
 def _storage(not_stored: str) -> int:

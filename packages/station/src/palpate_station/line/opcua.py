@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import json
 import logging
 import math
-from collections.abc import Awaitable, Callable
+import socket
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from palpate.errors import InputError, require_extra
 from palpate.grasp.document import GraspDocument
-from palpate_station.line.machine import CommandRefusedError, Machine, line_state
+from palpate_station.line.machine import CommandRefusedError, Machine
 from palpate_station.line.results import (
     MEASUREMENTS,
+    OUTCOME_NUMBERS,
     PARTS,
+    list_held,
     list_measurements,
+    list_reference,
 )
 
 with require_extra("--opcua", extra="line", package="palpate-station"):
@@ -34,8 +39,15 @@ _Answer: TypeAlias = "list[ua.Variant] | ua.StatusCode"
 #: Types of the arguments of `Grasp`, in order; strings may be null.
 _GRASP_TYPES: tuple[Any, ...] = (float, (str, type(None)), (str, type(None)), int)
 
-#: Driver name of this protocol.
-DRIVER = "opcua"
+#: Driver name of this protocol's clients, before the address.
+DRIVER = "OPC UA"
+#: TCP options of Linux: probe after 2 s of silence, each second; close after 5 s without an answer.
+_KEEPALIVE = {
+    "TCP_KEEPIDLE": 2,
+    "TCP_KEEPINTVL": 1,
+    "TCP_KEEPCNT": 3,
+    "TCP_USER_TIMEOUT": 5000,
+}
 NAMESPACE, APPLICATION = "urn:palpate:station", "urn:palpate:server"
 #: Username for the login; the password is the token.
 USER = "palpate"
@@ -49,24 +61,37 @@ _INITIAL_VALUES: dict[ua.VariantType, Any] = {
 }
 #: State variable -> type and function of the state document.
 _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
-    "State": (ua.VariantType.String, lambda state: line_state(state).name.lower()),
-    "StateNumber": (ua.VariantType.Int32, lambda state: int(line_state(state))),
+    "State": (ua.VariantType.String, lambda state: state["state"]),
+    "StateNumber": (ua.VariantType.Int32, lambda state: state["state_number"]),
     "Activity": (ua.VariantType.String, lambda state: state["activity"]),
     "Phase": (ua.VariantType.String, lambda state: state["phase"] or ""),
     "Fresh": (ua.VariantType.Boolean, lambda state: bool(state["fresh"])),
     "HandOpen": (ua.VariantType.Boolean, lambda state: bool(state["hand_open"])),
     "Driven": (ua.VariantType.Boolean, lambda state: bool(state["driver"])),
+    "Driver": (ua.VariantType.String, lambda state: state["driver_name"] or ""),
     "Simulated": (ua.VariantType.Boolean, lambda state: bool(state["simulated"])),
     "Stops": (ua.VariantType.Int64, lambda state: int(state["stops"])),
     "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
 }
+#: Variable of the held object -> type and function of `held` of the state document (None before the
+#: answer and after the release).
+_HELD: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
+    "Item": (ua.VariantType.String, lambda held: held["item_id"]),
+    "Bin": (ua.VariantType.String, lambda held: held["bin"] or ""),
+    "BinProvisional": (ua.VariantType.Boolean, lambda held: held["again"]),
+}
 #: Result variable -> type and function of the grasp document (None before the first grasp).
 _RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
     "Outcome": (ua.VariantType.String, lambda found: str(found.result.outcome)),
+    "OutcomeNumber": (ua.VariantType.Int32, lambda found: OUTCOME_NUMBERS[found.result.outcome]),
     "Item": (ua.VariantType.String, lambda found: found.item_id),
     "Bin": (ua.VariantType.String, lambda found: found.bin_name),
     "BinProvisional": (ua.VariantType.Boolean, lambda found: found.needs_regrasp),
     "NotStored": (ua.VariantType.String, lambda found: found.not_stored),
+    "ReferenceUnit": (
+        ua.VariantType.String,
+        lambda found: str((found.reference or {}).get("unit", "")),
+    ),
     "Document": (
         ua.VariantType.String,
         lambda found: json.dumps(found.to_dict(), allow_nan=False),
@@ -75,10 +100,10 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
 
 
 class _PasswordUserManager(UserManager):
-    """User manager with the single user `USER`."""
+    """User manager with a password for each username."""
 
-    def __init__(self, password: str) -> None:
-        self._password = password.encode()
+    def __init__(self, passwords: Mapping[str, str]) -> None:
+        self._passwords = passwords
 
     def get_user(
         self,
@@ -88,24 +113,23 @@ class _PasswordUserManager(UserManager):
         certificate: Any = None,
     ) -> User | None:
         """Return the user if the credentials are correct, otherwise None."""
-        is_correct = hmac.compare_digest((password or "").encode(), self._password)
-        return User(role=UserRole.User, name=USER) if username == USER and is_correct else None
+        expected = self._passwords.get(username or "", "")
+        is_correct = hmac.compare_digest((password or "").encode(), expected.encode())
+        return User(role=UserRole.User, name=username) if expected and is_correct else None
 
 
 class OpcUaStation:
     """OPC UA server of a machine.
 
     `machine`: its methods are called on the event loop that runs `start`.
-    `password`: password of the user ``palpate``; None allows anonymous access without encryption.
+    `passwords`: password of each username; empty allows anonymous access without encryption.
     `folder`: folder of the server certificate, which is created at the first start.
     """
 
-    def __init__(self, machine: Machine, *, password: str | None, folder: Path) -> None:
-        self._machine, self._password, self._folder = machine, password, folder
-        self._server = Server(
-            user_manager=None if password is None else _PasswordUserManager(password)
-        )
-        #: Nodes with their types, and the last written values, by variable name.
+    def __init__(self, machine: Machine, *, passwords: Mapping[str, str], folder: Path) -> None:
+        self._machine, self._is_open, self._folder = machine, not passwords, folder
+        self._server = Server(user_manager=_PasswordUserManager(passwords) if passwords else None)
+        #: Nodes with their types, and the last written values, by path below the station.
         self._nodes: dict[str, tuple[Node, ua.VariantType]] = {}
         self._shown: dict[str, Any] = {}
         self._results = -1
@@ -118,7 +142,7 @@ class OpcUaStation:
         server.set_endpoint(f"opc.tcp://{host}:{port}/palpate")
         server.set_server_name("palpate")
         await server.set_application_uri(APPLICATION)
-        if self._password is None:
+        if self._is_open:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         else:
             await self._enable_encryption(host)
@@ -126,6 +150,8 @@ class OpcUaStation:
         await self.refresh()
         await server.start()
         listening: Any = server.bserver
+        for one in listening._server.sockets:
+            _detect_lost_clients(one)
         return int(listening._server.sockets[0].getsockname()[1])
 
     async def close(self) -> None:
@@ -134,19 +160,34 @@ class OpcUaStation:
 
     async def refresh(self) -> None:
         """Write the changed variables, which notifies subscribed clients."""
+        for connection in getattr(self._server.bserver, "clients", ()):
+            self._machine.renew(_client_name(connection))
         state = self._machine.state()
+        held = state["held"]
+        answers = list_held(held) + list_reference(held and held["reference"])
+        for name, value in zip(_measurement_names(), answers, strict=True):
+            await self._write(f"Held.{name}", value)
+        for name, (kind, value_of) in _HELD.items():
+            await self._write(
+                f"Held.{name}", _INITIAL_VALUES[kind] if held is None else value_of(held)
+            )
+        # Written after the held object, so that a client that waits for `holding` reads its values.
         for name, (_, value_of) in _STATE.items():
             await self._write(name, value_of(state))
         number, result = self._machine.result()
         if number == self._results:
             return
         self._results = number
-        for name, value in zip(_measurement_names(), list_measurements(result), strict=True):
-            await self._write(name, value)
+        answers = list_measurements(result) + list_reference(
+            None if result is None else result.reference
+        )
+        for name, value in zip(_measurement_names(), answers, strict=True):
+            await self._write(f"Result.{name}", value)
         for name, (kind, value_of) in _RESULT.items():
-            await self._write(name, _INITIAL_VALUES[kind] if result is None else value_of(result))
+            shown = _INITIAL_VALUES[kind] if result is None else value_of(result)
+            await self._write(f"Result.{name}", shown)
         # Written last, so that a client that waits for a new number reads a complete result.
-        await self._write("Number", number)
+        await self._write("Result.Number", number)
 
     async def _enable_encryption(self, host: str) -> None:
         key, certificate = self._folder / "opcua-key.pem", self._folder / "opcua-certificate.der"
@@ -170,17 +211,24 @@ class OpcUaStation:
 
     async def _add_nodes(self, space: int) -> None:
         station = await self._server.nodes.objects.add_object(space, "Station")
+        held = await station.add_object(space, "Held")
         result = await station.add_object(space, "Result")
         text, number = ua.VariantType.String, ua.VariantType.Double
         of_state = {name: kind for name, (kind, _) in _STATE.items()} | {"Refusal": text}
-        of_result = {name: kind for name, (kind, _) in _RESULT.items()}
-        of_result |= {"Number": ua.VariantType.Int64} | dict.fromkeys(_measurement_names(), number)
-        for parent, kinds in ((station, of_state), (result, of_result)):
+        measured = dict.fromkeys(_measurement_names(), number)
+        of_held = {name: kind for name, (kind, _) in _HELD.items()} | measured
+        of_result = {name: kind for name, (kind, _) in _RESULT.items()} | measured
+        of_result |= {"Number": ua.VariantType.Int64}
+        for parent, path, kinds in (
+            (station, "", of_state),
+            (held, "Held.", of_held),
+            (result, "Result.", of_result),
+        ):
             for name, kind in kinds.items():
                 node = await parent.add_variable(
                     space, name, _INITIAL_VALUES[kind], varianttype=kind
                 )
-                self._nodes[name] = node, kind
+                self._nodes[path + name] = node, kind
         for name, method, inputs, outputs in (
             (
                 "Grasp",
@@ -222,7 +270,7 @@ class OpcUaStation:
         target, item, kind, stops = values
         return await self._run_command(
             self._machine.grasp(
-                DRIVER,
+                self._client(),
                 target_force_n=None if target == 0 else target,
                 item_id=item or "",
                 kind=kind or "",
@@ -231,7 +279,14 @@ class OpcUaStation:
         )
 
     async def _release(self, parent: Any) -> _Answer:
-        return await self._run_command(self._machine.release(DRIVER))
+        return await self._run_command(self._machine.release(self._client()))
+
+    def _client(self) -> str:
+        """Return the name of the client that has called the running method."""
+        # Each connection answers its requests in a task of its own.
+        task = asyncio.current_task()
+        connections = getattr(self._server.bserver, "clients", ())
+        return next((_client_name(one) for one in connections if one._task is task), DRIVER)
 
     async def _run_command(self, command: Awaitable[str | None]) -> _Answer:
         """Execute a command; a refusal returns a status and writes the reason to `Refusal`.
@@ -253,21 +308,33 @@ class OpcUaStation:
         return answer
 
     async def _stop(self, parent: Any) -> list[ua.Variant]:
-        is_stopped = await self._machine.stop()
+        is_stopped = await self._machine.stop(self._client())
         await self.refresh()
         return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
     async def _take_over(self, parent: Any) -> _Answer:
-        return await self._run_command(self._machine.take_over(DRIVER))
+        return await self._run_command(self._machine.take_over(self._client()))
 
     async def _leave(self, parent: Any) -> _Answer:
-        return await self._run_command(self._machine.leave(DRIVER))
+        return await self._run_command(self._machine.leave(self._client()))
+
+
+def _detect_lost_clients(listening: socket.socket) -> None:
+    """Close connections whose client has lost its network; connections inherit the options."""
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _KEEPALIVE.items():
+        if hasattr(socket, name):
+            listening.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def _client_name(connection: Any) -> str:
+    return f"{DRIVER} {connection.peer_name[0]}" if connection.peer_name else DRIVER
 
 
 def _measurement_names() -> list[str]:
     """Return the variable names of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` etc."""
     names = []
-    for measurement in MEASUREMENTS:
+    for measurement in (*MEASUREMENTS, "reference"):
         stem = "".join(word.capitalize() for word in measurement.split("_"))
         names += [stem + ("" if part == "value" else part.capitalize()) for part in PARTS]
     return names

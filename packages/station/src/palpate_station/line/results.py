@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import Outcome
@@ -33,3 +35,21 @@ def list_measurements(document: GraspDocument | None) -> list[float]:
         parts = (None,) * 3 if measured is None else (measured.value, *measured.known_ends)
         found += [math.nan if number is None else number for number in parts]
     return found
+
+
+def list_reference(reference: Mapping[str, Any] | None) -> list[float]:
+    """Return value, low and high of an answer in the buyer's unit; NaN for unknown numbers."""
+    numbers = [(reference or {}).get(part) for part in PARTS]
+    return [math.nan if number is None else number for number in numbers]
+
+
+def list_held(held: Mapping[str, Any] | None) -> list[float]:
+    """Return value, low and high of each measurement of the held object, from the state document.
+
+    >>> size = {"value": 40.0, "low": 39.0, "high": None}
+    >>> list_held({"size_mm": size, "force_n": None})[:4], len(list_held(None))
+    ([40.0, 39.0, nan, nan], 15)
+    """
+    measured = [(held or {}).get(name) or {} for name in MEASUREMENTS]
+    numbers = [one.get(part) for one in measured for part in PARTS]
+    return [math.nan if number is None else number for number in numbers]

@@ -274,6 +274,7 @@ class Store(StoreReader):
                 # An older store on a read-only medium remains readable without migration.
                 if create or before == 0:
                     raise
+                self._is_current = False
 
 
 def _local_file(server: sa.URL) -> Path:

@@ -1,17 +1,20 @@
-"""Export of the store to Parquet: one row per grasp or per verdict."""
+"""Export of the store to Parquet, CSV or Excel: one row per grasp or per verdict."""
 
 from __future__ import annotations
 
+import csv
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
-from palpate.files import atomic_path
+from palpate.errors import require_extra
+from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.table_files import import_pyarrow
 from palpate_station.records import MEASURED, Grasp, Item, Verdict
 from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
@@ -19,14 +22,78 @@ from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 _BATCH = 10_000
 #: Columns of the export. Details are the last column, as JSON text; measurements are separate.
 _ITEM_COLUMNS = tuple(c.name for c in ITEMS.c if c.name != "first_seen")
-_GRASP_COLUMNS = tuple(c.name for c in GRASPS.c if c.name not in ("number", "item_id"))
+_GRASP_COLUMNS = tuple(c.name for c in GRASPS.c if c.name not in ("number", "item_id", "station"))
 _VERDICT_COLUMNS = tuple(c.name for c in VERDICTS.c if c.name != "details")
+
+
+#: Extensions of the files that `export` writes.
+FORMATS = (".parquet", ".csv", ".xlsx")
+
+
+def export(
+    path: Path, grasps: Iterable[Grasp], verdicts: Iterable[Verdict], *, items: Iterable[Item]
+) -> dict[str, str]:
+    """Write grasps and verdicts; return each file with its numbers of rows.
+
+    `path`: Parquet and CSV have the verdicts in a second file, ``NAME.verdicts.csv``, and Excel has
+        them in a second sheet. Files are written atomically. CSV and Excel have lists and details
+        as JSON text, times in ISO 8601, and no cell that runs as a formula.
+    Raises `MissingExtraError` if pyarrow (Parquet) or openpyxl (Excel) is not installed.
+    """
+    verdicts_path = path.with_suffix(f".verdicts{path.suffix}")
+    if path.suffix == ".parquet":
+        found = export_grasps(path, grasps, items=items), export_verdicts(verdicts_path, verdicts)
+        return {str(path): f"grasps: {found[0]}", str(verdicts_path): f"verdicts: {found[1]}"}
+    grasp_rows = _grasp_rows(grasps, items=items)
+    if path.suffix == ".csv":
+        found = (
+            _write_csv(path, grasp_rows, _grasp_columns()),
+            _write_csv(verdicts_path, _verdict_rows(verdicts), _verdict_columns()),
+        )
+        return {str(path): f"grasps: {found[0]}", str(verdicts_path): f"verdicts: {found[1]}"}
+    with require_extra("--export FILE.xlsx", extra="tables", package="palpate-station"):
+        from openpyxl import Workbook
+    book = Workbook(write_only=True)
+    counts = []
+    for title, rows, names in (
+        ("grasps", grasp_rows, _grasp_columns()),
+        ("verdicts", _verdict_rows(verdicts), _verdict_columns()),
+    ):
+        sheet, count = book.create_sheet(title), 0
+        sheet.append(names)
+        for row in rows:
+            sheet.append([_cell(row.get(name)) for name in names])
+            count += 1
+        counts.append(f"{title}: {count}")
+    with atomic_path(path) as partial:
+        book.save(partial)
+    return {str(path): ", ".join(counts)}
+
+
+def _write_csv(path: Path, rows: Iterable[dict[str, Any]], names: list[str]) -> int:
+    count = 0
+    with atomic_path(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for row in rows:
+            writer.writerow([_cell(row.get(name)) for name in names])
+            count += 1
+    return count
+
+
+def _cell(value: object) -> object:
+    """Return a value as a cell: a number, or text that is no formula."""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, list | tuple):
+        return json.dumps(value)
+    return escape_csv_cell(value)
 
 
 def export_grasps(
     path: str | os.PathLike[str], grasps: Iterable[Grasp], *, items: Iterable[Item]
 ) -> int:
-    """Write grasps with their items' fields; return the number of rows.
+    """Write grasps with their items' fields to Parquet; return the number of rows.
 
     `path`: output file, written atomically.
     `grasps`: one row each, in this order. A measurement has four columns: its name for the value,
@@ -34,22 +101,36 @@ def export_grasps(
     `items`: items of the grasps.
     Raises `MissingExtraError` if pyarrow is not installed.
     """
-    known = {item.item_id: item for item in items}
-    return _write(path, (grasp_row(g, known.get(g.item_id)) for g in grasps), _grasp_names())
+    return _write(path, _grasp_rows(grasps, items=items), _grasp_columns())
 
 
 def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
-    """Write verdicts with details as JSON text; return the number of rows.
+    """Write verdicts with details as JSON text to Parquet; return the number of rows.
 
     Raises `MissingExtraError` if pyarrow is not installed.
     """
-    rows = (
-        {name: getattr(verdict, name) for name in _VERDICT_COLUMNS}
-        | {"about": str(verdict.about), "source": str(verdict.source)}
-        | {"details": json.dumps(dict(verdict.details))}
-        for verdict in verdicts
-    )
-    return _write(path, rows, [*_VERDICT_COLUMNS, "details"])
+    return _write(path, _verdict_rows(verdicts), _verdict_columns())
+
+
+def _grasp_rows(grasps: Iterable[Grasp], *, items: Iterable[Item]) -> Iterator[dict[str, Any]]:
+    known = {item.item_id: item for item in items}
+    for grasp in grasps:
+        yield grasp_row(grasp, known.get(grasp.item_id)) | {"station": grasp.station}
+
+
+def _verdict_rows(verdicts: Iterable[Verdict]) -> Iterator[dict[str, Any]]:
+    for verdict in verdicts:
+        row = {name: getattr(verdict, name) for name in _VERDICT_COLUMNS}
+        row |= {"about": str(verdict.about), "source": str(verdict.source)}
+        yield row | {"details": json.dumps(dict(verdict.details))}
+
+
+def _grasp_columns() -> list[str]:
+    return [*_grasp_names(), "station"]
+
+
+def _verdict_columns() -> list[str]:
+    return [*_VERDICT_COLUMNS, "details"]
 
 
 def require_parquet() -> Any:

@@ -101,6 +101,8 @@ class StoreReader:
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
         self._reading = engine
+        #: Whether grasps have all columns; an older store on a read-only medium has not.
+        self._is_current = True
         self.name = self.local_name = name
         #: Error of the shared store, after which only local records are read; None without error.
         self.away: StoreAwayError | None = None
@@ -153,7 +155,7 @@ class StoreReader:
 
     def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
         """Return the grasps of an item, oldest first; empty for an unknown item."""
-        query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id).order_by(*_IN_TIME)
+        query = self._grasp_query().where(GRASPS.c.item_id == item_id).order_by(*_IN_TIME)
         return tuple(self._fetch(lambda connection: read_grasps(connection, query)).values())
 
     def histories(
@@ -163,7 +165,7 @@ class StoreReader:
         for names in _split(item_ids):
             grasps: dict[str, list[Grasp]] = {name: [] for name in names}
             verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
-            of_grasps = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
+            of_grasps = self._grasp_query().where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
             of_verdicts = verdict_query().where(VERDICTS.c.item_id.in_(names))
             found = self._fetch(partial(_read_both, grasps=of_grasps, verdicts=of_verdicts))
             for grasp in found[0].values():
@@ -186,7 +188,7 @@ class StoreReader:
         `kind`, `batch`: only grasps of items of this kind and batch.
         `since`, `until`: only grasps taken at or after `since`, and before `until`.
         """
-        query = sa.select(GRASPS)
+        query = self._grasp_query()
         if since is not None:
             query = query.where(GRASPS.c.taken_at >= since)
         if until is not None:
@@ -224,6 +226,11 @@ class StoreReader:
     def items_of_batch(self, batch: str) -> tuple[Item, ...]:
         """Return the items of a batch, oldest first."""
         return self.items(batch=batch)[::-1]
+
+    def _grasp_query(self) -> sa.Select[Any]:
+        """Return a query over all grasps."""
+        # A shared store is migrated when it is opened.
+        return sa.select(*(c for c in GRASPS.c if self._is_current or c.name != "station"))
 
     def _verdicts(
         self, query: sa.Select[Any], *, about: About | None, source: Source | None

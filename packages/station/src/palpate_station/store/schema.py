@@ -1,7 +1,7 @@
 """Tables of the store, and their migration.
 
-Schema 2 added the outbox to the local SQLite file. A PostgreSQL server has no outbox and remains at
-schema 1, so stations with an older palpate can use the same server.
+Schema 2 added the outbox to the local SQLite file, which a PostgreSQL server does not have.
+Schema 3 (on a server, 2) added the station of a grasp.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from palpate.errors import StoreError
 
 #: Newest schema version of each kind of database.
-NEWEST: Mapping[str, int] = {"sqlite": 2, "postgresql": 1}
+NEWEST: Mapping[str, int] = {"sqlite": 3, "postgresql": 2}
 #: Key of the PostgreSQL advisory lock for migrations.
 _LOCK = 0x70616C70
 
@@ -98,6 +98,7 @@ GRASPS = sa.Table(
     sa.Column("calibration_id", sa.Text, sa.ForeignKey(CALIBRATIONS.c.calibration_id)),
     sa.Column("recording", sa.Text),
     sa.Column("pixel_settled_percent", sa.JSON(none_as_null=True)),
+    sa.Column("station", sa.Text),
     sa.Index("grasps_by_item", "item_id", "taken_at"),
     sa.Index("grasps_by_time", "taken_at"),
 )
@@ -165,7 +166,9 @@ def migrate(connection: sa.Connection, *, where: str) -> None:
             connection, tables=[t for t in METADATA.sorted_tables if local or t is not OUTBOX]
         )
     else:
-        OUTBOX.create(connection)
+        if database == "sqlite" and version < 2:
+            OUTBOX.create(connection)
+        connection.execute(sa.text("ALTER TABLE grasps ADD COLUMN station TEXT"))
     connection.execute(
         VERSIONS.insert().values(version=NEWEST[database], applied_at=datetime.now(UTC))
     )

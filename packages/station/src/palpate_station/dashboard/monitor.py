@@ -1,0 +1,98 @@
+"""Health of a station, and its metrics in the text format of Prometheus."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections import Counter
+from typing import Any
+
+from palpate.grasp.document import GraspDocument
+from palpate.grasp.result import Outcome
+from palpate.version import __version__
+from palpate_station.dashboard.app_state import AppState
+from palpate_station.dashboard.messages import DeviceActivity
+
+#: A station with less free space in its folder is not healthy, bytes (guess: a day of grasps).
+_MIN_FREE_BYTES = 1_000_000_000
+
+
+class Monitor:
+    """Counts the grasps of a station and examines its state."""
+
+    def __init__(self, app_state: AppState) -> None:
+        self._app_state, self._began_s = app_state, time.monotonic()
+        self._outcomes: Counter[Outcome] = Counter()
+        self._stored, self._seconds = Counter[bool](), 0.0
+        app_state.on_result.append(self._count)
+
+    def _count(self, document: GraspDocument) -> None:
+        self._outcomes[document.result.outcome] += 1
+        self._stored[bool(document.stored)] += 1
+        self._seconds += document.result.decision_time_s or 0.0
+
+    def problems(self) -> list[str]:
+        """Return what keeps the station from grasping and storing; empty if it is healthy."""
+        found, app_state = self.device_problems(), self._app_state
+        if app_state.item_store.trouble:
+            found.append(app_state.item_store.trouble)
+        if self._free_bytes() < _MIN_FREE_BYTES:
+            found.append(f"{app_state.settings.folder}: less than 1 GB of disk space is free")
+        return found
+
+    def device_problems(self) -> list[str]:
+        """Return what keeps the station from grasping; empty if nothing does."""
+        app_state = self._app_state
+        state, activity = app_state.state(), app_state.session.devices.activity
+        found = []
+        if activity is DeviceActivity.GONE:
+            found.append("the device process has ended: restart palpate serve")
+        elif app_state.session.silence_s is not None:
+            found.append("the devices do not respond")
+        elif activity is DeviceActivity.IDLE:
+            found.append("no rig is open")
+        elif activity is DeviceActivity.WATCHING and not state["fresh"]:
+            found.append("no fresh frames")
+        return found
+
+    def health(self) -> dict[str, Any]:
+        """Return the health document."""
+        problems, state = self.problems(), self._app_state.state()
+        return {
+            "healthy": not problems,
+            "problems": problems,
+            "version": __version__,
+            "uptime_s": round(time.monotonic() - self._began_s, 1),
+            **{name: state[name] for name in ("state", "activity", "fresh", "simulated", "rig")},
+        }
+
+    def metrics(self) -> str:
+        """Return the metrics, one sample per line."""
+        state = self._app_state.state()
+        outcomes = {f'{{outcome="{one}"}}': float(self._outcomes[one]) for one in Outcome}
+        stored = {
+            f'{{stored="{str(one).lower()}"}}': float(self._stored[one]) for one in (True, False)
+        }
+        healthy, uptime_s = not self.problems(), time.monotonic() - self._began_s
+        families: list[tuple[str, str, str, float | dict[str, float]]] = [
+            ("healthy", "gauge", "Whether /api/v1/health reports no problem.", healthy),
+            ("state", "gauge", "State, numbered as in the line protocols.", state["state_number"]),
+            ("frames_fresh", "gauge", "Whether frames are arriving.", state["fresh"]),
+            ("grasps_total", "counter", "Finished grasps by outcome.", outcomes),
+            ("grasps_stored_total", "counter", "Finished grasps by storage.", stored),
+            ("decision_seconds_total", "counter", "Contact to answer, all grasps.", self._seconds),
+            ("stops_total", "counter", "Stops by all clients.", state["stops"]),
+            ("disk_free_bytes", "gauge", "Free space of the folder.", self._free_bytes()),
+            ("uptime_seconds", "gauge", "Time since the start.", uptime_s),
+        ]
+        lines = []
+        for name, kind, about, samples in families:
+            lines += [f"# HELP palpate_{name} {about}", f"# TYPE palpate_{name} {kind}"]
+            labelled = samples if isinstance(samples, dict) else {"": samples}
+            lines += [f"palpate_{name}{label} {float(one)!r}" for label, one in labelled.items()]
+        return "\n".join(lines) + "\n"
+
+    def _free_bytes(self) -> int:
+        folder = self._app_state.settings.folder.absolute()
+        existing = next(one for one in (folder, *folder.parents) if one.exists())
+        return shutil.disk_usage(existing).free
