@@ -56,8 +56,8 @@ from palpate_station.dashboard.words import Words
 from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
-from palpate_station.records import Item
 from palpate_station.qualify.conversion import Conversion
+from palpate_station.records import Item
 from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook
 

@@ -6,8 +6,7 @@ other programs.
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -16,6 +15,7 @@ from typing import TypeVar
 
 from palpate.errors import InputError, PalpateError, StoreAwayError, StoreMissingError
 from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate_station.dashboard.audit import LOG
 from palpate_station.dashboard.messages import FrameSource, Grasped
 from palpate_station.dashboard.panel_html import draw_panel_svg
 from palpate_station.grasp_record import make_grasp_record
