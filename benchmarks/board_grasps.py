@@ -27,12 +27,12 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
 from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 
 #: As in the rig file of `palpate init --gripper servo`.

@@ -27,10 +27,10 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.recording import load_recording
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = "/usr/bin/chromium"

@@ -29,16 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
+from palpate.calibration import Calibration
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 
 MEASURED = ("settled_percent", "size_error_mm", "force_n")

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.calibrate.laws import force_now
+from palpate.force.of_calibration import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.sample import SampleReader
 from palpate.sensor.wire_messages import FrameMessage
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 from palpate_archive.adding import add_recordings
 from palpate_archive.layout import Archive

@@ -28,7 +28,7 @@ SETTLE_S = 5.0
 
 def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
     """Write a rig file for a board without a gripper, with a simulated calibration."""
-    from palpate.rig.simulated import calibrate_twin
+    from palpate.twin.rig import calibrate_twin
 
     calibrate_twin(seed=1, level="lab", apart_from="ball-44lbs").save(folder / "calibration.json")
     rig = folder / "rig.toml"

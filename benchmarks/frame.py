@@ -22,12 +22,12 @@ import numpy as np
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperState
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
 from palpate.sensor.wire import Decoder
 from palpate.sensor.wire_messages import FrameMessage
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 from palpate_studies.board_bytes import encode_message
 

@@ -20,9 +20,9 @@ import numpy as np
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import GripperKind, World
 
 HANDS: tuple[tuple[GripperKind, float], ...] = (("rigid", 15.0), ("rigid", 250.0), ("soft", 15.0))

@@ -81,9 +81,9 @@ True
     ),
     (
         (
-            "palpate.sensor.calibration.RestValues",
-            "palpate.sensor.calibration.ForcePairs",
-            "palpate.sensor.calibration.BlockPairs",
+            "palpate.calibration.RestValues",
+            "palpate.calibration.ForcePairs",
+            "palpate.calibration.BlockPairs",
         ),
         """\
 >>> import palpate
@@ -112,7 +112,7 @@ True
 """,
     ),
     (
-        ("palpate.FittedForce", "palpate.estimate.force_law.Population"),
+        ("palpate.FittedForce", "palpate.force.force_law.Population"),
         """\
 >>> import palpate
 >>> weights = {"load_n": [0, 1.5, 4.0, 9.0], "R_ohm": [9000, 900, 350, 150]}
@@ -123,9 +123,9 @@ True
 """,
     ),
     (
-        ("palpate.estimate.line_law.ForceEstimate",),
+        ("palpate.force.line_law.ForceEstimate",),
         """\
->>> from palpate.estimate.line_law import LineForceLaw
+>>> from palpate.force.line_law import LineForceLaw
 >>> law = LineForceLaw.fit([-10.0, -20, -30, -40, -52], force_n=[3.0, 4, 5, 6, 7])
 >>> estimate = law.force_n([-35.0])
 >>> bool(estimate.low[0] < estimate.value[0] < estimate.high[0])
@@ -133,7 +133,7 @@ True
 """,
     ),
     (
-        ("palpate.Readings", "palpate.ScoreTable"),
+        ("palpate.ReadingTable", "palpate.ScoreTable"),
         """\
 >>> import numpy as np
 >>> import palpate

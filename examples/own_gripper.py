@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 import palpate
-from palpate.calibrate.laws import DWELL_S, HORIZON_S
+from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.clock import Clock, ManualClock
+from palpate.force.of_calibration import DWELL_S, HORIZON_S
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.rig import Rig
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
 REST_OHM = 9000.0
 PADS_MM_PER_N = 0.2

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.sheet_law import N_SHARED, SheetLaw
-from palpate.estimate.sheet_states import compute_states
+from palpate.calibration import Calibration, ForcePairs
+from palpate.force.sheet_law import N_SHARED, SheetLaw
+from palpate.force.sheet_states import compute_states
 from palpate.grasp.estimator import ClosingStep, Touch
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
-from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, settings
 from tests.commands import Command
 
 if TYPE_CHECKING:
-    from palpate.sensor.calibration import Calibration
+    from palpate.calibration import Calibration
     from palpate.twin.world import GripperKind
 
 # A busy machine is slow; no property depends on its speed.
@@ -51,7 +51,7 @@ def calibrate_once(
     *, seed: int, level: str, apart_from: str, kind: GripperKind = "rigid"
 ) -> Calibration:
     """Return a calibration of the twin, the same object to each test that asks for it."""
-    from palpate.rig.simulated import calibrate_twin
+    from palpate.twin.rig import calibrate_twin
 
     return calibrate_twin(seed=seed, level=level, apart_from=apart_from, kind=kind)
 

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.damage import DamageModel
+from palpate.calibration import Calibration
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.sensor.calibration import Calibration
+from palpate.object.damage import DamageModel
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.ranges import draw_log_uniform
 from palpate.twin.velostat import Environment

@@ -15,6 +15,7 @@ from tests.contract.faulty import run_recorded_grasp
 from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, Servo, make_world
 from tests.fixtures import calibrate_once
 
+from palpate.calibration import Calibration
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
@@ -32,7 +33,6 @@ from palpate.gripper.packets import Register
 from palpate.recording import load_recording
 from palpate.rig import open_rig
 from palpate.sensor.byte_stream import SerialStream
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray
 
 

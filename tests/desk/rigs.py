@@ -10,8 +10,8 @@ from pathlib import Path
 from tests.contract.hands import CLOSED_TICK, JAW, JAW_LIMITS, TRAVEL
 from tests.desk.world import SHEET_SEED, Desk, draw_desk_object, layout_of, sheet_layout
 
-from palpate.rig.simulated import CALIBRATION_SEED_OFFSET, calibrate_world
-from palpate.sensor.calibration import Calibration
+from palpate.calibration import Calibration
+from palpate.twin.rig import CALIBRATION_SEED_OFFSET, calibrate_world
 from palpate.twin.world import World
 
 #: Hands that report their motor's current.

@@ -17,12 +17,12 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.rig import Rig
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import BoardStatus, Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import GripperKind, World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")

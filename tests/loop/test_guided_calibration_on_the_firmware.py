@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from tests.commands import Command
 
-from palpate.calibrate.laws import contacts_of, sheet_law_of
+from palpate.calibration import Calibration
 from palpate.cli import calibrate_force
 from palpate.clock import ManualClock
-from palpate.rig.simulated import FACES
+from palpate.force.of_calibration import contacts_of, sheet_law_of
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import FACES
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
@@ -122,7 +122,7 @@ def test_guided_force_calibration_with_load_cells_measures_newtons(
     assert "half_interval_percent" not in document
     made = Calibration.load(tmp_path / "pad.json")
     assert made.origin == "hardware"
-    law, contacts = sheet_law_of(made), contacts_of(made.force)
+    law, contacts = sheet_law_of(made), contacts_of(made.force, layout=made.layout)
     estimated_n = np.concatenate([law.read(states).force_n for states, _ in contacts])
     true_n = np.concatenate([force_n for _, force_n in contacts])
     firm = true_n > 1.0

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.factories import fit_even_sheet
 
-from palpate.estimate.compliance import Compliance
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
+from palpate.force.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.controller import GraspController
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
@@ -19,6 +18,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits, largest_step
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.object.compliance import Compliance
 from palpate.sensor.array import ArrayLayout, Frame
 
 LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)

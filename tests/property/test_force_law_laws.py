@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from palpate.estimate.force_law import ForceLaw
+from palpate.force.force_law import ForceLaw
 
 
 def is_reversed(known: list[tuple[float, float]]) -> bool:

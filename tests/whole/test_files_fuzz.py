@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 from tests.closings import write_damage_file
 
+from palpate.calibration import Calibration
 from palpate.errors import PalpateError
-from palpate.estimate.damage_file import DamageFile
 from palpate.holds import read_holds
 from palpate.holds.recordings import read_recordings
+from palpate.object.damage_file import DamageFile
 from palpate.rig.file import open_file, read_rig_file
-from palpate.sensor.calibration import Calibration
 from palpate_station.sorting.rules_file import read_rules
 
 COUNT = int(os.environ.get("PALPATE_FUZZ", "60"))

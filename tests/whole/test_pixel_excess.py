@@ -13,16 +13,16 @@ from packages.station.tests.dashboard.test_live import SOURCE
 from packages.station.tests.dashboard.test_live import frames as page_frames
 from tests.factories import WEIGHTS, make_sheet_law
 
+from palpate.calibration import BlockPairs, Calibration, RestValues
 from palpate.cli.live_reading import LiveReading
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.estimate.force_follower import ForceFollower, ForceSource
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.sheet_follower import SheetFollower
+from palpate.force.force_follower import ForceFollower, ForceSource
+from palpate.force.force_law import ForceLaw
+from palpate.force.sheet_follower import SheetFollower
 from palpate.measurement import Measurement, Status
 from palpate.rig.reading import Reader
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.calibration import BlockPairs, Calibration, RestValues
 from palpate.sensor.sample import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceTimeoutError, InputError
-from palpate.estimate.damage import fit_damage_model
-from palpate.estimate.damage_file import DamageFile
-from palpate.estimate.strength import ClosingCurve
+from palpate.object.damage import fit_damage_model
+from palpate.object.damage_file import DamageFile
+from palpate.object.strength import ClosingCurve
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import Frame
 from palpate_lerobot.hand import PolicyHand, read_learned_limit_n

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.pages import test_commands_of_page_run
 
+from palpate.calibration import Calibration
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
@@ -17,7 +18,6 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, run_grasp
 from palpate.grasp.safety import SafetyLimits
 from palpate.rig import Rig, open_rig, rig_names
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate_mujoco import MujocoWorld

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.force_law import ForceLaw, Population
-from palpate.estimate.force_states import compute_states, log_reading
+from palpate.force.force_law import ForceLaw, Population
+from palpate.force.force_states import compute_states, log_reading
 from palpate_studies.force_learning import KnownContact, learn_population
 
 LOADS_N = [0.0, 0.6, 1.2, 1.1, 1.6, 2.0, 3.0, 4.0, 6.0, 9.0]

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.estimate.damage_learning import FruitClosing, read_closings, split_folds
 from palpate.grasp.plan import Plan
+from palpate.object.damage_learning import FruitClosing, read_closings, split_folds
 from palpate_studies.rupture import CAP, apply_policy, apply_shipped_limit, tradeoff
 
 

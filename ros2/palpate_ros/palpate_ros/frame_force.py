@@ -6,11 +6,11 @@ from contextlib import suppress
 
 import numpy as np
 
-from palpate.calibrate.laws import force_now
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import ForceSource
+from palpate.force.force_follower import ForceSource
+from palpate.force.of_calibration import force_now
 from palpate.measurement import Status
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import Sample
 
 

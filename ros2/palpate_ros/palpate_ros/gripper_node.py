@@ -23,9 +23,9 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig import Rig
 from palpate.rig.job import GraspJob
+from palpate.rig.paced_array import PacedArray
 from palpate.rig.recorded import recording_info
 from palpate.sensor.array import PressureArray
-from palpate.twin.paced_array import PacedArray
 from palpate_ros.hand import Hand
 from palpate_ros.messages import build_measurement
 from palpate_ros.parameters import HAND, SHARED, declare

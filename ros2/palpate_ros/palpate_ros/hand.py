@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
-from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import Outcome
 from palpate.gripper.interface import GripperCommand, GripperState
+from palpate.object.damage_file import DamageFile
 from palpate.rig import Rig
 from palpate.rig.job import GraspJob
 from palpate.sensor.array import Frame, PressureArray

@@ -9,13 +9,13 @@ from dataclasses import replace
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from palpate import __version__
+from palpate.calibration import Calibration
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.recording import RecordingInfo
+from palpate.rig.paced_array import PacedArray
 from palpate.rig.recorded import clock_zero_unix_ns, firmware_version
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import Calibration
-from palpate.twin.paced_array import PacedArray
 from palpate_ros.parameters import SHARED, declare
 from palpate_ros.spinning import run
 from palpate_ros.topics import Provenance, SensorTopics

@@ -16,13 +16,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, Image, JointState
 from std_msgs.msg import String
 
+from palpate.calibration import Calibration
 from palpate.errors import PalpateError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
-from palpate.sensor.calibration import Calibration
-from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
+from palpate.sensor.frame_columns import FrameColumns
+from palpate.sensor.health import MIN_FRAMES, check_health
 from palpate.sensor.sample import Sample, SampleReader
 from palpate.signal.relative import mean_change
 from palpate_ros import messages

@@ -6,9 +6,9 @@ import os
 
 import numpy as np
 
+from palpate.calibration import Calibration
 from palpate.gripper.dynamixel import open_gripper
 from palpate.rig import Rig
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

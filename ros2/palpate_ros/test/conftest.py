@@ -17,7 +17,7 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from palpate.rig.simulated import calibrate_twin
+from palpate.twin.rig import calibrate_twin
 
 #: Timeout: a busy machine starts and discovers a node slowly.
 PATIENCE_S = 90.0

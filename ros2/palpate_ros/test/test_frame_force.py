@@ -10,9 +10,9 @@ import pytest
 from palpate_ros.frame_force import FrameForce
 from tests.factories import WEIGHTS
 
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.sample import Sample, SampleReader
+from palpate.twin.rig import calibrate_twin
 
 PRESSED = np.full((4, 2), 600)
 READER = SampleReader(RIGID_LAYOUT, np.full((4, 2), 11_000.0))

@@ -11,7 +11,7 @@ from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor
 from palpate.errors import InputError
 from palpate.holds.cutting import cut_columns
 from palpate.holds.loads import LoadUnit, Weights, align_times_s, find_load_column
-from palpate.holds.recordings import Readings, find_clock
+from palpate.holds.recordings import ReadingTable, find_clock
 from palpate.holds.table import Table
 
 #: The reading under a weight is the median of this time, which ends this long before the weight is
@@ -119,7 +119,7 @@ def add_weights(
 
 def _find_hold_ends(sensor: LoadedSensor, part: LoadedPart) -> FloatArray:
     """Return the time before the end of each hold of the column with the most holds, seconds."""
-    recorded = Readings(
+    recorded = ReadingTable(
         name=part.name,
         time_s=part.time_s,
         columns={name: part.values[:, at] for at, name in enumerate(sensor.columns)},

@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
-from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.rest_baseline import RestBaseline, rest_baseline
 from palpate.sensor.sample import SampleReader
@@ -26,6 +26,8 @@ _TOUCH_N = 0.05
 _POLL_S = 0.02
 #: Averaging time of a reading at the end of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
+#: Largest closure after the touch of a rigid block, mm or kPa: hands give way by 2 to 4 mm at 15 N.
+_MOST_TRAVEL = {"width": 5.0, "pressure": 50.0}
 #: Forces of the settled holds, newtons, one list per placement of the load cell, small and large
 #: mixed.
 HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
@@ -81,6 +83,8 @@ class Bench:
     `array`, `gripper`, `cell`, `clock`: the devices.
     `skip_until`: waits without reading frames; without it, unneeded frames are read and dropped.
     `start`: width slightly above, or pressure slightly below, contact with the largest object.
+    `approach`: rate of the search for contact, mm/s or kPa/s; by default that for a load cell,
+        which sees a touch sooner than a sheet.
     """
 
     array: PressureArray
@@ -89,6 +93,7 @@ class Bench:
     clock: Clock
     start: float
     skip_until: Callable[[float], None] | None = None
+    approach: float | None = None
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -98,7 +103,7 @@ def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
     """
     with _open_afterwards(bench):
         _open(bench)
-        rest = _measure_rest(bench, duration_s=duration_s)
+        rest = wait_for_rest(bench, duration_s=duration_s)
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
         spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
@@ -132,7 +137,7 @@ def measure_force(
         for run, levels in enumerate(holds_n):
             _open(bench)
             reseat(run)
-            rest = _measure_rest(bench, duration_s=1.0)
+            rest = wait_for_rest(bench, duration_s=1.0)
             for level_n in levels:
                 found, has_room = _close_to_force(
                     bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s
@@ -159,14 +164,29 @@ def measure_force(
 def measure_block(
     bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
 ) -> BlockPairs:
-    """Close on a rigid block of known size and pair force with width or pressure."""
+    """Close on a rigid block of known size and pair force with width or pressure.
+
+    Raises `CalibrationError` if the force stays below `up_to_n` although the fingers have closed
+    further than a hand gives way.
+    """
     limits = bench.gripper.limits
+    furthest = _MOST_TRAVEL[limits.drive]
     reported: list[float] = []
     force_n: list[float] = []
     with _open_afterwards(bench):
         for _ in range(repeats):
             _open(bench)
+            touched_at: float | None = None
             while bench.cell.read_n() < up_to_n and _close_one_step(bench):
+                closure = limits.closure(bench.gripper.state())
+                touched_at = closure if touched_at is None else touched_at
+                if closure - touched_at > furthest:
+                    unit = "mm" if limits.drive == "width" else "kPa"
+                    raise CalibrationError(
+                        f"the force is {bench.cell.read_n():.1f} N although the fingers have "
+                        f"closed {closure - touched_at:.0f} {unit} since the touch: is a rigid "
+                        "block between the pads, and does the sensor still respond?"
+                    )
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 if force > _TOUCH_N:
@@ -230,7 +250,8 @@ def _close_one_step(bench: Bench) -> bool:
     if force_n < _TOUCH_N:
         if closure < _free_closure(bench):
             _move_to(bench, _free_closure(bench))
-        bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=pace.approach))
+        rate = bench.approach or pace.approach
+        bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=rate))
         while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
             bench.clock.sleep_s(_POLL_S)
         bench.gripper.stop()
@@ -263,8 +284,11 @@ def _wait(bench: Bench, until_s: float) -> None:
         pass
 
 
-def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
-    """Measure rest values after the sheet has recovered from the last load."""
+def wait_for_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
+    """Measure rest values after the sheet has recovered from the last load.
+
+    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal.
+    """
     deadline_s = bench.clock.now_s() + _MAX_RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)

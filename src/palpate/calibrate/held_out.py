@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.power_law import PowerForceLaw
+from palpate.force.power_law import PowerForceLaw
 
 #: Probability that the intervals are meant to cover.
 LEVEL = 0.9

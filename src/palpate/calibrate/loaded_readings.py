@@ -21,7 +21,7 @@ from palpate.errors import InputError
 from palpate.holds.columns import find_recording_column
 from palpate.holds.formats import MCAP_MAGIC
 from palpate.holds.loads import LoadColumn, find_load_column, read_weights
-from palpate.holds.recordings import Readings, find_clock, read_recordings
+from palpate.holds.recordings import ReadingTable, find_clock, read_recordings
 from palpate.holds.split_clock import join_split_clock
 from palpate.holds.table import Table, find_runs
 from palpate.holds.table_files import read_table_file, table_of_arrays
@@ -163,7 +163,7 @@ def _read_sensor(table: Table, options: TableOptions, *, is_settled: bool) -> Lo
         divider=options.divider,
         **given,
     )
-    loads: Sequence[Readings | None] = [None] * len(found)
+    loads: Sequence[ReadingTable | None] = [None] * len(found)
     if _LOAD in table.columns:
         loads = read_recordings(table, value_columns=[_LOAD], **given)
     columns, unit = _check_columns(found, where=table.name)
@@ -187,7 +187,9 @@ def _read_sensor(table: Table, options: TableOptions, *, is_settled: bool) -> Lo
     )
 
 
-def _check_columns(found: Sequence[Readings], *, where: str) -> tuple[tuple[str, ...], Unit | None]:
+def _check_columns(
+    found: Sequence[ReadingTable], *, where: str
+) -> tuple[tuple[str, ...], Unit | None]:
     """Return the columns of all recordings and their unit."""
     columns = tuple(found[0].columns)
     if any(tuple(one.columns) != columns for one in found):
@@ -207,7 +209,7 @@ def _check_columns(found: Sequence[Readings], *, where: str) -> tuple[tuple[str,
     return columns, unit
 
 
-def _at_times(time_s: FloatArray, load: Readings) -> FloatArray:
+def _at_times(time_s: FloatArray, load: ReadingTable) -> FloatArray:
     """Return the loads of a recording at other times of the same clock."""
     load_n = np.asarray(load.columns[_LOAD])
     if np.array_equal(time_s, load.time_s):

@@ -13,7 +13,7 @@ from palpate.calibrate.held_out import FEWEST_HELD_OUT, LEVEL, HeldOut, predict_
 from palpate.calibrate.loaded_sensor import LoadedSensor
 from palpate.calibrate.sheet_reading import OPEN_OHM, SheetReading
 from palpate.errors import CalibrationError
-from palpate.estimate.force_law import ForceLaw
+from palpate.force.force_law import ForceLaw
 from palpate.measurement import find_spread, half_width_sds
 
 #: A contact is a stretch of larger loads, newtons and fraction of the largest. Shorter pauses,

@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.force_law import add_force_law
 from palpate.calibrate.held_out import HeldOut
-from palpate.calibrate.laws import HORIZON_S, add_force_law, follow_force, force_law_of
 from palpate.calibrate.loaded_readings import read_loaded
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor, TableOptions
 from palpate.calibrate.moving_load import fit_moving
+from palpate.calibrate.rest import format_now, replace_rest
 from palpate.calibrate.sheet_reading import SheetReading, learn_reading
 from palpate.calibrate.weighed import pair_weights, score_loads
+from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.errors import InputError
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.sheet_law import SheetLaw
+from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import HORIZON_S, follow_force, force_law_of
+from palpate.force.sheet_law import SheetLaw
 from palpate.measurement import Measurement, Status
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.rest_calibration import format_now, replace_rest
 from palpate.sensor.sample import change_of_excess
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from palpate.calibrate.guided import Bench
+from palpate.calibration import CurrentPairs
 from palpate.errors import CalibrationError
 from palpate.gripper.interface import GripperCommand, open_fully
-from palpate.sensor.calibration import CurrentPairs
 
 #: Closing rate (mm/s or kPa/s), slow enough to pair the cell's reading with the current.
 _RATE, _POLL_S = 1.5, 0.05

@@ -9,8 +9,8 @@ from palpate.calibrate.held_out import FEWEST_HELD_OUT, HeldOut, log_error, pred
 from palpate.calibrate.loaded_sensor import LoadedSensor
 from palpate.calibrate.sheet_reading import SheetReading
 from palpate.errors import CalibrationError
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.line_law import MIN_PAIRS
+from palpate.force.force_law import ForceLaw
+from palpate.force.line_law import MIN_PAIRS
 
 
 def pair_weights(

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import typer
 
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
 from palpate.files import check_writable
-from palpate.rig.bench import open_board_bench
+from palpate.rig.bench import GuidedBench, open_board_bench, open_sheet_bench
 from palpate.rig.file import find_calibration_file, read_load_cells
-from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration
+from palpate.twin.rig import open_twin_bench
 
 #: Output file if neither an option nor the rig file names one.
 DEFAULT_FILE = Path("calibration.json")
@@ -66,6 +66,32 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
             ),
             place_block=lambda: prompt_to_place("the rigid block with the load cell"),
             remove_object=lambda: prompt_and_tare("remove the block: nothing between the fingers"),
+            is_simulated=False,
+        )
+
+
+@contextmanager
+def open_block_bench(
+    rig: str, *, seed: int, block_mm: float, known: Calibration | None
+) -> Iterator[GuidedBench]:
+    """Open the bench of a rig to close on a block: with its load cell, or else with its sheet.
+
+    `block_mm`: thickness of the block.
+    `known`: the calibration so far, whose force law the sheet needs.
+    Raises errors as `open_bench`, and `CalibrationError` as `open_sheet_bench`.
+    """
+    if not rig.endswith(".toml") or known is None or has_load_cell(rig):
+        with open_bench(rig, seed=seed) as guided:
+            yield guided
+        return
+    with open_sheet_bench(Path(rig), calibration=known, block_mm=block_mm) as bench:
+        yield GuidedBench(
+            bench=bench,
+            reseat=lambda _: None,
+            place_block=lambda: prompt_user(
+                "place the rigid block between the open fingers, without contact, then press Enter"
+            ),
+            remove_object=lambda: prompt_user("remove the block, then press Enter"),
             is_simulated=False,
         )
 

@@ -7,27 +7,30 @@ from pathlib import Path
 from typing import Annotated
 
 from palpate.calibrate.guided import measure_block
-from palpate.calibrate.laws import DWELL_S
 from palpate.calibrate.servo_current import measure_current, measure_gear_friction
+from palpate.calibrate.sheet_cell import SheetCell
+from palpate.calibration import Calibration, join_currents
 from palpate.cli.calibrate_bench import (
     load_earlier_calibration,
-    open_bench,
+    open_block_bench,
     resolve_calibration_file,
 )
 from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.estimate.compliance import Compliance
-from palpate.rig.simulated import GuidedBench
-from palpate.sensor.calibration import Calibration, join_currents
+from palpate.force.of_calibration import DWELL_S
+from palpate.object.compliance import Compliance
+from palpate.rig.bench import GuidedBench
 
-#: Highest force of each closing, newtons, and number of closings.
-_UP_TO_N, _REPEATS = 15.0, 3
+#: Highest force of each closing, newtons, by a load cell and by the sheet, which may read low on a
+#: rigid block; number of closings.
+_UP_TO_N, _SHEET_UP_TO_N, _REPEATS = 15.0, 6.0, 3
 
 
 def calibrate_compliance(
     block_mm: Annotated[
-        float, opt("--block-mm MM", "Thickness of the rigid block including the load cell.")
+        float,
+        opt("--block-mm MM", "Thickness of the rigid block, with its load cell if any."),
     ] = 40.0,
     rig: RigOption = "",
     out: CalibrationOption = None,
@@ -36,13 +39,15 @@ def calibrate_compliance(
 ) -> None:
     """Close on a rigid block of known size to measure the gripper's own compliance.
 
-    If the gripper reports its motor current, the current is recorded with the force, then again
-    with an empty gripper to measure the gear friction.
+    The force is that of a load cell, or of the calibrated sheet if the rig has none. With a load
+    cell and a gripper that reports its motor current, the current is recorded with the force, then
+    again with an empty gripper to measure the gear friction.
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
     path = resolve_calibration_file(rig, out)
-    with open_bench(rig, seed=seed) as guided:
+    known = Calibration.load(path) if path.exists() else None
+    with open_block_bench(rig, seed=seed, block_mm=block_mm, known=known) as guided:
         calibration = _measure(guided, block_mm=block_mm, rig=rig, out=path)
     block = calibration.block
     compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
@@ -72,7 +77,7 @@ def calibrate_compliance(
     print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
     print(f"width offset {compliance.zero_mm:+.2f} mm, residual {compliance.residual_mm:.3f} mm")
     if calibration.current is None:
-        print("servo current: not reported by this gripper")
+        print("servo current: not reported by this gripper, or no load cell to compare it with")
     else:
         print(f"servo current: {len(calibration.current.force_n)} readings")
 
@@ -94,10 +99,14 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
             f"{out} does not exist yet; run `palpate calibrate force --rig {rig} --out {out}` first"
         )
     guided.place_block()
+    has_cell = not isinstance(bench.cell, SheetCell)
+    # A law is not used beyond the forces that it was calibrated with.
+    up_to_n = _UP_TO_N if has_cell else min(_SHEET_UP_TO_N, max(earlier.force.force_n))
     block = measure_block(
-        bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
+        bench, block_mm=block_mm, up_to_n=up_to_n, repeats=_REPEATS, dwell_s=DWELL_S
     )
-    current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS)
+    # The current is evidence of the force beside the sheet only if something else measured it.
+    current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS) if has_cell else None
     if current is not None:
         guided.remove_object()
         empty = measure_gear_friction(bench)

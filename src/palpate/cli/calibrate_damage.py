@@ -8,21 +8,21 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
+from palpate.calibrate.rest import format_now
 from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.estimate.damage import NOMINAL_RATE
-from palpate.estimate.damage_file import DamageFile
-from palpate.estimate.damage_learning import (
+from palpate.files import check_not_input
+from palpate.measurement import Measurement
+from palpate.object.damage import NOMINAL_RATE
+from palpate.object.damage_file import DamageFile
+from palpate.object.damage_learning import (
     FruitClosing,
     find_unfit,
     learn_damage,
     read_closings,
     score_held_out,
 )
-from palpate.files import check_not_input
-from palpate.measurement import Measurement
-from palpate.sensor.rest_calibration import format_now
 
 #: Minimum number of closings for training and cross-validation.
 _MIN_CLOSINGS = 12

@@ -9,18 +9,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import typer
 
 from palpate.calibrate.dead_weights import (
     MIN_LOADS,
+    SPREAD_N,
     check_loads,
+    half_widths_percent,
     has_unloading,
     measure_loads,
     parse_load,
     read_loads,
 )
+from palpate.calibrate.force_law import add_force_law
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
+from palpate.calibrate.rest import format_now, replace_rest
+from palpate.calibration import Calibration, ForcePairs
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     has_load_cell,
@@ -34,15 +39,13 @@ from palpate.cli.output import print_json, print_message, progress
 from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
-from palpate.estimate.force_law import ForceLaw
+from palpate.force.of_calibration import DWELL_S, HORIZON_S
 from palpate.grasp.paper_method import with_line_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import measure_mean_counts, require_board
 from palpate.rig.file import read_load_cells
-from palpate.sensor.calibration import Calibration
-from palpate.sensor.rest_calibration import format_now, replace_rest
+from palpate.sensor.array import ArrayLayout
 
 
 def calibrate_force(
@@ -92,7 +95,9 @@ def calibrate_force(
     if as_json:
         document = _document(calibration, path=path)
         if series is not None:
-            document["half_interval_percent"] = series.to_dict()
+            document["half_interval_percent"] = {
+                f"{force}_n": width for force, width in series.half_widths_percent.items()
+            }
         print_json(document)
     else:
         _print(calibration, path=path)
@@ -157,51 +162,47 @@ def _percent(error: float | None) -> str:
 
 
 class WeightSeries:
-    """A force law refitted after each dead weight, with the half-widths of its intervals.
+    """The half-widths of the force's intervals after each dead weight.
 
+    `layout`: of the sensor.
     `tolerance_percent`: half-width at 1.5, 4 and 9 N below which no further weight is requested;
     0 requests every weight.
     """
 
-    def __init__(self, *, tolerance_percent: float) -> None:
-        self._tolerance_percent = tolerance_percent
-        self._law = ForceLaw()
-        self._pairs: list[tuple[float, float]] = []
-        self.before = self.after = self._half_widths()
+    def __init__(self, *, layout: ArrayLayout, tolerance_percent: float) -> None:
+        self._layout, self._tolerance_percent = layout, tolerance_percent
+        self._loads_n: tuple[float, ...] = ()
+        #: By force in newtons, percent of it; empty before the first weight.
+        self.half_widths_percent: dict[str, float] = {}
 
     @property
     def is_within_tolerance(self) -> bool:
         """Whether at least three weights were added and all intervals are within the tolerance."""
-        return self._law.known >= MIN_LOADS and max(self.after.values()) <= self._tolerance_percent
+        if len(self._loads_n) < MIN_LOADS:
+            return False
+        return max(self.half_widths_percent.values()) <= self._tolerance_percent
 
     @property
     def next_load_n(self) -> float:
-        """The load that is expected to narrow the intervals most."""
-        return most_useful_n(self._law)
+        """The usual load that is furthest from those so far."""
+        known = np.log(np.array(self._loads_n))
+        return max(SPREAD_N, key=lambda one: np.min(np.abs(np.log(one) - known), initial=np.inf))
 
-    def add(self, excess: float, load_n: float) -> None:
-        """Add a settled reading, refit the law and print the new half-widths."""
-        self._pairs.append((excess, load_n))
-        readings, loads_n = zip(*self._pairs, strict=True)
-        self._law = ForceLaw.fit(readings, force_n=loads_n)
-        self.after = self._half_widths()
-        each = ", ".join(f"{width:.0f} % at {force} N" for force, width in self.after.items())
+    def add(self, pairs: ForcePairs) -> None:
+        """Take all pairs so far, and print the new half-widths."""
+        self._loads_n = pairs.force_n
+        self.half_widths_percent = half_widths_percent(pairs, layout=self._layout)
+        each = ", ".join(
+            f"{width:.0f} % at {force} N" for force, width in self.half_widths_percent.items()
+        )
         advice = (
             "within the tolerance"
             if self.is_within_tolerance
             else f"most useful next: {self.next_load_n:g} N"
         )
-        print_message(f"{load_n:g} N measured; half-width of the interval: {each}; {advice}")
-
-    def to_dict(self) -> dict[str, dict[str, float]]:
-        """Return the half-width at each force before and after the weights, percent."""
-        return {
-            f"{force}_n": {"before": self.before[force], "after": self.after[force]}
-            for force in self.before
-        }
-
-    def _half_widths(self) -> dict[str, float]:
-        return {f"{at_n:g}": half_width_percent(self._law, at_n) for at_n in SPREAD_N}
+        print_message(
+            f"{pairs.force_n[-1]:g} N measured; half-width of the interval: {each}; {advice}"
+        )
 
 
 def _weigh_loads(
@@ -219,8 +220,8 @@ def _weigh_loads(
             "(--rig sim-rigid has a load cell)"
         )
     listed = None if loads is None else read_loads(loads)
-    series = WeightSeries(tolerance_percent=tolerance_percent)
     with closing(open_source(rig=rig)) as source:
+        series = WeightSeries(layout=source.array.layout, tolerance_percent=tolerance_percent)
         earlier = load_earlier_calibration(
             out, layout=source.array.layout, simulated=source.simulated
         )

@@ -6,15 +6,15 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
+from palpate.calibrate.rest import compute_rest, replace_rest
+from palpate.calibration import Calibration
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import DEFAULT_FILE, load_earlier_calibration
 from palpate.cli.options import opt
 from palpate.cli.output import print_json, print_message
 from palpate.cli.sensor_source import open_source
 from palpate.files import check_writable
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.rest_calibration import compute_rest, replace_rest
 from palpate.terminal_table import make_console, print_table
 
 

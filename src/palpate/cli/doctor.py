@@ -22,7 +22,8 @@ from palpate.errors import InputError
 from palpate.recording import load_recording
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity, pixel_name
-from palpate.sensor.health import FrameColumns, Health, check_health
+from palpate.sensor.frame_columns import FrameColumns
+from palpate.sensor.health import Health, check_health
 from palpate.sensor.press_order import PressMonitor, order_findings
 from palpate.sensor.sample import SampleReader
 from palpate.sensor.usb_latency import explain_latencies

@@ -16,17 +16,17 @@ from palpate.calibrate.recorded_force import (
     make_calibration,
     use_calibration,
 )
+from palpate.calibration import Calibration
 from palpate.cli import options as option
-from palpate.cli.force_report import ForceReport, print_report, write_output
+from palpate.cli.force_report import ForceReport, print_report
 from palpate.cli.options import JsonOption, opt
-from palpate.cli.output import check_table_file, print_json, print_message
+from palpate.cli.output import check_table_file, print_json, print_message, write_table
 from palpate.cli.settle_source import Leg, make_divider, parse_rest
 from palpate.errors import InputError
 from palpate.files import check_not_input, check_writable
 from palpate.holds.recordings import stem_of
 from palpate.plots.force_trace import force_trace_figure
 from palpate.plots.style import check_plot, save_figure
-from palpate.sensor.calibration import Calibration
 from palpate.signal.circuit import Divider
 
 
@@ -143,7 +143,7 @@ def force(
     ]
     _save(save, sensors, fits)
     if output is not None:
-        write_output(found, output)
+        write_table(output, [row for one in found for row in one.rows()])
     if plot is not None:
         save_figure(force_trace_figure([one.drawn() for one in found]), plot)
     for one in found:

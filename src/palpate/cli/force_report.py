@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -16,8 +14,6 @@ from palpate.calibrate.held_out import HeldOut
 from palpate.calibrate.loaded_sensor import LoadedSensor
 from palpate.calibrate.recorded_force import FittedForce, ForceTrace
 from palpate.cli.output import finite_or_none
-from palpate.files import atomic_path, escape_csv_cell
-from palpate.holds.table_files import import_pyarrow
 from palpate.plots.force_trace import DrawnForce
 from palpate.terminal_table import make_console, print_table
 
@@ -96,22 +92,6 @@ class ForceReport:
             else None,
             "contacts": None if settled else self.contacts(),
         }
-
-
-def write_output(found: Sequence[ForceReport], output: Path) -> None:
-    """Write a row for each reading, atomically."""
-    rows = [row for one in found for row in one.rows()]
-    with atomic_path(output) as partial:
-        if output.suffix.lower() == ".json":
-            partial.write_text(json.dumps(rows, allow_nan=False) + "\n")
-        elif output.suffix.lower() == ".csv":
-            with partial.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
-                writer.writeheader()
-                writer.writerows({k: escape_csv_cell(v) for k, v in row.items()} for row in rows)
-        else:
-            arrow = import_pyarrow("--output FILE.parquet")
-            arrow.parquet.write_table(arrow.Table.from_pylist(rows), partial)
 
 
 def print_report(found: Sequence[ForceReport], *, written: Sequence[Path]) -> None:

@@ -8,11 +8,11 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.cli.output import print_card as print_frame
-from palpate.estimate.firmness import is_determined
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement, Status
+from palpate.object.firmness import is_determined
 from palpate.terminal_table import make_console, make_table
 
 #: Name of the measurement, label with unit, decimal places.

@@ -12,7 +12,7 @@ from palpate.arrays import FloatArray
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import Clock
 from palpate.errors import DeviceTimeoutError
-from palpate.estimate.force_follower import ForceSource
+from palpate.force.force_follower import ForceSource
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.measurement import Measurement

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import math
 import os
 import stat
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -20,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.errors import InputError
-from palpate.files import check_not_input, check_writable
+from palpate.files import atomic_path, check_not_input, check_writable, escape_csv_cell
 from palpate.terminal_table import fit_table, shortest_width
 
 #: Width of a card's frame and padding, characters per line.
@@ -181,3 +182,29 @@ def check_table_file(path: Path | None, *, option: str, inputs: Sequence[Path]) 
         from palpate.holds.table_files import import_pyarrow
 
         import_pyarrow(f"{option} FILE.parquet")
+
+
+def write_table(
+    path: Path, rows: Sequence[Mapping[str, object]], *, document: object = None
+) -> None:
+    """Write rows as CSV or Parquet, or the document (by default the rows) as JSON, atomically.
+
+    `path`: checked by `check_table_file`; its ending decides.
+    """
+    ending = path.suffix.lower()
+    with atomic_path(path) as partial:
+        if ending == ".json":
+            made = json.dumps(rows if document is None else document, allow_nan=False, indent=1)
+            partial.write_text(made + "\n", encoding="utf-8")
+        elif ending == ".csv":
+            with partial.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
+                writer.writeheader()
+                writer.writerows(
+                    {name: escape_csv_cell(cell) for name, cell in row.items()} for row in rows
+                )
+        else:
+            from palpate.holds.table_files import import_pyarrow
+
+            arrow = import_pyarrow("a .parquet file")
+            arrow.parquet.write_table(arrow.Table.from_pylist(list(rows)), partial)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.calibration import Calibration
 from palpate.cli.options import resolve_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
@@ -15,8 +16,7 @@ from palpate.rig import open_rig
 from palpate.rig.file import find_calibration_file, find_ports, open_device, read_rig_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
-from palpate.sensor.calibration import Calibration
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.serial_array import SerialArray
 
 

@@ -14,7 +14,7 @@ from palpate.cli import options as option
 from palpate.cli import settle_report as report
 from palpate.cli.calibrate_settling import get_holds_path
 from palpate.cli.options import HorizonOption, JsonOption, QuietOption, opt
-from palpate.cli.output import check_table_file, print_json, print_message, progress
+from palpate.cli.output import check_table_file, print_json, print_message, progress, write_table
 from palpate.cli.settle_source import (
     HoldSource,
     ReadingOptions,
@@ -193,7 +193,7 @@ def settle(
         until_half_width_percent=until_half_width,
     )
     if out is not None:
-        report.write(document, out)
+        write_table(out, list(document.rows()), document=document.to_dict())
     if plot is not None:
         report.draw(document, source, plot, methods=chosen)
     if as_json:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,9 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli.settle_source import HoldSource
-from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.cutting import CutColumn
-from palpate.holds.table_files import import_pyarrow
 from palpate.plots.settle import MOST_OVERVIEWS, Panel, settle_figure
 from palpate.plots.style import save_figure
 from palpate.scoring.predictions import Prediction
@@ -33,25 +29,6 @@ from palpate.terminal_table import make_console, print_table
 
 #: Number of listed holds, largest errors first.
 ROWS_SHOWN = 10
-
-
-def write(document: ScoreTable, out: Path) -> None:
-    """Write the document as JSON, or its rows as CSV or Parquet, atomically."""
-    ending = out.suffix.lower()
-    with atomic_path(out) as partial:
-        if ending == ".json":
-            partial.write_text(json.dumps(document.to_dict(), allow_nan=False, indent=1) + "\n")
-        elif ending == ".csv":
-            rows = list(document.rows())
-            with partial.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
-                writer.writeheader()
-                writer.writerows(
-                    {name: escape_csv_cell(cell) for name, cell in row.items()} for row in rows
-                )
-        else:
-            arrow = import_pyarrow("--out FILE.parquet")
-            arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
 
 
 def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:

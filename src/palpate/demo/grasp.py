@@ -18,8 +18,8 @@ from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
 from palpate.rig import open_rig
 from palpate.rig.job import GraspJob
+from palpate.rig.paced_array import PacedArray
 from palpate.sensor.sample import SampleReader
-from palpate.twin.paced_array import PacedArray
 
 #: The grasp of the demo: a strawberry in rigid fingers, seed 4, to 3 N.
 RIG, OBJECT, SEED, TARGET_N = "sim-rigid", "strawberry", 4, 3.0

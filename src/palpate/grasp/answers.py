@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
-from palpate.estimate.compliance import (
-    SOFTEST_N_PER_MM,
-    STIFFEST_N_PER_MM,
-    Compliance,
-)
-from palpate.estimate.firmness import firmness_index
-from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.estimate.soft_stiffness import measure_soft_stiffness
+from palpate.force.gain import Gain, MeasuredForce
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.measurement import Measurement, Status, half_width_sds
+from palpate.object.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
+from palpate.object.compliance import (
+    SOFTEST_N_PER_MM,
+    STIFFEST_N_PER_MM,
+    Compliance,
+)
+from palpate.object.firmness import firmness_index
+from palpate.object.soft_stiffness import measure_soft_stiffness
 from palpate.sensor.sample import change_of_excess
 from palpate.signal.relative import mean_change
 

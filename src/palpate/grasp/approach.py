@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.estimate.gain import Gain
+from palpate.force.gain import Gain
 from palpate.grasp.answers import read_force
 from palpate.grasp.config import APPROACH, READING
 from palpate.grasp.estimator import ContactEstimate, Touch, closure_of

@@ -13,8 +13,8 @@ from collections import deque
 
 import numpy as np
 
-from palpate.estimate.gain import Gain
-from palpate.estimate.servo_force import WARMTH_SD
+from palpate.force.gain import Gain
+from palpate.force.servo_force import WARMTH_SD
 from palpate.grasp.answers import read_force
 from palpate.grasp.config import CURRENT, READING
 from palpate.grasp.estimator import ContactEstimate, Touch

@@ -10,8 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.result import GraspResult
+from palpate.object.damage_file import DamageFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

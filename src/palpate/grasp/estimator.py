@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray, replace_non_finite
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_follower import SheetReader
+from palpate.force.gain import Gain
+from palpate.force.sheet_follower import SheetReader
 from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.plan import Plan
 from palpate.grasp.servo_evidence import CurrentSample

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from palpate.errors import InputError, RecordingError
-from palpate.estimate.line_law import LineForceLaw
 from palpate.files import load_dataclass
+from palpate.force.line_law import LineForceLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.calibrate.laws import HORIZON_S
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.line_law import fit_settled_line
-from palpate.estimate.weights_check import score_line_held_out
+from palpate.force.line_law import fit_settled_line
+from palpate.force.of_calibration import HORIZON_S
+from palpate.force.weights_check import score_line_held_out
 from palpate.grasp.approach import abort_insensitive, end_attempt, wait_for_retry
 from palpate.grasp.paper import Paper
 from palpate.grasp.phases import Activity, Phase
@@ -22,7 +23,6 @@ from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, record_step
 from palpate.gripper.interface import GripperCommand
 from palpate.measurement import Measurement, Status
-from palpate.sensor.calibration import Calibration
 from palpate.settling.exponential import Exponential
 
 

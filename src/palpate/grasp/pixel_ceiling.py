@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.calibrate.laws import sheet_law_of
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
+from palpate.force.of_calibration import sheet_law_of
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader
 
 #: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the
@@ -40,7 +40,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
 
     Examples
     --------
-    >>> from palpate.rig.simulated import calibrate_twin
+    >>> from palpate.twin.rig import calibrate_twin
     >>> calibration = calibrate_twin(seed=1, level="lab", apart_from="strawberry")
     >>> ceiling_counts(calibration, force_n=5.0), ceiling_counts(calibration)
     (502, 828)

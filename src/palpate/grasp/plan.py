@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.compliance import Compliance, SoftFingerCompliance
-from palpate.estimate.damage import DamageModel
-from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.sheet_law import SheetLaw
+from palpate.force.servo_force import CurrentLaw
+from palpate.force.sheet_law import SheetLaw
 from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.paper import Paper
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
+from palpate.object.compliance import Compliance, SoftFingerCompliance
+from palpate.object.damage import DamageModel
 from palpate.sensor.array import ArrayLayout
 
 HOLD_S, LONGEST_S = 0.5, 120.0

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate.calibrate.laws import HORIZON_S, sheet_law_of
+from palpate.calibration import BlockPairs, Calibration
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.compliance import Compliance, SoftFingerCompliance
-from palpate.estimate.damage import DamageModel
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.force.of_calibration import HORIZON_S, sheet_law_of
+from palpate.force.servo_force import CurrentLaw
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.safety import FORCE_CEILING_N, MOST_TIGHTENINGS
 from palpate.gripper.interface import Gripper
-from palpate.sensor.calibration import BlockPairs, Calibration
+from palpate.object.compliance import Compliance, SoftFingerCompliance
+from palpate.object.damage import DamageModel
 
 #: Smallest valid expected size, mm (guess).
 LEAST_SIZE_MM = 1.0

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from palpate.calibration import Calibration
 from palpate.clock import Clock
 from palpate.errors import RecordingError
-from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.controller import PAPER_HANDLERS
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
@@ -21,8 +21,8 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper
+from palpate.object.damage_file import read_recorded_model
 from palpate.recording import RecordingInfo, Replay, ReplayGripper
-from palpate.sensor.calibration import Calibration
 
 
 def replay_grasp(

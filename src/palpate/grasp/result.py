@@ -76,7 +76,7 @@ class GraspResult:
         Mean relative change and grip force at the settling horizon, the object's size before
         contact, and its secant stiffness at that force.
     firmness : Measurement or None
-        Index from 0 to 100 (`palpate.estimate.firmness`). It has a value and an interval even if
+        Index from 0 to 100 (`palpate.object.firmness`). It has a value and an interval even if
         the stiffness is only bounded.
     previous_width_mm : float or None
         Commanded width one step before contact, not corrected for the gripper's zero. It is the

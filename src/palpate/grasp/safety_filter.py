@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.grasp.answers import mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate, closure_of
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import largest_step
 from palpate.gripper.interface import GripperCommand
+from palpate.object.closing_curve import CONTACT_SD
 
 #: Tolerance for rounding errors, mm or kPa, or steps of a drive.
 _EXACT = 1e-9

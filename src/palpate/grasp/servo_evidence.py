@@ -10,14 +10,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import tilt_sd
-from palpate.estimate.gain import Gain, MeasuredForce
+from palpate.force.gain import Gain, MeasuredForce
 from palpate.grasp.config import GUARDS, SETTLE, SQUEEZE
+from palpate.object.closing_curve import tilt_sd
 
 if TYPE_CHECKING:
-    from palpate.estimate.compliance import SoftFingerCompliance
     from palpate.grasp.estimator import ContactEstimate
     from palpate.grasp.plan import Plan
+    from palpate.object.compliance import SoftFingerCompliance
 
 
 #: Fewest steps with contact to locate its start, and the largest force of the search, newtons.

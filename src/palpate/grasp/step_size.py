@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.grasp.answers import (
     gain_of_law,
     measure_stiffness,
@@ -22,6 +21,7 @@ from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.servo_evidence import measure_gain
 from palpate.gripper.interface import GripperCommand
 from palpate.measurement import Measurement, half_width_sds
+from palpate.object.closing_curve import CONTACT_SD
 
 
 def approach_step(plan: Plan) -> float:

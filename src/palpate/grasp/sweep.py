@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.force.servo_force import CurrentLaw
 from palpate.grasp.config import CURRENT, READING, TOUCH
 
 #: Median of the square of a standard normal variable.

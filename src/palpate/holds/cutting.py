@@ -12,7 +12,7 @@ from palpate.errors import InputError
 from palpate.holds.contacts import find_contacts
 from palpate.holds.gaps import split_at_open
 from palpate.holds.hold import Hold
-from palpate.holds.recordings import Readings, read_recordings
+from palpate.holds.recordings import ReadingTable, read_recordings
 from palpate.holds.units import Unit
 from palpate.signal.circuit import Divider, resistance_ohm
 
@@ -53,7 +53,7 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
 
     Parameters
     ----------
-    recording : Readings, or any source of `read_recording`
+    recording : ReadingTable, or any source of `read_recording`
         If `values` is given: times in seconds, shape (n_times,).
     values : array_like, shape (n_times,), optional
         Readings at these times.
@@ -80,7 +80,7 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
     """
     if values is not None:
         recording = {"time_s": recording, "value": values}
-    parts = [recording] if isinstance(recording, Readings) else read_recordings(recording)
+    parts = [recording] if isinstance(recording, ReadingTable) else read_recordings(recording)
     columns = [column for part in parts for column in cut_columns(part, cut=cut)]
     holds = [hold for column in columns for hold in column.holds]
     if not holds:
@@ -98,14 +98,14 @@ def explain_no_hold(name: str, columns: list[CutColumn]) -> str:
     )
 
 
-def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
+def cut_columns(readings: ReadingTable, *, cut: CutAt = "auto") -> list[CutColumn]:
     """Cut each column of a recording; parameters as in `cut_holds`."""
     if readings.is_hold and cut == "auto":
         cut = "none"
     return [_cut_column(readings, name, cut) for name in readings.columns]
 
 
-def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
+def _cut_column(readings: ReadingTable, name: str, cut: CutAt) -> CutColumn:
     values, remarks = readings.columns[name], list[str]()
     unit, usable = _select_usable(values, readings.units[name], remarks=remarks)
     if unit == "counts" and readings.divider is None:
@@ -223,7 +223,7 @@ def _find_spans(
 
 
 def _find_divider(
-    readings: Readings, name: str, values: NDArray[np.float64]
+    readings: ReadingTable, name: str, values: NDArray[np.float64]
 ) -> tuple[Divider | None, list[float]]:
     """Return the divider (None: no conversion) and the counts at the ends of its range."""
     unit, divider = readings.units[name], readings.divider

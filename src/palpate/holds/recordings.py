@@ -67,7 +67,7 @@ _ENDINGS += (".lvm", ".jsonl", ".ndjson")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Readings:
+class ReadingTable:
     """A recording: readings of one or more sensors on one clock.
 
     Attributes
@@ -109,7 +109,7 @@ def read_recording(
     interval_s: float | None = None,
     sheet: str | None = None,
     decimal: Literal["point", "comma"] | None = None,
-) -> Readings:
+) -> ReadingTable:
     """Read one recording from a file, a mapping of arrays or a pandas DataFrame.
 
     Parameters
@@ -176,7 +176,7 @@ def read_recordings(
     interval_s: float | None = None,
     sheet: str | None = None,
     decimal: Literal["point", "comma"] | None = None,
-) -> list[Readings]:
+) -> list[ReadingTable]:
     """Read all recordings of a table.
 
     A column such as ``recording_id`` separates them, or a clock that restarts.
@@ -212,7 +212,7 @@ def read_recordings(
         _check_units(values, file=table.name)
     if not value_columns:
         remarks += _name_unused(table, values, clock)
-    found: list[Readings] = []
+    found: list[ReadingTable] = []
     for label, rows in _split_recordings(table):
         where = f"{table.name} {label}".strip()
         raw_s, source_unit = convert_to_seconds(
@@ -271,7 +271,7 @@ def read_recordings(
                     readings[name] = scale * readings[name]
                     own.append(f"{name} was converted to {units[name]}; --unit overrides this")
             found.append(
-                Readings(
+                ReadingTable(
                     name=names,
                     is_hold="hold_id" in table.columns,
                     time_s=time_s,
@@ -663,12 +663,14 @@ def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> ND
     return means
 
 
-def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: bool) -> Readings:
+def relative_readings(
+    readings: ReadingTable, *, rest_s: tuple[float, float], mean: bool
+) -> ReadingTable:
     """Return a recording as relative changes in percent, by column or as their mean.
 
     Parameters
     ----------
-    readings : Readings
+    readings : ReadingTable
         In ohm, or in counts with a divider. A column without a unit is in counts if there is one.
     rest_s : tuple of float
         Start and end of a stretch without load, seconds of the recording.
@@ -708,7 +710,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     return replace(readings, columns=columns, units=dict.fromkeys(columns, "percent"), divider=None)
 
 
-def _column_ohm(readings: Readings, name: str) -> NDArray[np.float64]:
+def _column_ohm(readings: ReadingTable, name: str) -> NDArray[np.float64]:
     unit, values = readings.units[name], readings.columns[name]
     if unit in (None, "counts") and readings.divider is not None:
         return np.asarray(resistance_ohm(values, divider=readings.divider))

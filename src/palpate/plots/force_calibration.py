@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S, predict_held_out
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
+from palpate.calibrate.force_law import predict_held_out
+from palpate.calibration import Calibration
+from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import HORIZON_S, is_made_by_weights
+from palpate.force.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
 from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
-from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,10 +60,10 @@ def _residuals(calibration: Calibration) -> tuple[FloatArray, FloatArray, str]:
     """Return force, error (percent) and name of the held-out placements or loads."""
     pairs = calibration.force
     if pairs.pixel_excess and len(set(pairs.run)) >= FEWEST_PLACEMENTS:
-        found = predict_held_out(pairs)
+        found = predict_held_out(calibration)
         settled = np.isclose(found.since_move_s, HORIZON_S)
         read_n, force_n = found.value_n[settled], found.force_n[settled]
-        unit_name = "placement"
+        unit_name = "load" if is_made_by_weights(pairs) else "placement"
     else:
         settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
         force_n, unit_name = np.array(pairs.force_n)[settled], "load"

@@ -1,7 +1,7 @@
 """Rigs (array, gripper, clock and calibration), opened by name or rig file.
 
-Built-in rigs are listed in `BUILT_IN`. Other packages add rigs as entry points of the group
-`palpate.rigs`; each entry point is a function `open(*, object_name, seed) -> Rig`.
+Named rigs are entry points of the group `palpate.rigs`, each a function
+`open(*, object_name, seed) -> Rig`. Those of `BUILT_IN` are simulated, and take `rate_hz`, too.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self, cast
+from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
+from palpate.calibration import Calibration
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.gripper.plain import MovedByWidth, NoGripper, PlainGripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray, read_waiting
-from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from palpate.rig.grip import Grip
@@ -182,7 +182,7 @@ class Rig:
         from palpate.grasp.paper import read_settings
         from palpate.rig.grip import Grip
         from palpate.rig.job import GraspJob
-        from palpate.twin.paced_array import PacedArray
+        from palpate.rig.paced_array import PacedArray
 
         if self._grip is not None and self._grip.is_holding:
             raise InputError("an object is already held; release it first (`Grip.release`)")
@@ -297,9 +297,7 @@ def open_rig(
     if hand is not None and not name.endswith(".toml"):
         raise InputError(f"gripper=... needs a rig file or array=...; {name} has its own gripper")
     if name in BUILT_IN:
-        from palpate.rig.simulated import open_simulated
-
-        return open_simulated(name, object_name=object_name, seed=seed, rate_hz=rate_hz)
+        return _open_entry(name, object_name=object_name, seed=seed, rate_hz=rate_hz)
     if rate_hz is not None:
         raise InputError(
             f"a frame rate can be given for {', '.join(BUILT_IN)} only; the rate of {name} is "
@@ -309,9 +307,14 @@ def open_rig(
         from palpate.rig.file import open_file
 
         return open_file(Path(name), object_name=object_name, seed=seed, gripper=hand)
+    return _open_entry(name, object_name=object_name, seed=seed)
+
+
+def _open_entry(name: str, **options: Any) -> Rig:
+    """Open a rig of an entry point."""
     for point in entry_points(group=ENTRY_POINTS):
         if point.name == name:
-            rig: Rig = point.load()(object_name=object_name, seed=seed)
+            rig: Rig = point.load()(**options)
             return rig
     raise InputError(
         f"no rig {name!r}; available: {', '.join(rig_names())}, or a rig file (*.toml)"

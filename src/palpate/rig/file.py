@@ -14,13 +14,13 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
+from palpate.calibration import Calibration
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, DeviceError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.gripper.plain import NoGripper, PlainGripper
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.frame_port import PortArray
 
 #: Required parts of a rig file, and their names in messages; others are optional.

@@ -13,8 +13,8 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
 from palpate.rig.job import GraspJob
+from palpate.rig.paced_array import PacedArray
 from palpate.rig.reading import Reader, Reading
-from palpate.twin.paced_array import PacedArray
 
 #: Timeout for a reading; the control loop itself reports a missing frame sooner.
 _READING_S = 2.0

@@ -11,8 +11,8 @@ from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.plain import NO_GRIPPER, NoGripper
 from palpate.measurement import Measurement
 from palpate.rig import Rig
+from palpate.rig.paced_array import PacedArray
 from palpate.rig.reading import Reading
-from palpate.twin.paced_array import PacedArray
 
 #: Age from which a reading does not show the present force, and time limit for a frame, seconds.
 #: A busy computer passes bytes of a serial port on up to this late.

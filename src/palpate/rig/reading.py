@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import force_now
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import ForceSource
+from palpate.force.force_follower import ForceSource
+from palpate.force.of_calibration import force_now
 from palpate.measurement import Measurement
 from palpate.sensor.array import Frame
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import CONTACT_PERCENT
 

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.calibration import Calibration
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
 from palpate.rig import Rig, open_rig
 from palpate.rig.file import check_layout, find_calibration_file, open_device, read_rig_table
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,8 @@ class DeviceClock:
     >>> clock = DeviceClock()
     >>> for k in range(400):
     ...     delay_s = 0.002 + 0.005 * (k % 3)
-    ...     time_s = clock.to_host_s(10.0 + 0.01 * k, arrival_s=500 + 1.004 * 0.01 * k + delay_s)
+    ...     arrival_s = 500 + 1.004 * 0.01 * k + delay_s
+    ...     [time_s] = clock.convert_burst([10.0 + 0.01 * k], arrival_s=arrival_s)
     >>> round(time_s - (500 + 1.004 * 3.99), 6), round(clock.drift_ppm)
     (0.002, 4000)
     """
@@ -53,22 +54,15 @@ class DeviceClock:
         """Drift, parts per million; positive if the board's clock is slow."""
         return self._slope * 1e6
 
-    def to_host_s(self, device_s: float, *, arrival_s: float) -> float:
-        """Return the host time of `device_s` and update the fit with its arrival.
-
-        The result is at most `arrival_s` minus the known minimum delay, unless the line was higher
-        before.
-
-        `device_s`: the board's time, unwrapped and non-decreasing.
-        `arrival_s`: host time of the arrival.
-        """
-        return self.convert_burst([device_s], arrival_s=arrival_s)[0]
-
     def convert_burst(self, devices_s: Sequence[float], *, arrival_s: float) -> list[float]:
-        """Return the host times of frames that arrived together, as `to_host_s`.
+        """Return the host times of frames that arrived together, and update the fit.
 
-        The last of them has waited least. The fit uses it before the first is converted, so that
-        the frames keep the distances of the board's clock.
+        A result is at most `arrival_s` minus the known minimum delay, unless the line was higher
+        before. The last of the frames has waited least. The fit uses it before the first is
+        converted, so that the frames keep the distances of the board's clock.
+
+        `devices_s`: the board's times, unwrapped and non-decreasing.
+        `arrival_s`: host time of the arrival.
         """
         for device_s in devices_s:
             self._add(device_s, arrival_s - self._floor_s - device_s)

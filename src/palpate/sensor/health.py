@@ -6,16 +6,17 @@ the reference resistor uses the resistance range under load, or an assumed range
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
-from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
+from palpate.sensor.array import ArrayLayout, LinkCounters
 from palpate.sensor.findings import Finding, Severity
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.health_pixels import (
     PixelReadings,
     group_pixels,
@@ -24,7 +25,6 @@ from palpate.sensor.health_pixels import (
 )
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import pixel_resistance_ohm
 
 #: Minimum number of frames for an estimate of the noise.
 MIN_FRAMES = 30
@@ -43,65 +43,6 @@ _LOST_PERCENT = 0.1
 _JITTER_PERCENT = 10.0
 #: Tolerance of a ceramic resonator (the Mega's: 0.5 %).
 _DRIFT_PPM = 5000.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameColumns:
-    """A sequence of frames, stored as columns."""
-
-    #: Shape (frames,). Scan times.
-    time_s: FloatArray
-    #: Shape (frames,). Unwrapped frame numbers.
-    sequence: NDArray[np.int64]
-    #: Shape (frames, rows, cols). Sums of `oversampling` conversions.
-    counts: NDArray[np.int32]
-    #: Conversions summed per pixel, equal in all frames.
-    oversampling: int = 1
-
-    @classmethod
-    def from_frames(cls, frames: Sequence[Frame]) -> FrameColumns:
-        """Return the columns of frames with equal oversampling."""
-        return cls(
-            time_s=np.array([frame.time_s for frame in frames]),
-            sequence=np.array([frame.sequence for frame in frames], dtype=np.int64),
-            counts=np.array([frame.counts for frame in frames]),
-            oversampling=frames[-1].oversampling,
-        )
-
-    def to_frames(self) -> list[Frame]:
-        """Return a list of single frames."""
-        return [
-            Frame(
-                time_s=float(time_s),
-                sequence=int(number),
-                counts=counts,
-                oversampling=self.oversampling,
-            )
-            for time_s, number, counts in zip(self.time_s, self.sequence, self.counts, strict=True)
-        ]
-
-    def select_first(self, duration_s: float) -> FrameColumns:
-        """Return the frames of the first `duration_s` seconds."""
-        count = int(np.searchsorted(self.time_s, self.time_s[0] + duration_s, side="right"))
-        return replace(
-            self,
-            time_s=self.time_s[:count],
-            sequence=self.sequence[:count],
-            counts=self.counts[:count],
-        )
-
-    @property
-    def mean_counts(self) -> FloatArray:
-        """Counts per conversion, shape (frames, rows, cols)."""
-        return np.asarray(self.counts / float(self.oversampling))
-
-    def ohm(self, *, layout: ArrayLayout) -> FloatArray:
-        """Return resistances, shape (frames, rows, cols)."""
-        return pixel_resistance_ohm(self.counts, layout=layout, oversampling=self.oversampling)
-
-    def rest_ohm(self, *, layout: ArrayLayout) -> FloatArray:
-        """Return the median resistance of each pixel: inf if open, 0 if short."""
-        return measure_pixels(self.mean_counts, layout=layout).rest_ohm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

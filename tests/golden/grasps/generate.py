@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from tests.acceptance.grasps import Case, damage_model, run_case
 
+from palpate.calibration import Calibration
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.plan import Plan
 from palpate.measurement import Measurement
-from palpate.sensor.calibration import Calibration
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind
 

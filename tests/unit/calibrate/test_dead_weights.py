@@ -11,7 +11,7 @@ import pytest
 from palpate.calibrate.dead_weights import LoadMeasurement, has_unloading, measure_loads, read_loads
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_law import ForceLaw
+from palpate.force.force_law import ForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell

@@ -11,11 +11,11 @@ from tests.factories import draw
 
 from palpate.calibrate.guided import Bench, measure_force, measure_rest
 from palpate.calibrate.servo_current import measure_gear_friction
+from palpate.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.grasp.planning import plan_grasp
-from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 
 #: Changes a frame, given the present force; None leaves it as it is.

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from palpate.calibrate.laws import pairs_at
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.sensor.calibration import ForcePairs
+from palpate.force.of_calibration import pairs_at
 
 PAIRS = ForcePairs(
     run=(0, 0, 0),
@@ -23,7 +23,7 @@ PAIRS = ForcePairs(
     ("since_move_s", "message"),
     [
         (PAIRS.since_move_s, r"no pairs read 0\.7 s .*0\.42, 20 s"),
-        ((20.0,) * 3, r"dead weights.*load cell"),
+        ((20.0,) * 3, r"needs those of each.*again"),
         ((), r"rest values only.*palpate calibrate force"),
     ],
 )

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from tests.fixtures import calibrate_once
 
-from palpate.calibrate.laws import force_now
 from palpate.calibrate.loaded_readings import read_loaded
 from palpate.calibrate.loaded_sensor import TableOptions
 from palpate.calibrate.recorded_force import fit_force, fit_sensor, make_calibration
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_law import ForceLaw
-from palpate.sensor.calibration import Calibration
+from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import force_now
 
 LOADS_N = np.array([0.0, 0.8, 1.7, 3.1, 5.2, 8.4])
 #: A pad of 20 kilohm whose conductance rises almost linearly.

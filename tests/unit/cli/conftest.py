@@ -10,7 +10,7 @@ import pytest
 
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.signal.circuit import ohm_to_volts, volts_to_counts
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from tests.commands import Command
 
-from palpate.calibrate.laws import sheet_law_of
+from palpate.calibrate.rest import replace_rest
+from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.cli import build_app, run
 from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
+from palpate.force.of_calibration import sheet_law_of
 from palpate.holds import read_holds
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.rest_calibration import replace_rest
 from palpate.twin.world import World
 
 
@@ -147,10 +147,20 @@ def test_calibrate_rest_of_a_calibrated_rig_renews_the_rest_alone(
 
 
 def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
-    series, placed = WeightSeries(tolerance_percent=80.0), list[float]()
+    series, placed = WeightSeries(layout=RIGID_LAYOUT, tolerance_percent=150.0), list[float]()
     for load_n in _iterate_until_tolerance([1.5, 4.0, 9.0, 6.0, 2.0], series):
         placed.append(load_n)
-        series.add(8.0 * load_n**1.2, load_n)
+        pixels = [(1.0 * one**1.2,) * 8 for one in placed]
+        series.add(
+            ForcePairs(
+                run=tuple(range(len(placed))),
+                since_move_s=(20.0,) * len(placed),
+                excess=tuple(map(sum, pixels)),
+                relative_percent=(-50.0,) * len(placed),
+                force_n=tuple(placed),
+                pixel_excess=tuple(pixels),
+            )
+        )
     assert placed == [1.5, 4.0, 9.0]
 
 
@@ -159,6 +169,10 @@ def test_calibrate_force_mistyped_weight_is_requested_again(
 ) -> None:
     typed = iter(["1.5", "4,0", "-4", "408", "4", "9", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
-    assert list(_prompt_for_loads(WeightSeries(tolerance_percent=0.0))) == [1.5, 4.0, 9.0]
+    assert list(_prompt_for_loads(WeightSeries(layout=RIGID_LAYOUT, tolerance_percent=0.0))) == [
+        1.5,
+        4.0,
+        9.0,
+    ]
     errors = capsys.readouterr().err.splitlines()
     assert [line.split(": ", 1)[0] for line in errors] == ["load '4,0'", "load '-4'", "load '408'"]

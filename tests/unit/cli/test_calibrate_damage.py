@@ -9,7 +9,7 @@ import pytest
 from tests.closings import write_closings, write_damage_file
 from tests.commands import Command
 
-from palpate.estimate.damage_file import DamageFile
+from palpate.object.damage_file import DamageFile
 
 
 @pytest.fixture(scope="module")

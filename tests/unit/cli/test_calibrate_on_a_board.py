@@ -12,10 +12,10 @@ import pytest
 from tests.commands import Command
 from tests.unit.rig.test_board_cell import Desk
 
+from palpate.calibrate.rest import replace_rest
+from palpate.calibration import Calibration, RestValues
 from palpate.cli.calibrate_bench import has_load_cell
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import Calibration, RestValues
-from palpate.sensor.rest_calibration import replace_rest
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object

@@ -16,7 +16,7 @@ from palpate.cli.live_reading import LiveReading
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.estimate.sheet_follower import SheetFollower
+from palpate.force.sheet_follower import SheetFollower
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 from palpate.twin.devices import TwinArray

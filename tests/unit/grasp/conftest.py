@@ -12,13 +12,13 @@ from tests.factories import fit_even_sheet
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.estimate.compliance import Compliance
-from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.object.compliance import Compliance
+from palpate.object.damage import DamageModel, fit_damage_model
+from palpate.object.strength import ClosingCurve
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 
 REST_OHM = 9000.0

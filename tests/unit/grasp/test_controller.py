@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.damage import DamageModel
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.state import GraspState
+from palpate.object.damage import DamageModel
 from palpate.sensor.array import Frame
 
 

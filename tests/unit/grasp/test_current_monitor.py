@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimate.servo_force import WARMTH_SD, CurrentLaw, GearFriction
+from palpate.force.servo_force import WARMTH_SD, CurrentLaw, GearFriction
 from palpate.grasp.config import CURRENT, READING
 from palpate.grasp.current_monitor import CurrentMonitor
 from palpate.grasp.estimator import Touch

@@ -13,7 +13,7 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrate_twin
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
 

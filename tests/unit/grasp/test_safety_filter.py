@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 from tests.factories import closing_steps
 
-from palpate.estimate.damage import DamageModel
 from palpate.grasp.answers import sheet_forces_n
 from palpate.grasp.config import SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety_filter import filter_command, quantize_target, safe_step, stop_here
 from palpate.gripper.interface import GripperCommand, GripperLimits
+from palpate.object.damage import DamageModel
 
 
 def pressed(force_n: float, **known: float) -> ContactEstimate:

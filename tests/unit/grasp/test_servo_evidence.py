@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
+from palpate.force.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome

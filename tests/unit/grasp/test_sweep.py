@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
+from palpate.force.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.sweep import Sweep
 
 RATE_HZ, NOISE, SPIKE = 15.0, 0.001, 0.05

@@ -26,10 +26,10 @@ from palpate.grasp.tighten import measure_shift, tighten
 from palpate.recording import RecordingReader
 from palpate.rig import open_rig
 from palpate.rig.job import GraspJob
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.pressure_centre import PressureCentres
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 
 RATE_HZ = 15.0

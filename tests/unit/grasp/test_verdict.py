@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.estimate.firmness import firmness_index
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement
+from palpate.object.firmness import firmness_index
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.calibration import Calibration
 from palpate.recording import load_recording
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

@@ -12,10 +12,10 @@ import pytest
 from examples.own_gripper import MySensor, Plates, my_calibration
 
 import palpate
+from palpate.calibration import ForcePairs
 from palpate.clock import ManualClock, RealClock
 from palpate.errors import CalibrationError, DeviceError
 from palpate.rig import Rig
-from palpate.sensor.calibration import ForcePairs
 
 TIMEOUT_S = 20.0
 pytestmark = pytest.mark.slow

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import GripperLimits
 from palpate.rig import open_rig
 from palpate.rig.file import open_device, read_rig_file, read_rig_table
-from palpate.sensor.calibration import Calibration
 
 
 def refused(path: Path, text: str, error: type[PalpateError] = InputError) -> str:

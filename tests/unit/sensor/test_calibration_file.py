@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from palpate.calibrate.laws import force_now
+from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.errors import CalibrationError
+from palpate.force.of_calibration import force_now
 from palpate.grasp.planning import plan_grasp
 from palpate.rig import open_rig
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
 CALIBRATION = Calibration(
     sensor_id="pad-3",

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 def convert(device_s: Floats, arrival_s: Floats, clock: DeviceClock | None = None) -> Floats:
     clock = clock or DeviceClock()
     pairs = zip(device_s, arrival_s, strict=True)
-    return np.array([clock.to_host_s(float(d), arrival_s=float(a)) for d, a in pairs])
+    return np.array([clock.convert_burst([float(d)], arrival_s=float(a))[0] for d, a in pairs])
 
 
 def test_device_clock_with_jittered_arrivals_is_accurate_to_one_millisecond() -> None:
@@ -54,7 +54,7 @@ def test_device_clock_times_are_ordered_and_not_after_arrival(seed: int, drift: 
 def test_device_clock_frames_of_a_late_burst_keep_the_distances_of_the_board() -> None:
     """The last frame of a burst after 0.1 s shows the delay of all."""
     clock = DeviceClock()
-    first_s = clock.to_host_s(0.0, arrival_s=5.003)
+    first_s = clock.convert_burst([0.0], arrival_s=5.003)[0]
     burst_s = clock.convert_burst([0.004 * k for k in range(1, 26)], arrival_s=5.1005)
     assert np.diff(burst_s[1:]) == pytest.approx(0.004)
     assert burst_s[-1] == pytest.approx(5.1005)

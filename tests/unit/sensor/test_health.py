@@ -10,7 +10,8 @@ import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
-from palpate.sensor.health import FrameColumns, Health, check_health
+from palpate.sensor.frame_columns import FrameColumns
+from palpate.sensor.health import Health, check_health
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.devices import TwinArray

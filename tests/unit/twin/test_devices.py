@@ -11,8 +11,8 @@ from tests.factories import draw
 
 from palpate.clock import ManualClock
 from palpate.gripper.interface import GripperCommand
+from palpate.rig.paced_array import PacedArray
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
-from palpate.twin.paced_array import PacedArray
 from palpate.twin.world import World
 
 

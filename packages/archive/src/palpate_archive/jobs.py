@@ -145,8 +145,8 @@ def create_recalibrate_job(calibration: str) -> Job:
 
 def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
     """Yield tables with a row per frame; other layouts have no force."""
-    from palpate.calibrate.laws import force_now
-    from palpate.sensor.calibration import Calibration
+    from palpate.calibration import Calibration
+    from palpate.force.of_calibration import force_now
     from palpate.sensor.sample import SampleReader
 
     calibration = Calibration.from_text(text)

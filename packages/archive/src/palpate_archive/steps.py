@@ -182,8 +182,8 @@ def recalibrate(
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
-    from palpate.calibrate.laws import sheet_law_of
-    from palpate.sensor.calibration import Calibration
+    from palpate.calibration import Calibration
+    from palpate.force.of_calibration import sheet_law_of
     from palpate_archive.folders import Folder
     from palpate_archive.jobs import create_recalibrate_job
 

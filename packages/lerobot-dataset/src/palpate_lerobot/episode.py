@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import force_now
+from palpate.calibration import Calibration
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
+from palpate.force.of_calibration import force_now
 from palpate.grasp.estimator import Observation
 from palpate.grasp.replay_grasp import replay_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -25,7 +26,6 @@ from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader
 
 #: Unit of position and rate, by the gripper's drive.

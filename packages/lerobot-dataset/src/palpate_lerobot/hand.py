@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.calibrate.laws import force_now
+from palpate.calibration import Calibration
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
-from palpate.estimate.damage_file import DamageFile
+from palpate.force.of_calibration import force_now
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.safety import FORCE_CEILING_N, largest_step
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.measurement import Measurement
+from palpate.object.damage_file import DamageFile
 from palpate.sensor.array import Frame, PressureArray
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import SampleReader
 from palpate_lerobot.episode import action_names, state_names

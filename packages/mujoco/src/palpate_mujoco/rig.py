@@ -6,12 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from palpate.calibration import Calibration
 from palpate.errors import InputError
 from palpate.rig import Rig
-from palpate.rig.simulated import CALIBRATION_SEED_OFFSET, calibrate_world
-from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
+from palpate.twin.rig import CALIBRATION_SEED_OFFSET, calibrate_world
 from palpate_mujoco.hand import SO101, WIDOWX
 from palpate_mujoco.world import MujocoWorld
 

@@ -10,7 +10,7 @@ from palpate.arrays import FloatArray
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.sample import SampleReader
 from palpate_station.records import PixelPercent
 

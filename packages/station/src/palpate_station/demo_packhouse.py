@@ -18,11 +18,11 @@ from palpate.files import atomic_path
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.mechanics import pixel_fractions
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.placement import PixelGrid
+from palpate.twin.rig import calibrate_twin, twin_bench
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
 from palpate_station.bruise.model import SOUND

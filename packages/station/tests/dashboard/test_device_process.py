@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
+from palpate.calibration import Calibration
 from palpate.errors import DeviceError
 from palpate.grasp.damage_limit import load_limit
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
-from palpate.rig.simulated import GuidedBench
-from palpate.sensor.calibration import Calibration
+from palpate.rig.bench import GuidedBench
 from palpate.twin.devices import TwinGripper
 from palpate_station.dashboard.device_process import DeviceProcess
 from palpate_station.dashboard.messages import (

@@ -9,7 +9,7 @@ import pytest
 from packages.station.tests.dashboard.test_live import SOURCE, frames, page_of, progress
 from tests.factories import make_sheet_law
 
-from palpate.calibrate.laws import follow_force
+from palpate.force.of_calibration import follow_force
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate_station.dashboard.live import Live
 from palpate_station.dashboard.messages import Frames

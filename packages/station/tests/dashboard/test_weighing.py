@@ -10,14 +10,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from palpate.calibrate.rest import replace_rest
+from palpate.calibration import Calibration, RestValues
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import RIGID_LAYOUT, Frame, PressureArray
-from palpate.sensor.calibration import Calibration, RestValues
-from palpate.sensor.rest_calibration import replace_rest
 from palpate_station.dashboard.jobs import (
     JobContext,
     StoppedByUserError,

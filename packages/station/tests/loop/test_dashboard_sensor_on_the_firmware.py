@@ -29,11 +29,11 @@ from playwright.sync_api import Browser, Page, expect
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")

@@ -12,9 +12,9 @@ import pytest
 from packages.station.tests.factories import make_grasp
 
 from palpate.errors import InputError
-from palpate.estimate.firmness import firmness_index
 from palpate.grasp.result import Outcome
 from palpate.measurement import Measurement
+from palpate.object.firmness import firmness_index
 from palpate_station.records import Grasp
 from palpate_station.ripeness.course import Course
 from palpate_station.ripeness.firmness import DayFirmness, firmness_of, group_by_day

@@ -14,9 +14,9 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.measurement import Measurement
-from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 from palpate_station.answer_pixels import answer_pixel_percent
 from palpate_station.ripeness.closing import ClosingWatch

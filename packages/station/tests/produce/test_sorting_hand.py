@@ -8,8 +8,8 @@ import pytest
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CrateTable, draw_crate
+from palpate.twin.rig import calibrate_twin
 from palpate_station.sorting.hand import SortingHand
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)

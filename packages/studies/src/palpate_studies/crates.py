@@ -13,8 +13,8 @@ from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.grasp.planning import plan_grasp
 from palpate.measurement import Measurement, Status
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import TRAINED_KINDS, UNTRAINED_KINDS, CrateTable, draw_crate
+from palpate.twin.rig import calibrate_twin
 from palpate_station.learning import UNKNOWN
 from palpate_station.records import MEASURED, Grasp
 from palpate_station.sorting.hand import SortingHand, TimedGrasp

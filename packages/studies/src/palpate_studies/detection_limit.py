@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.power_law import PowerForceLaw
+from palpate.force.power_law import PowerForceLaw
 from palpate.sensor.sample import relative_change_percent
 from palpate.signal.relative import CONTACT_PERCENT, finger_means
 from palpate_studies.report import StudyReport, Table, as_command

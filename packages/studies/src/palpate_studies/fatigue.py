@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
-from palpate.estimate.power_law import PowerForceLaw
+from palpate.force.power_law import PowerForceLaw
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Environment

@@ -16,9 +16,9 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import GripperKind, World
 from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper, inject_fault
 

@@ -32,7 +32,7 @@ from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group, mean, median
 
 if TYPE_CHECKING:
-    from palpate.estimate.damage import DamageModel
+    from palpate.object.damage import DamageModel
 
 #: First seed of the reported grasps, fixed before anything was scored on them.
 FIRST_SEED = 870_000

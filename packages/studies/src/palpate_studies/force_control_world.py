@@ -10,20 +10,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.estimate.damage import DamageModel, fit_damage_model
-from palpate.estimate.strength import ClosingCurve, ClosingState
+from palpate.calibration import Calibration
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.calibration import Calibration
+from palpate.object.damage import DamageModel, fit_damage_model
+from palpate.object.strength import ClosingCurve, ClosingState
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.mechanics import object_force_n
 from palpate.twin.objects import FRICTION, ContactShape, TwinObject
 from palpate.twin.ranges import draw_log_uniform, draw_uniform
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
 from palpate_studies.stoppable import require_uninterrupted

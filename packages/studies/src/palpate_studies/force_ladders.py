@@ -18,7 +18,7 @@ from scipy.stats import t as student_t
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.force_law import build_settled_inputs
+from palpate.force.force_law import build_settled_inputs
 from palpate.measurement import half_width_sds
 from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.recordings import read_runs

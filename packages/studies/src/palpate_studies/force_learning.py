@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force_law import (
+from palpate.force.force_law import (
     MEMORY_FRACTION,
     MOST_SAMPLES,
     Population,

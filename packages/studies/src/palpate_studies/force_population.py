@@ -11,8 +11,8 @@ from typing import Annotated, TypeVar
 import numpy as np
 import typer
 
-from palpate.estimate.force_law import Population, load_population
 from palpate.files import atomic_path, check_writable
+from palpate.force.force_law import Population, load_population
 from palpate_studies import force_ladders as ladder_study
 from palpate_studies import presses as press_study
 from palpate_studies import strokes as stroke_study

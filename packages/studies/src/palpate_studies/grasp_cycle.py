@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.force.servo_force import CurrentLaw
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.planning import plan_grasp

@@ -15,9 +15,9 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
 from palpate.measurement import Measurement
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 from palpate_station.qualify.agreement import (
     FIGURES,

@@ -17,18 +17,18 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import measure_rest
-from palpate.calibrate.laws import HORIZON_S
+from palpate.calibration import RestValues
+from palpate.force.of_calibration import HORIZON_S
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrate_twin, twin_bench
-from palpate.sensor.calibration import RestValues
 from palpate.sensor.sample import pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import mean_change
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import draw_uniform
+from palpate.twin.rig import calibrate_twin, twin_bench
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 from palpate_station.answer_pixels import answer_pixel_percent

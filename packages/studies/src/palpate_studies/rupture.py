@@ -15,15 +15,15 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel
-from palpate.estimate.damage_learning import (
+from palpate.measurement import Measurement
+from palpate.object.damage import FOLDS, NOMINAL_RATE, DamageModel
+from palpate.object.damage_learning import (
     FruitClosing,
     learn_damage,
     predict_at_half_load,
     read_closings,
     split_folds,
 )
-from palpate.measurement import Measurement
 from palpate_studies.baselines.full_input_learners import make_ridge
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned

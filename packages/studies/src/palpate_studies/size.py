@@ -15,14 +15,13 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import DWELL_S
-from palpate.estimate.compliance import Compliance
+from palpate.force.of_calibration import DWELL_S
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.measurement import Measurement
-from palpate.rig.simulated import calibrate_twin
+from palpate.object.compliance import Compliance
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm, relative_change_percent
 from palpate.signal.relative import (
     CONTACT_PERCENT,
@@ -33,6 +32,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.rig import calibrate_twin
 from palpate_studies.baselines.full_input_learners import TREES, predict_held_out
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.report import StudyReport, Table, as_command

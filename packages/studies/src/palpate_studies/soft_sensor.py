@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.force_states import compute_states, log_reading
+from palpate.force.force_states import compute_states, log_reading
 from palpate.measurement import half_width_sds
 from palpate_studies.baselines.full_input_learners import make_ridge, make_trees
 from palpate_studies.force_learning import KnownContact, learn_population

@@ -18,17 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
-from palpate.calibrate.laws import HORIZON_S, fit_sheet_law, follow_force, pairs_at
+from palpate.calibration import ForcePairs
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import ForceFollower, ForceSource
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_states import CONTACT_EXCESS
+from palpate.force.force_follower import ForceFollower, ForceSource
+from palpate.force.force_law import ForceLaw
+from palpate.force.force_states import CONTACT_EXCESS
+from palpate.force.of_calibration import HORIZON_S, fit_sheet_law, follow_force, pairs_at
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrate_twin, twin_bench
-from palpate.sensor.calibration import ForcePairs
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import total_excess
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_twin, twin_bench
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
 from palpate_studies.baselines.full_input_learners import TREES, Predictor, learn
@@ -91,7 +92,7 @@ def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) 
     pairs : ForcePairs
         Pairs of the sheet's calibration.
     """
-    read = fit_sheet_law(pairs).read_settled(excess).force_n
+    read = fit_sheet_law(pairs, layout=RIGID_LAYOUT).read_settled(excess).force_n
     log = np.log(np.maximum(read, 1e-3))
     total = total_excess(excess)
     strongest = excess.max(axis=(1, 2)) / np.maximum(total, 0.01)
@@ -157,7 +158,7 @@ def follow_staircases(
     pairs, runs = _run_staircases(
         sensor, level=level, staircases=staircases, replace_sheet=replace_sheet
     )
-    law = fit_sheet_law(pairs)
+    law = fit_sheet_law(pairs, layout=RIGID_LAYOUT)
     at_rest, known_n = pairs_at(pairs, since_move_s=HORIZON_S)
     read = at_rest > CONTACT_EXCESS
     memory = ForceLaw.fit(at_rest[read], force_n=known_n[read])

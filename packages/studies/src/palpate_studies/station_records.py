@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.sensor.calibration import Calibration
+from palpate.calibration import Calibration
 from palpate_station.records import Grasp
 from palpate_station.ripeness.firmness import DayFirmness
 from palpate_station.ripeness.history import firmness_history

@@ -12,13 +12,13 @@ import numpy as np
 import typer
 from scipy.stats import spearmanr
 
-from palpate.estimate.compliance import STIFFEST_N_PER_MM
+from palpate.calibration import Calibration
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrate_twin
-from palpate.sensor.calibration import Calibration
+from palpate.object.compliance import STIFFEST_N_PER_MM
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
+from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_world import draw_random_object
 from palpate_studies.report import StudyReport, Table, as_command

@@ -69,7 +69,7 @@ class ProductCode:
     Examples
     --------
     >>> found = ProductCode().find_definitions(["palpate_studies.rupture:command"])
-    >>> ("palpate.estimate.damage", "DamageModel") in found
+    >>> ("palpate.object.damage", "DamageModel") in found
     True
     >>> ("palpate.grasp.runner", "run_grasp") in found
     False
@@ -149,7 +149,10 @@ class ProductCode:
         definitions, imports = defaultdict[str, list[ast.stmt]](list), dict[str, str]()
         if module == palpate.__name__:
             # Public names, which the package imports when they are used.
-            imports |= {name: f"{home}.{name}" for name, home in palpate._MODULES.items()}
+            stub = ast.parse(path.with_suffix(".pyi").read_text(encoding="utf-8"))
+            for statement in stub.body:
+                if isinstance(statement, ast.ImportFrom):
+                    imports |= dict(_list_imports(statement))
         for statement in _list_statements(ast.parse(path.read_text(encoding="utf-8")).body):
             if isinstance(statement, ast.Import | ast.ImportFrom):
                 imports |= dict(_list_imports(statement))

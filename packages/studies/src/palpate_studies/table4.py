@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.line_law import LineForceLaw
-from palpate.estimate.power_law import PowerForceLaw
+from palpate.force.line_law import LineForceLaw
+from palpate.force.power_law import PowerForceLaw
 from palpate_studies.equal_width import r_squared
 from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command

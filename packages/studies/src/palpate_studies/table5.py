@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.estimate.line_law import LineForceLaw
+from palpate.force.line_law import LineForceLaw
 from palpate.holds import Hold
 from palpate.settling.baselines import Recorded
 from palpate.settling.calibrated import Calibrated

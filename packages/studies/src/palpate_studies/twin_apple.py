@@ -237,11 +237,6 @@ class Bruise:
     #: Depth of the middle below the round surface.
     dent_mm: float
 
-    @property
-    def area_cm2(self) -> float:
-        """Area on the surface, which marketing standards limit."""
-        return math.pi * (self.diameter_mm / 20.0) ** 2
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Apple:

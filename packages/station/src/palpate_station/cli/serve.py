@@ -13,7 +13,7 @@ from palpate.cli import options as option
 from palpate.cli.options import opt, parse_address
 from palpate.cli.output import print_message
 from palpate.errors import DeviceError, InputError
-from palpate.estimate.damage_file import DamageFile
+from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN, rig_names
 from palpate.twin.objects import OBJECTS
 

@@ -21,7 +21,7 @@ from palpate.cli.options import (
 )
 from palpate.cli.output import print_json, progress
 from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
+from palpate.object.damage_file import DamageFile
 from palpate.terminal_table import make_console, print_table
 from palpate_station.cli.items import open_store
 from palpate_station.cli.options import BatchOption, complete_items

@@ -13,12 +13,12 @@ from typing import TypeAlias
 
 from palpate.cli.output import print_message
 from palpate.errors import DeviceError, InputError
-from palpate.estimate.damage import DamageModel
 from palpate.grasp.planning import plan_grasp
 from palpate.measurement import Measurement
+from palpate.object.damage import DamageModel
 from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import TRAINED_KINDS, CrateItem, CrateTable, draw_crate, draw_mixed_crate
+from palpate.twin.rig import calibrate_twin
 from palpate_station.cli.items import open_store
 from palpate_station.cli.sort_report import SortReport
 from palpate_station.identify.identifier import Identifier

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.object.damage_file import DamageFile
 from palpate.rig.file import find_calibration_file
 from palpate_station.dashboard.device_process import run_devices
 from palpate_station.dashboard.folder import (

@@ -17,12 +17,12 @@ from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
+from palpate.rig.paced_array import PacedArray
 from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import open_rig_or_sensor
 from palpate.sensor.health import Health
 from palpate.sensor.serial_array import SerialArray
 from palpate.stop_signals import install
-from palpate.twin.paced_array import PacedArray
 from palpate_station.dashboard.jobs import (
     JobContext,
     StoppedByUserError,

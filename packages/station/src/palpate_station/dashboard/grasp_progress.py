@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibrate.laws import force_law_of
+from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.gain import Gain
-from palpate.estimate.sheet_law import SheetLaw
+from palpate.force.force_law import ForceLaw
+from palpate.force.gain import Gain
+from palpate.force.of_calibration import force_law_of
+from palpate.force.sheet_law import SheetLaw
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
-from palpate.sensor.calibration import Calibration
 
 
 def force_law(calibration: Calibration | None) -> SheetLaw | ForceLaw | None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimate.firmness import firmness_text
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
+from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import DeviceState, Session
 

@@ -10,18 +10,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.calibrate.dead_weights import check_loads, measure_loads
+from palpate.calibrate.force_law import add_force_law
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
-from palpate.calibrate.laws import DWELL_S, HORIZON_S, add_force_law
+from palpate.calibrate.rest import compute_rest, format_now, replace_rest
+from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
+from palpate.force.of_calibration import DWELL_S, HORIZON_S
 from palpate.grasp.phases import Phase
 from palpate.grasp.requests import Requests
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.gripper.plain import NO_GRIPPER
 from palpate.rig import Rig
+from palpate.rig.bench import GuidedBench
 from palpate.rig.job import GraspJob
 from palpate.rig.sensor_only import SensorRig
-from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import (
     FRAME_TIMEOUT_S,
     ArrayLayout,
@@ -30,11 +33,11 @@ from palpate.sensor.array import (
     PressureArray,
     get_link_counters,
 )
-from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.health import FrameColumns, Health, check_health
-from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
+from palpate.sensor.frame_columns import FrameColumns
+from palpate.sensor.health import Health, check_health
 from palpate.sensor.sample import relative_change_percent
 from palpate.sensor.serial_array import SerialArray
+from palpate.twin.rig import open_twin_bench
 from palpate_station.dashboard.grasp_progress import force_law
 from palpate_station.dashboard.messages import (
     CalibrateForce,

@@ -12,8 +12,8 @@ from itertools import chain
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S, follow_force
-from palpate.estimate.sheet_follower import SheetFollower
+from palpate.force.of_calibration import HORIZON_S, follow_force
+from palpate.force.sheet_follower import SheetFollower
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import Moment
 from palpate.measurement import Measurement, Status
@@ -116,8 +116,10 @@ class Live:
         #: Start of each phase of the grasp.
         self.phases: list[tuple[float, str]] = []
         self.released = False
-        law = None if self.source is None else self.source.law
-        self._force = None if law is None else follow_force(law)
+        self._force = None
+        if self.source is not None and self.source.law is not None:
+            rows = self.source.layout.finger_of_row
+            self._force = follow_force(self.source.law, finger_of_row=rows)
         self._last_slot = -math.inf
         self._previous_time_s = 0.0
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.sheet_law import SheetLaw
+from palpate.force.force_law import ForceLaw
+from palpate.force.sheet_law import SheetLaw
 from palpate.grasp.damage_limit import DamageLimit
 from palpate.grasp.document import GraspDocument
 from palpate.gripper.interface import GripperLimits

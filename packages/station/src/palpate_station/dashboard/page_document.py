@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.firmness import firmness_text, is_determined
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.measurement import Measurement
+from palpate.object.firmness import firmness_text, is_determined
 from palpate.sensor.health import Health
 from palpate_station.dashboard.grasp_progress import GraspProgress
 from palpate_station.dashboard.headline import headline_of, operator_view, phase_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.errors import InputError
-from palpate.estimate.damage_file import DamageFile
+from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState, check_item
 from palpate_station.dashboard.folder import make_recording_path

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from nicegui import run, ui
 
 from palpate.calibrate.dead_weights import check_loads
+from palpate.calibration import Calibration
 from palpate.errors import InputError, PalpateError
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health
 from palpate_station.dashboard.app_state import AppState, age_text

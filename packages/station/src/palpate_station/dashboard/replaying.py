@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 
+from palpate.calibration import Calibration
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
@@ -25,7 +26,6 @@ from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
 from palpate.sensor.array import Frame
-from palpate.sensor.calibration import Calibration
 from palpate_station.dashboard.grasp_progress import GraspProgress, force_law, grasp_progress_of
 from palpate_station.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate_station.dashboard.messages import (

@@ -1,7 +1,7 @@
 """Width of an item at contact, measured with fingers driven by pressure.
 
 The pressure at contact determines the item's width. A calibration with rigid blocks provides the
-closure per pressure and the compliance of the fingers (`palpate.estimate.compliance`). At small
+closure per pressure and the compliance of the fingers (`palpate.object.compliance`). At small
 forces the sheet is inaccurate; at large forces the fingers deflect by centimetres. At 1 N each
 error is a few tenths of a millimetre.
 """
@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.compliance import SoftFingerCompliance
 from palpate.grasp.answers import sheet_forces_n
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
 from palpate.measurement import Measurement
+from palpate.object.compliance import SoftFingerCompliance
 from palpate_station.records import MEASURED
 
 #: Name of this measurement.
@@ -83,7 +83,7 @@ def width_at_contact(
     Fingers that close by 1.4 mm per kPa and deflect by 3.5 mm per newton touch a width of 60 mm at
     10 kPa:
 
-    >>> from palpate.estimate.compliance import Compliance
+    >>> from palpate.object.compliance import Compliance
     >>> compliance = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0,
     ...     residual_mm=0.1, largest_force_n=12.0)
     >>> force_n = np.array([0.0, 0.4, 2.4])

@@ -17,8 +17,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
+from palpate.object.firmness import index_stiffness
 from palpate.sensor.sample import excess_of_change
 from palpate_station.records import Grasp
 

@@ -25,7 +25,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.measurement import Measurement
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.sample import SampleReader, excess_of_change
 from palpate.signal.relative import total_excess
 from palpate_station.answer_pixels import MEAN_S, answer_time_s, mean_percent_before

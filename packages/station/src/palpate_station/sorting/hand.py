@@ -24,7 +24,7 @@ from palpate.gripper.interface import Gripper
 from palpate.measurement import Measurement
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
-from palpate.sensor.health import FrameColumns
+from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 from palpate_station.grasp_record import list_answers

@@ -19,8 +19,8 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import HORIZON_S
-from palpate.estimate.line_law import LineForceLaw, fit_settled_line
+from palpate.force.line_law import LineForceLaw, fit_settled_line
+from palpate.force.of_calibration import HORIZON_S
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.gripper.interface import GripperCommand

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.damage_learning import FruitClosing, follow_closing
+from palpate.object.damage_learning import FruitClosing, follow_closing
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import draw_log_uniform
 from palpate_studies.second.objects import make_dough, make_foam, make_layered

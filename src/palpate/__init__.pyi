@@ -1,0 +1,34 @@
+"""The public names and their places; `__init__.py` reads this file."""
+
+from palpate.calibrate.recorded_force import FittedForce as FittedForce
+from palpate.calibrate.recorded_force import fit_force as fit_force
+from palpate.errors import InputError as InputError
+from palpate.errors import PalpateError as PalpateError
+from palpate.force.force_law import ForceLaw as ForceLaw
+from palpate.grasp.plan import Plan as Plan
+from palpate.grasp.planning import plan_grasp as plan_grasp
+from palpate.grasp.result import GraspResult as GraspResult
+from palpate.grasp.result import Outcome as Outcome
+from palpate.grasp.runner import run_grasp as run_grasp
+from palpate.holds import Hold as Hold
+from palpate.holds import read_holds as read_holds
+from palpate.holds.cutting import cut_holds as cut_holds
+from palpate.holds.recordings import ReadingTable as ReadingTable
+from palpate.holds.recordings import read_recording as read_recording
+from palpate.measurement import Measurement as Measurement
+from palpate.measurement import Status as Status
+from palpate.plots.holds import plot_holds as plot_holds
+from palpate.recording import load_recording as load_recording
+from palpate.rig import Rig as Rig
+from palpate.rig import open_rig as open_rig
+from palpate.rig.grip import Grip as Grip
+from palpate.rig.guard import ForceGuard as ForceGuard
+from palpate.rig.reading import Reading as Reading
+from palpate.scoring.table import ScoreTable as ScoreTable
+from palpate.scoring.table import score as score
+from palpate.settling.baselines import Recorded as Recorded
+from palpate.settling.exponential import Exponential as Exponential
+from palpate.settling.predict import predict_settled as predict_settled
+from palpate.settling.relaxation import Relaxation as Relaxation
+from palpate.settling.result import SettledEstimate as SettledEstimate
+from palpate.version import __version__ as __version__

@@ -1,0 +1,73 @@
+"""The calibrated sheet in place of a load cell, to measure a gripper's compliance without one."""
+
+from __future__ import annotations
+
+from palpate.calibration import Calibration
+from palpate.clock import Clock
+from palpate.errors import CalibrationError
+from palpate.force.of_calibration import force_now
+from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray, read_waiting
+from palpate.sensor.sample import SampleReader
+
+
+class SheetCell:
+    """An array whose frames also give the force: a `LoadCell` and the bench's array in one.
+
+    `array`: the sensor, unloaded.
+    `calibration`: force law of the sensor, and its rest values until `rest_ohm` is set to present
+        ones, which drift.
+    Raises `CalibrationError` if the calibration has no force law.
+
+    >>> from palpate.clock import ManualClock
+    >>> from palpate.twin.devices import TwinArray
+    >>> from palpate.twin.rig import calibrate_twin
+    >>> from palpate.twin.world import World
+    >>> world = World(None, seed=1)
+    >>> cell = SheetCell(
+    ...     TwinArray(world),
+    ...     clock=world.clock,
+    ...     calibration=calibrate_twin(seed=1, level="lab", apart_from=""),
+    ... )
+    >>> cell.read_n()
+    0.0
+    """
+
+    def __init__(self, array: PressureArray, *, clock: Clock, calibration: Calibration) -> None:
+        self._array, self._clock = array, clock
+        self._force = force_now(calibration)
+        #: Rest values in use, shape (rows, cols).
+        self.rest_ohm = calibration.rest_ohm
+        self._force_n = 0.0
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames."""
+        return self._array.layout
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame; raises `DeviceError` as the array does."""
+        frame = self._array.read(timeout_s=timeout_s)
+        self._follow(frame)
+        return frame
+
+    def read_n(self) -> float:
+        """Return the present grip force, newtons, 0 without contact.
+
+        Raises `DeviceError` without a frame; `CalibrationError` if no pixel has a reading.
+        """
+        for frame in read_waiting(self._array, clock=self._clock, timeout_s=FRAME_TIMEOUT_S):
+            self._follow(frame)
+        return self._force_n
+
+    def close(self) -> None:
+        """Close the array."""
+        self._array.close()
+
+    def _follow(self, frame: Frame) -> None:
+        sample = SampleReader(self.layout, self.rest_ohm).read(frame)
+        force = self._force.step(
+            sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+        )
+        if force.value is None:
+            raise CalibrationError("no pixel has a reading; run `palpate doctor`")
+        self._force_n = force.value

@@ -1,1 +1,0 @@
-"""From frames and gripper states to force, size, stiffness and damage, each with an interval."""
