@@ -15,7 +15,7 @@ from palpate.grasp.controller import GraspController
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import SafetyLimits, largest_step
+from palpate.grasp.safety import FORCE_CEILING_N, SafetyLimits, largest_step
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.object.compliance import Compliance
@@ -43,7 +43,7 @@ plans = st.builds(
         target_force_n=target,
         step=step,
     ),
-    st.floats(0.5, 30.0),
+    st.floats(0.5, FORCE_CEILING_N),
     st.none() | st.floats(0.5, 15.0),
     st.floats(0.2, 5.0),
     st.sampled_from([0.0, 20.0]),
@@ -187,7 +187,7 @@ def test_adversary_reaches_every_activity() -> None:
 @given(
     force=st.floats(0, 100),
     stiffness=st.floats(0.01, 100),
-    ceiling=st.floats(0.1, 100),
+    ceiling=st.floats(0.1, FORCE_CEILING_N),
     damage=st.floats(0.1, 100) | st.just(float("inf")),
     rate=st.floats(0.1, 60),
 )

@@ -22,7 +22,8 @@ class Outcome(StrEnum):
     #: No contact in any of the planned attempts (`approach`), or no contact with the paper's
     #: method in a recording (`replay_grasp`).
     NOTHING_THERE = "nothing_there"
-    #: The reading of the hold has disappeared (`monitors`).
+    #: The reading of the hold has disappeared (`monitors`), or did while the grip was tightened
+    #: (`tighten`).
     SLIPPED = "slipped"
     #: No safe force is certain to lift the object (`settle`).
     TOO_WEAK = "too_weak"

@@ -99,6 +99,11 @@ class SafetyLimits:
         for name in self.__slots__:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if self.force_ceiling_n > FORCE_CEILING_N:
+            raise ValueError(
+                f"force_ceiling_n must be at most {FORCE_CEILING_N:g} N, not "
+                f"{self.force_ceiling_n:g}: a plan can only lower the ceiling"
+            )
 
     def stale_after_s(self, period_s: float) -> float:
         """Return the age at which frames of period `period_s` are stale, seconds."""

@@ -9,7 +9,14 @@ from typing import Literal
 import pytest
 
 from palpate.grasp.phases import Phase
-from palpate.grasp.safety import Danger, Reaction, SafetyLimits, largest_step, reaction
+from palpate.grasp.safety import (
+    FORCE_CEILING_N,
+    Danger,
+    Reaction,
+    SafetyLimits,
+    largest_step,
+    reaction,
+)
 
 #: Danger -> what a width-driven and a pressure-driven hand do in the hold.
 IN_THE_HOLD = {
@@ -60,3 +67,9 @@ def test_stale_after_is_at_least_stale_floor() -> None:
     limits = SafetyLimits()
     assert limits.stale_after_s(1 / 250) == limits.stale_floor_s
     assert limits.stale_after_s(0.1) == pytest.approx(0.5)
+
+
+def test_a_plan_can_lower_the_ceiling_but_not_raise_it() -> None:
+    assert SafetyLimits(force_ceiling_n=3.0).force_ceiling_n == 3.0
+    with pytest.raises(ValueError, match="only lower the ceiling"):
+        SafetyLimits(force_ceiling_n=FORCE_CEILING_N + 1.0)

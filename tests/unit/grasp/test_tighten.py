@@ -92,7 +92,7 @@ def slipping(*, force_high_n: float, damage_low_n: float, n_per_mm: float) -> Gr
     force_high_n=st.floats(2.0, 20.0),
     damage_low_n=st.floats(1.0, 30.0) | st.just(math.inf),
     n_per_mm=st.floats(0.5, 20.0),
-    ceiling_n=st.floats(1.0, 30.0),
+    ceiling_n=st.floats(1.0, 15.0),
 )
 @settings(max_examples=60, deadline=None)
 def test_tightening_never_exceeds_ceiling_or_damage_limit(
