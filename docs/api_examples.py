@@ -133,7 +133,7 @@ True
 """,
     ),
     (
-        ("palpate.Readings", "palpate.ScoreTable"),
+        ("palpate.ReadingTable", "palpate.ScoreTable"),
         """\
 >>> import numpy as np
 >>> import palpate
