@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from rerun.chunk import RrdReader
 
 
 def read_rrd(path: Path) -> dict[str, dict[str, list[Any]]]:
@@ -14,6 +13,9 @@ def read_rrd(path: Path) -> dict[str, dict[str, list[Any]]]:
 
     The columns ``sensor_time`` and ``wall_time`` are in nanoseconds.
     """
+    # Here, because doctests are collected without the SDK too.
+    from rerun.chunk import RrdReader
+
     entities: dict[str, dict[str, list[Any]]] = {}
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()
