@@ -91,13 +91,14 @@ test-lerobot: $(LEROBOT_VENV)/.made
 check-lerobot:
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(PYTHON) -m venv $$folder/venv && python=$$folder/venv/bin/python && \
-	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts]>=0.4.4,<0.7' . \
+	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts,feetech]>=0.4.4,<0.7' '.[gripper]' \
 	  ./bridges/lerobot-dataset ./bridges/lerobot ./bridges/lerobot-robot && \
 	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/one.mcap && \
 	$$python -m palpate grasp --rig sim-rigid --seed 2 --target-force-n 2 --record $$folder/two.mcap && \
 	$$python -m palpate export $$folder/one.mcap $$folder/two.mcap --lerobot $$folder/grasps && \
 	$$python bridges/lerobot/check_with_lerobot.py $$folder/grasps && \
-	$$python bridges/lerobot-robot/check_record_loop.py
+	$$python bridges/lerobot-robot/check_record_loop.py && \
+	$$python bridges/lerobot-robot/check_so101.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

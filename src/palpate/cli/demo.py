@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +44,13 @@ NAMES = {
             "palpate bruise A17    # exit status 1: it is bruised",
         ),
     ),
+    "so101": (
+        "demo-so101",
+        (
+            "palpate grasp --rig demo-so101/simulated.toml --target-force-n 2",
+            "python examples/so101.py demo-so101",
+        ),
+    ),
 }
 
 
@@ -50,15 +58,16 @@ def demo(
     name: Annotated[
         str,
         typer.Argument(
-            help="recordings, force or packhouse.", autocompletion=option.complete_demos
+            help="recordings, force, packhouse or so101.", autocompletion=option.complete_demos
         ),
     ],
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
-    """Write simulated example files.
+    """Write simulated example files, or simulate a robot's ports.
 
     recordings: data-logger files. force: readings with known loads. packhouse: an item store with
-    sorting rules, in about 15 s.
+    sorting rules, in about 15 s. so101: servo line and sensor of an SO-101 with a rig file, until
+    Ctrl-C.
 
     All data are simulated and labelled as such.
 
@@ -68,6 +77,9 @@ def demo(
         raise InputError(f"no demo {name!r}; available: {', '.join(NAMES)}")
     default, commands = NAMES[name]
     folder = out if out is not None else Path(default)
+    if name == "so101":
+        _simulate_so101(folder, [command.replace(default, str(folder)) for command in commands])
+        return
     if name == "recordings":
         from palpate.demo.recordings import write_recordings
 
@@ -85,3 +97,20 @@ def demo(
     print("Try:")
     for command in commands:
         print("  " + command.replace(default, str(folder)))
+
+
+def _simulate_so101(folder: Path, commands: list[str]) -> None:
+    if sys.platform != "win32":
+        from palpate.demo.so101 import simulate_so101
+
+        with simulate_so101(folder) as robot:
+            print(f"SIMULATED SO-101: servos 1 to 6 on {robot.bus}, shared as", end=" ")
+            print(f"{folder / 'hand'} and {folder / 'arm'}; rig file {folder / 'simulated.toml'}")
+            print("Try in another terminal, until Ctrl-C here:")
+            for command in commands:
+                print("  " + command)
+            # A reader of the output may wait for the ports.
+            sys.stdout.flush()
+            robot.run()
+    else:
+        raise InputError("demo so101: needs pseudo-terminals; use Linux or macOS")

@@ -23,7 +23,8 @@ def test_demo_suggested_commands_run(
     assert "simulated" in shown
     palpate("demo", "force")
     shutil.copytree(packhouse, "demo-packhouse")
-    for _, suggested in NAMES.values():
+    # The commands of the robot need its running demo: `tests/loop/test_so101.py`.
+    for _, suggested in (NAMES[name] for name in NAMES if name != "so101"):
         for line in suggested:
             assert run_line(line) == int("exit status 1" in line), line
     tables = sorted((tmp_path / "demo-recordings").glob("*.csv"))
