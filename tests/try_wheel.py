@@ -35,6 +35,7 @@ BASE = (
     ("bench settling", 2, "pip install ./packages/studies"),
     ("archive settle archive", 2, "pip install ./packages/archive"),
     ("export g.mcap --lerobot grasps", 2, "pip install ./packages/lerobot-dataset"),
+    ("export g.mcap --rerun g.rrd", 2, "pip install ./packages/rerun"),
     ("flash --port /dev/not-there", 3, ""),
     ("grasp --rig sim-firmware", 3, "make -C firmware"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from tests.contract.regulator_board import RegulatorBoard
 from tests.contract.servo_bus import ServoBus
-from tests.contract.sts_bus import StsBus
 from tests.fixtures import skip
 
 from palpate.clock import ManualClock
@@ -31,6 +30,7 @@ from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.sts_bus import StsBus
 from palpate.twin.world import World
 
 BAUD = 1_000_000

@@ -12,18 +12,12 @@ position, and the current limit is checked only when the world is read.
 from __future__ import annotations
 
 import math
-import os
-import select
-import threading
-import time
-import tty
-from collections.abc import Callable
 
 from palpate.gripper import x_series as x
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.packets import PROTOCOL_2, Register, RegisterBlock
-from palpate.twin.devices import TwinGripper
+from palpate.twin.simulated_servo import SimulatedServo
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff\xfd\x00"
@@ -50,82 +44,6 @@ def crc16(data: bytes) -> int:
             crc = (crc << 1) ^ 0x8005 if crc & 0x8000 else crc << 1
         crc &= 0xFFFF
     return crc
-
-
-class SimulatedServo:
-    """One servo on a line; the host opens the port `name`.
-
-    The servo answers from its own thread. Runs are repeatable if one host thread advances the clock
-    and waits for each answer.
-
-    `silent`: whether the servo ignores all requests.
-    `damaged_replies`: number of following replies with a wrong checksum.
-    `late_s`: delay of the replies in real time, seconds; they keep their order. With `inf` requests
-        are executed without a reply.
-    `position_error`: difference of the positions on the line, reported and commanded, from those of
-        a horn mounted at its right angle, steps.
-    `packets`: number of requests received.
-    `failing_registers`: registers whose writes are acknowledged but not stored.
-    """
-
-    def __init__(self, world: World, *, size: int, stored: dict[Register, int]) -> None:
-        self._world, self._hand = world, TwinGripper(world)
-        self.silent, self.damaged_replies = False, 0
-        self.late_s, self.position_error = 0.0, 0
-        self.failing_registers, self.packets = set[Register](), 0
-        self._table = bytearray(size)
-        for register, value in stored.items():
-            self._put(register, value)
-        self._lock, self._is_updating = threading.RLock(), False
-        world.watchers.insert(0, self._update)
-        self._line = LineEnd(self._receive)
-        self.name = self._line.name
-
-    def value(self, register: Register) -> int:
-        """Return the value of a register, without using the line."""
-        with self._lock:
-            return self._get(register)
-
-    def set(self, register: Register, value: int) -> None:
-        """Set a register, as an earlier host would have."""
-        with self._lock:
-            self._put(register, value)
-
-    def unplug(self) -> None:
-        """Unplug the adapter, with the servo still powered; repeatable."""
-        self._line.unplug()
-
-    def close(self) -> None:
-        """Remove the servo and its line; repeatable."""
-        self.unplug()
-        if self._update in self._world.watchers:
-            self._world.watchers.remove(self._update)
-
-    def _receive(self, waiting: bytes) -> bytes:
-        """Execute complete packets; return the rest."""
-        raise NotImplementedError
-
-    def _step(self, time_s: float) -> None:
-        """Stop the servo where it stops by itself."""
-        raise NotImplementedError
-
-    def _update(self, time_s: float) -> None:
-        with self._lock:
-            if self._is_updating:
-                return
-            self._is_updating = True
-            try:
-                self._step(time_s)
-            finally:
-                self._is_updating = False
-
-    def _get(self, register: Register) -> int:
-        end = register.address + register.size
-        return register.decode(bytes(self._table[register.address : end]))
-
-    def _put(self, register: Register, value: int) -> None:
-        end = register.address + register.size
-        self._table[register.address : end] = register.encode(int(value))
 
 
 #: Settings of a new servo.
@@ -169,7 +87,7 @@ class ServoBus(SimulatedServo):
 
         Without an error, the torque is lost all the same.
         """
-        with self._lock:
+        with self.lock:
             self._put(x.HARDWARE_ERROR, error)
             if not error or error & self._get(x.SHUTDOWN):
                 self._put(x.TORQUE_ENABLE, 0)
@@ -189,7 +107,7 @@ class ServoBus(SimulatedServo):
     def _handle_packet(self, packet: bytes) -> None:
         if packet[4] != self._id or self.silent:
             return
-        with self._lock:
+        with self.lock:
             self.packets += 1
             self._update(self._world.clock.now_s())
             self._last_packet_s = self._world.clock.now_s()
@@ -333,54 +251,3 @@ class ServoBus(SimulatedServo):
             return
         if self._hand.state().current_ma > self._get(x.GOAL_CURRENT) * unit:
             self._world.halt(time_s=time_s)
-
-
-class LineEnd:
-    """The device end of a pseudo-terminal; the host opens the port `name`.
-
-    `receive`: receives all waiting bytes, and returns the bytes of an incomplete packet. It runs on
-        the thread of the line.
-    """
-
-    def __init__(self, receive: Callable[[bytes], bytes]) -> None:
-        self._receive = receive
-        self._delayed = list[tuple[float, bytes]]()
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.name = os.ttyname(self._slave)
-        self._wake, self._waker = os.pipe()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def send(self, data: bytes, *, late_s: float = 0.0) -> None:
-        """Send bytes after a delay of `late_s` (real time), in order; `inf` discards them."""
-        if late_s == math.inf:
-            return
-        if late_s or self._delayed:
-            behind_s = self._delayed[-1][0] if self._delayed else 0.0
-            self._delayed.append((max(time.monotonic() + late_s, behind_s), data))
-        else:
-            os.write(self._master, data)
-
-    def unplug(self) -> None:
-        """Remove the line; repeatable."""
-        if not self._thread.is_alive():
-            return
-        os.write(self._waker, b"x")
-        self._thread.join()
-        for end in (self._master, self._slave, self._wake, self._waker):
-            os.close(end)
-
-    def _serve(self) -> None:
-        waiting = b""
-        while True:
-            until_s = self._delayed[0][0] - time.monotonic() if self._delayed else None
-            ready = select.select(
-                [self._master, self._wake], [], [], until_s and max(until_s, 0.0)
-            )[0]
-            if self._wake in ready:
-                return
-            while self._delayed and self._delayed[0][0] <= time.monotonic():
-                os.write(self._master, self._delayed.pop(0)[1])
-            if self._master in ready:
-                waiting = self._receive(waiting + os.read(self._master, 4096))

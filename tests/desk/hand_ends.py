@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 
 from tests.contract.hands import CLOSED_TICK, JAW
-from tests.contract.servo_bus import LineEnd, ServoBus
-from tests.contract.sts_bus import StsBus
+from tests.contract.servo_bus import ServoBus
 
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinGripper
+from palpate.twin.line_end import LineEnd
+from palpate.twin.sts_bus import StsBus
 from palpate.twin.world import World
 
 
@@ -49,5 +50,5 @@ def open_hand_end(
     else:
         bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
     # Its own lock guards a world that nobody else advances.
-    bus._lock, bus.late_s = lock, late_s
+    bus.lock, bus.late_s = lock, late_s
     return bus

@@ -27,7 +27,9 @@ def test_demo_suggested_commands_run(
     palpate("demo", "force")
     palpate("demo")
     shutil.copytree(packhouse, "demo-packhouse")
-    for suggested in (one.commands for one in (*DEMOS.values(), PACKHOUSE)):
+    # The commands of the robot need its running demo: `tests/loop/test_so101.py`.
+    files = [demo for name, demo in DEMOS.items() if name != "so101"]
+    for suggested in (one.commands for one in (*files, PACKHOUSE)):
         for line in suggested:
             assert run_line(line) == int("exit status 1" in line), line
     tables = sorted((tmp_path / "demo-recordings").glob("*.csv"))

@@ -115,6 +115,7 @@ SIMULATED = [
     ("grasp --target-force-n 900", "target"),
     ("grasp --target-force-n nan", "target"),
     ("live --duration 0.2 --rig sim-rigid 127.0.0.1:8765", "--foxglove"),
+    ("live --duration 0.2 --rig sim-rigid 127.0.0.1:8765 --foxglove --rerun", "one viewer"),
     ("live --duration 0.2 --rig sim-rigid 127.0.0.1:70000 --foxglove", "HOST:PORT"),
     ("live --duration 0.2 --rig sim-rigid nowhere.invalid:8765 --foxglove", "another address"),
     ("record new.mcap --rig sim-rigid", "would never end; give a --duration"),

@@ -245,7 +245,7 @@ def servo_at_work() -> Iterator[tuple[ServoBus, World]]:
     def pump() -> None:
         while not ending.wait(0.01):
             world.clock.sleep_s(max(time.monotonic() - world.clock.now_s(), 0.0))
-            with bus._lock:
+            with bus.lock:
                 world.drive_value(world.clock.now_s())
 
     thread = threading.Thread(target=pump)
@@ -266,7 +266,7 @@ def test_killed_node_stops_the_servo(client: Any, launch: Any, monkeypatch: Any)
         client.goal(GripperCommand, STANDARD, standard(0.0), [])
 
         def width() -> float:
-            with bus._lock:
+            with bus.lock:
                 return world.drive_value(world.clock.now_s())
 
         client.until(lambda: width() < 72.0, "closing")

@@ -32,14 +32,15 @@ def _complete(incomplete: str) -> Iterator[str]:
 def demo(
     name: Annotated[
         str,
-        typer.Argument(help="grasp, recordings, force or packhouse.", autocompletion=_complete),
+        typer.Argument(help="grasp, recordings, force, packhouse or so101.", autocompletion=_complete),
     ] = "grasp",
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
-    """Show a simulated grasp, or write simulated example files.
+    """Show a simulated grasp, write simulated example files, or simulate a robot's ports.
 
     grasp: a grasp in the terminal, its picture and its recording. recordings: data-logger files.
     force: readings with known loads. packhouse: an item store with sorting rules, in about 15 s.
+    so101: servo line and sensor of an SO-101 with a rig file, until Ctrl-C.
 
     All data are simulated and labelled as such.
 
@@ -47,6 +48,9 @@ def demo(
     """
     chosen = find_demo(name)
     folder = out if out is not None else Path(chosen.folder)
+    if chosen.runs is not None:
+        chosen.runs(folder, [one.replace(chosen.folder, str(folder)) for one in chosen.commands])
+        return
     written = chosen.load()(folder)
     print("Written, simulated: " + ", ".join(map(str, written)))
     print("Try:")

@@ -1,4 +1,4 @@
-"""`palpate export FILE`: a recording or its holds as a table, or grasps for LeRobot."""
+"""`palpate export FILE`: a recording or its holds as a table, for Rerun, or grasps for LeRobot."""
 
 from __future__ import annotations
 
@@ -34,6 +34,10 @@ def export(
     lerobot: Annotated[
         Path | None, opt("--lerobot DIR", "Write recorded grasps as a LeRobot data set, v3.0.")
     ] = None,
+    rerun: Annotated[
+        Path | None,
+        opt("--rerun FILE", "Write pixels, forces and phases for the Rerun viewer (.rrd)."),
+    ] = None,
     task: Annotated[
         str | None,
         opt("--task", "With --lerobot: task description. [default: from each recording]"),
@@ -45,13 +49,13 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a recording as a table of frames or holds, or grasps for LeRobot.
+    """Write a recording as a table of frames or holds, for Rerun, or grasps for LeRobot.
 
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
     if lerobot is not None:
-        if to is not None or holds or out is not None:
-            raise InputError("--lerobot can't be combined with --to, --holds or --out")
+        if to is not None or holds or out is not None or rerun is not None:
+            raise InputError("--lerobot can't be combined with --to, --holds, --out or --rerun")
         package = ("palpate-lerobot", "packages/lerobot-dataset")
         point = find_entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
         point.load()(files, folder=lerobot, task=task, fps=fps)
@@ -60,6 +64,14 @@ def export(
         raise InputError("--task and --fps require --lerobot DIR")
     if len(files) > 1:
         raise InputError(f"{files[1]}: only one recording can be exported, except with --lerobot")
+    if rerun is not None:
+        if to is not None or holds or out is not None:
+            raise InputError("--rerun can't be combined with --to, --holds or --out")
+        package = ("palpate-rerun", "packages/rerun")
+        point = find_entry_point("palpate.exports", "rerun", *package, wanted="--rerun")
+        frames = len(point.load()(files[0], out=rerun).time_s)
+        print_message(f"{rerun}: {frames} frames")
+        return
     file, form = files[0], _choose_format(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     with RecordingReader(file):  # a file that is not a recording is refused first

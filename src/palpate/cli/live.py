@@ -4,45 +4,36 @@ from __future__ import annotations
 
 import math
 import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from types import FrameType
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.live import Live
 
+from palpate.calibrate.laws import force_now
 from palpate.cli import options as option
 from palpate.cli.lazy_group import find_entry_point
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.live_view import DRAW_HZ, LiveView
-from palpate.cli.options import opt
+from palpate.cli.options import opt, parse_address
 from palpate.cli.output import print_message
 from palpate.cli.sensor_source import SensorSource, open_source
-from palpate.clock import RealClock
+from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
-from palpate.force.force_follower import ForceSource
-from palpate.force.of_calibration import force_now
+from palpate.estimate.force_follower import ForceSource
+from palpate.recording import Event
 from palpate.sensor.array import Frame
 from palpate.stop_signals import handle_stop_signals, interrupt
+from palpate.viewer import GROUP, Link, Viewer
 
-#: Foxglove's default address.
-DEFAULT_ADDRESS = "127.0.0.1:8765"
-#: Entry points of viewers: functions `open(reading, *, clock, address) -> Viewer`.
-ENTRY_POINTS = "palpate.viewers"
-
-
-class Viewer(Protocol):
-    """A program of another package that shows the readings of `palpate live`."""
-
-    #: One line for the user: where it is seen.
-    announcement: str
-
-    def add(self, frame: Frame | None) -> None:
-        """Show the reading after a frame; None means that no frame arrived."""
-
-    def close(self) -> None:
-        """Stop the viewer."""
+#: Viewer -> its default address.
+DEFAULT_ADDRESSES = {"foxglove": "127.0.0.1:8765", "rerun": "127.0.0.1:9876"}
+#: Time between messages about the link.
+_LINK_S = 1.0
 
 
 def live(
@@ -50,12 +41,17 @@ def live(
         str | None,
         typer.Argument(
             metavar="HOST:PORT",
-            help=f"Listening address of --foxglove. [default: {DEFAULT_ADDRESS}]",
+            help="Listening address of --foxglove, or address of the viewer of --rerun. "
+            f"[default: {', '.join(DEFAULT_ADDRESSES.values())}]",
             show_default=False,
         ),
     ] = None,
     foxglove: Annotated[
         bool, opt("--foxglove", "Also stream the data to Foxglove (docs: See it in Foxglove).")
+    ] = False,
+    rerun: Annotated[
+        bool,
+        opt("--rerun", "Also send the data to a running Rerun viewer (docs: See it in Rerun)."),
     ] = False,
     rig: option.SensorOption = None,
     port: option.PortOption = None,
@@ -78,14 +74,10 @@ def live(
 
     Example: palpate live --rig sim-rigid --duration 20
     """
-    if address is not None and not foxglove:
-        raise InputError(
-            f"{address}: an address requires --foxglove; add --foxglove or omit the address"
-        )
-    opener = None
-    if foxglove:
-        package = ("palpate-foxglove", "packages/foxglove")
-        opener = find_entry_point(ENTRY_POINTS, "foxglove", *package, wanted="--foxglove").load()
+    chosen = {"foxglove": foxglove, "rerun": rerun}
+    viewers = [name for name, is_chosen in chosen.items() if is_chosen]
+    if address is not None and len(viewers) != 1:
+        raise InputError(f"{address}: an address belongs to one viewer; add --foxglove or --rerun")
     clock, received = RealClock(), threading.Event()
 
     def stop(number: int, stack_frame: FrameType | None) -> None:
@@ -98,12 +90,13 @@ def live(
         source = stack.enter_context(closing(open_source(rig, port=port)))
         force_tracker = _make_force_tracker(source) if force else None
         reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
-        view = LiveView(reading)
-        stream: Viewer | None = None
-        if opener is not None:
-            stream = opener(reading, clock=clock, address=address or DEFAULT_ADDRESS)
-            stack.enter_context(closing(stream))
-            print_message(f"palpate live: {stream.announcement}")
+        view, streams = LiveView(reading), list[LiveStream]()
+        for name in viewers:
+            stream = LiveStream(
+                reading, clock=clock, viewer=name, address=address or DEFAULT_ADDRESSES[name]
+            )
+            streams.append(stack.enter_context(closing(stream)))
+            print_message(f"palpate live: {stream.description}")
         end_s = clock.now_s() + duration_s
         console = Console(emoji=False)
         if not console.is_terminal:  # Rich does not end the last line there.
@@ -113,7 +106,7 @@ def live(
         for frame in pace_frames(source, clock=clock):
             if frame is not None:
                 view.add(frame)
-            if stream is not None:
+            for stream in streams:
                 stream.add(frame)
             now_s = clock.now_s()
             if now_s - drawn_s >= 1.0 / DRAW_HZ:
@@ -137,3 +130,99 @@ def _make_force_tracker(source: SensorSource) -> ForceSource:
             "`palpate calibrate force`"
         )
     return force_now(calibration)
+
+
+def _find_viewer(name: str) -> Callable[..., Viewer]:
+    """Return the function that opens a viewer.
+
+    Raises `InputError` if its package is not installed.
+    """
+    package = (f"palpate-{name}", f"packages/{name}")
+    point = find_entry_point(GROUP, name, *package, wanted=f"--{name}")
+    found: Callable[..., Viewer] = point.load()
+    return found
+
+
+class LiveStream:
+    """Sends each frame's reading to a viewer.
+
+    `clock`: real-time clock, which also stamps a board's frames.
+    `viewer`: "foxglove" or "rerun".
+    `address`: HOST:PORT to listen on, or of the viewer.
+    Raises `InputError` if the address is unusable, or the viewer's package is not installed.
+    """
+
+    def __init__(self, reading: LiveReading, *, clock: Clock, viewer: str, address: str) -> None:
+        source = reading.source
+        host, port = parse_address(address, option=f"--{viewer}")
+        self._reading, self._clock = reading, clock
+        self._zero_unix_ns = self._wall_zero_unix_ns(clock.now_s())
+        self._viewer = _find_viewer(viewer)(
+            host=host,
+            port=port,
+            name=f"palpate {source.name}" + (" (SIMULATED)" if source.simulated else ""),
+            layout=source.array.layout,
+            unix_ns=lambda time_s: self._zero_unix_ns + round(time_s * 1e9),
+        )
+        #: The viewer's name and address, for the user.
+        self.description = self._viewer.description
+        self._touching: frozenset[int] = frozenset()
+        self._lost, self._silent = 0, False
+        self._next_link_s = -math.inf
+
+    def add(self, frame: Frame | None) -> None:
+        """Publish the reading after a frame; None means that no frame arrived."""
+        time_s = self._clock.now_s() if frame is None else frame.time_s
+        if self._reading.frames == 1 and self._reading.source.simulated:
+            # The twin has a separate clock, which is paced to real time from the first frame.
+            self._zero_unix_ns = self._wall_zero_unix_ns(time_s)
+        for event in self._events(time_s, silent=frame is None):
+            self._viewer.send_recorded(event)
+        if frame is not None:
+            self._send(frame)
+        if time_s >= self._next_link_s:
+            self._next_link_s = time_s + _LINK_S
+            self._viewer.send_link(self._link(time_s))
+
+    def close(self) -> None:
+        """Close the viewer's connection."""
+        self._viewer.close()
+
+    def _send(self, frame: Frame) -> None:
+        reading = self._reading
+        self._viewer.send_recorded(frame)
+        if reading.source.gripper is not None:
+            self._viewer.send_recorded(reading.source.gripper.state())
+        if reading.change_percent is not None:
+            self._viewer.send_change(frame.time_s, reading.change_percent)
+        if reading.force_n is not None:
+            self._viewer.send_force(frame.time_s, reading.force_n)
+
+    def _events(self, time_s: float, *, silent: bool) -> Iterator[Event]:
+        """Yield new events: contacts, lost frames, silence of the sensor."""
+        reading = self._reading
+        if silent != self._silent:
+            yield Event(time_s=time_s, name="silent" if silent else "back")
+        if reading.lost > self._lost:
+            yield Event(time_s=time_s, name="lost", text=f"{reading.lost - self._lost} frames")
+        for finger in sorted(reading.touching ^ self._touching):
+            name = "contact" if finger in reading.touching else "released"
+            yield Event(time_s=time_s, name=name, text=f"finger {finger}")
+        self._silent, self._lost, self._touching = silent, reading.lost, reading.touching
+
+    def _link(self, time_s: float) -> Link:
+        reading = self._reading
+        return Link(
+            time_s=time_s,
+            source=reading.source.name,
+            simulated=reading.source.simulated,
+            rate_hz=reading.rate_hz,
+            frames=reading.frames,
+            lost=reading.lost,
+            corrupt=reading.source.link_counters().corrupt,
+        )
+
+    @staticmethod
+    def _wall_zero_unix_ns(time_s: float) -> int:
+        """Return the Unix time of 0 s on a clock that now reads `time_s`, ns."""
+        return time.time_ns() - round(time_s * 1e9)

@@ -19,14 +19,14 @@ from palpate.sensor.byte_stream import explain_refusal
 from palpate.sensor.exclusive_port import claim_port, release_port
 
 #: Errors of a port that was pulled; `termios` exists only on some platforms.
-_PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
+PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
 if sys.platform != "win32":
     try:
         import termios
     except ImportError:
         pass
     else:
-        _PORT_ERRORS = (OSError, termios.error)
+        PORT_ERRORS = (OSError, termios.error)
 
 #: Attempts per request, to tolerate single lost or damaged packets.
 _TRIES = 3
@@ -290,7 +290,7 @@ class ServoLine:
     def _convert_port_errors(self) -> Iterator[None]:
         try:
             yield
-        except _PORT_ERRORS as error:
+        except PORT_ERRORS as error:
             self._port.is_using = False
             raise DeviceError(
                 f"{self.name}: the port is gone; plug the adapter in again and check the servo's "

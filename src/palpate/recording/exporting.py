@@ -204,7 +204,7 @@ def cut_recorded_holds(
             f"{len(recording.time_s)} frames are too few for holds; record at least {_MIN_FRAMES}"
         )
     ohm = solve_resistance_ohm(recording)
-    reader = SampleReader(recording.info.layout, _measure_rest_ohm(recording, ohm))
+    reader = SampleReader(recording.info.layout, measure_rest_ohm(recording, ohm))
     change = reader.read_ohm(ohm).change_percent
     values = change if unit == "percent" else ohm
     holds: list[Hold] = []
@@ -223,8 +223,12 @@ def cut_recorded_holds(
     return holds
 
 
-def _measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
-    """Return the rest values before the first movement, or those of the first second."""
+def measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
+    """Return the rest values before the first movement, or those of the first second.
+
+    `ohm`, shape (n_frames, rows, cols): as `solve_resistance_ohm`.
+    Returns shape (rows, cols). Raises `RecordingError` if the sensor was not at rest.
+    """
     moved = _find_moves(recording.gripper)
     first = int(np.argmax(moved)) if moved.any() else 0
     rest_end_s = recording.gripper.time_s[first - 1] if first else recording.time_s[0] + REST_S

@@ -9,8 +9,6 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-import sys
-from contextlib import suppress
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
@@ -22,6 +20,7 @@ from palpate.firmware_image import BOARDS, IMAGES
 from palpate.gripper.hobby_servo import ServoTravel
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
+from palpate.twin.line_end import open_terminal
 from palpate.twin.stage import Stage
 
 CLOCK_HZ = 16_000_000
@@ -81,20 +80,6 @@ def _load_library() -> ctypes.CDLL:
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
     return library
-
-
-def _open_terminal() -> tuple[int, int, str]:
-    """Return both ends of a new pseudo-terminal and the name of the second."""
-    if sys.platform != "win32":
-        with suppress(ImportError, AttributeError):
-            import tty
-
-            master, slave = os.openpty()
-            tty.setraw(slave)
-            return master, slave, os.ttyname(slave)
-    raise DeviceNotFoundError(
-        "this system has no pseudo-terminals, which the simulated board needs; use sim-rigid"
-    )
 
 
 class FirmwareBoard:
@@ -336,7 +321,7 @@ class FirmwareStream:
     ) -> None:
         self._clock = world.clock
         self._board = BoardOnStage(world, board=board, travel=travel)
-        self._master, slave, self.name = _open_terminal()
+        self._master, slave, self.name = open_terminal()
         self._host = SerialStream(self.name)
         self._slave = slave
         self._open = True

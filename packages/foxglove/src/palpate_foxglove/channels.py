@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from palpate.arrays import FloatArray
@@ -16,6 +16,7 @@ from palpate.measurement import Measurement
 from palpate.recording.channels import NUMBER, message_schema
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.relative import mean_change
+from palpate.viewer import Link, pixel_names
 
 #: Topic of the heat map, a `foxglove.RawImage`: one 32-bit float per pixel, relative change in
 #: percent, NaN without a reading.
@@ -23,22 +24,6 @@ HEAT_MAP = "/heat_map"
 HEAT_MAP_ENCODING = "32FC1"
 
 _compact = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Link:
-    """Source of the frames and quality of the link."""
-
-    time_s: float
-    #: Name of the rig or port.
-    source: str
-    simulated: bool
-    #: Recent frame rate; NaN before the second frame.
-    rate_hz: float
-    #: Counts since the start: received frames, lost frames, corrupt packets.
-    frames: int
-    lost: int
-    corrupt: int
 
 
 def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
@@ -107,7 +92,7 @@ def heat_map_data(change_percent: FloatArray) -> bytes:
 
 
 def _pixel_names(layout: ArrayLayout) -> list[str]:
-    return [f"r{row}c{col}_percent" for row in range(layout.rows) for col in range(layout.cols)]
+    return [f"{pixel}_percent" for pixel in pixel_names(layout)]
 
 
 def _encode(time_s: float, fields: dict[str, Any]) -> bytes:

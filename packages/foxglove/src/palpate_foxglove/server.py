@@ -17,10 +17,11 @@ from palpate.errors import InputError
 from palpate.measurement import Measurement
 from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
 from palpate.sensor.array import ArrayLayout
+from palpate.viewer import Link
+from palpate_foxglove import LAYOUT
 from palpate_foxglove.channels import (
     HEAT_MAP,
     HEAT_MAP_ENCODING,
-    Link,
     encode_change,
     encode_force,
     encode_link,
@@ -66,6 +67,11 @@ class FoxgloveServer:
         shown = f"[{host}]" if ":" in host else host
         #: URL to open in Foxglove.
         self.address = f"ws://{shown}:{self._server.port}"
+
+    @property
+    def description(self) -> str:
+        """Address and panel layout to open in Foxglove."""
+        return f"Foxglove at {self.address}, layout {LAYOUT}"
 
     def send_recorded(self, message: RecordedMessage) -> None:
         """Send a recorded message: frame, gripper state, event or load cell reading."""

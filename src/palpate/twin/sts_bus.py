@@ -1,23 +1,29 @@
-"""A simulated Feetech STS3215 servo on a pseudo-terminal, which moves the twin's fingers.
+"""Simulated Feetech STS3215 servos on a pseudo-terminal: one moves the twin's fingers.
 
 The servo implements its protocol manual: checksums, state bits in every reply, sign-magnitude
 values. It has no watchdog, and moves to its goal without a host. Goals beyond its stored angle
 limits are shortened without an error. With one bit of its phase it counts turns, without another
 its velocities count 50 steps each. The torque limit is checked only when the world is read, and is
 converted to a force with a linear law.
+
+Further servos on the same line, those of an arm, move freely to their goals.
 """
 
 from __future__ import annotations
 
-from tests.contract.servo_bus import SimulatedServo
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from palpate.gripper import sts_series as sts
 from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
+from palpate.gripper.packets import Register
+from palpate.twin.simulated_servo import SimulatedServo
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff"
-_PING, _READ, _WRITE = 0x01, 0x02, 0x03
+_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+_BROADCAST = 0xFE
 _BAD_INSTRUCTION = 0x40
 #: Grip force at full torque, at which the servo yields (2.9 N m on a jaw of 70 mm).
 _FULL_FORCE_N = 41.0
@@ -50,11 +56,56 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
+class ArmServo:
+    """A servo of an arm: it moves to its goal at its goal velocity, without a load.
+
+    `tick`: position at the start.
+    """
+
+    def __init__(self, *, model_number: int = 777, tick: int = sts.TICKS // 2) -> None:
+        self._table = bytearray(_TABLE_SIZE)
+        stored = {sts.MODEL_NUMBER: model_number, **_FACTORY, sts.GOAL_POSITION: tick}
+        for register, value in stored.items():
+            self._put(register, value)
+        self._tick, self._now_s = float(tick), 0.0
+
+    def read(self, address: int, size: int, *, now_s: float) -> bytes:
+        """Return registers at a time, seconds."""
+        self._update(now_s)
+        return bytes(self._table[address : address + size])
+
+    def write(self, address: int, data: bytes, *, now_s: float) -> None:
+        """Write registers at a time, seconds."""
+        self._update(now_s)
+        self._table[address : address + len(data)] = data
+
+    def _update(self, now_s: float) -> None:
+        elapsed_s, self._now_s = now_s - self._now_s, now_s
+        left = self._get(sts.GOAL_POSITION) - self._tick
+        if self._get(sts.TORQUE_ENABLE):
+            largest = (self._get(sts.GOAL_VELOCITY) or _FASTEST) * elapsed_s
+            self._tick += min(max(left, -largest), largest)
+        self._put(sts.PRESENT_POSITION, round(self._tick))
+        self._put(sts.MOVING, bool(self._get(sts.TORQUE_ENABLE) and abs(left) >= 1.0))
+
+    def _get(self, register: Register) -> int:
+        return register.decode(
+            bytes(self._table[register.address : register.address + register.size])
+        )
+
+    def _put(self, register: Register, value: int) -> None:
+        self._table[register.address : register.address + register.size] = register.encode(
+            int(value)
+        )
+
+
 class StsBus(SimulatedServo):
-    """A Feetech servo with a jaw.
+    """A Feetech servo with a jaw, and the servos of an arm on the same line.
 
     `jaw`: converts the servo angle to the width. `closed_tick`: position at which the pads touch;
     positions increase as the jaw opens.
+
+    `arm`: the other servos by their numbers.
 
     `state`: protection states, reported in every reply.
     `clips_to`: range to which goals are shortened, in their register too, whatever the stored
@@ -69,7 +120,9 @@ class StsBus(SimulatedServo):
         closed_tick: int,
         servo_id: int = 6,
         model_number: int = 777,
+        arm: Mapping[int, ArmServo] = MappingProxyType({}),
     ) -> None:
+        self._arm = arm
         self._jaw, self._closed, self._id = jaw, closed_tick, servo_id
         self.state = sts.State(0)
         self.clips_to: tuple[int, int] | None = None
@@ -89,32 +142,67 @@ class StsBus(SimulatedServo):
         return waiting
 
     def _handle_packet(self, body: bytes) -> None:
-        is_valid = checksum(body[:-1]) == body[-1]
-        if body[0] != self._id or self.silent or not is_valid:
+        if checksum(body[:-1]) != body[-1]:
             return
-        with self._lock:
-            self.packets += 1
-            self._update(self._world.clock.now_s())
-            instruction, given = body[2], body[3:-1]
-            if instruction == _PING:
+        number, instruction, given = body[0], body[2], body[3:-1]
+        if instruction == _SYNC_READ:
+            for one in given[2:]:
+                self._execute(one, _READ, given[:2])
+        elif instruction == _SYNC_WRITE:
+            address, size = given[:2]
+            for start in range(2, len(given), size + 1):
+                data = given[start + 1 : start + 1 + size]
+                self._execute(given[start], _WRITE, bytes([address]) + data, answers=False)
+        elif number == _BROADCAST and instruction == _PING:
+            for one in sorted({*self._arm, self._id}):
+                self._execute(one, _PING, b"")
+        else:
+            self._execute(number, instruction, given)
+
+    def _execute(
+        self, number: int, instruction: int, given: bytes, *, answers: bool = True
+    ) -> None:
+        with self.lock:
+            if number in self._arm:
+                self._execute_arm(number, instruction, given, answers=answers)
+            elif number == self._id and not self.silent:
+                self._execute_jaw(instruction, given, answers=answers)
+
+    def _execute_arm(self, number: int, instruction: int, given: bytes, *, answers: bool) -> None:
+        servo, now_s, data = self._arm[number], self._world.clock.now_s(), b""
+        if instruction == _READ:
+            data = servo.read(given[0], given[1], now_s=now_s)
+        elif instruction == _WRITE:
+            servo.write(given[0], given[1:], now_s=now_s)
+        if answers:
+            known = instruction in (_PING, _READ, _WRITE)
+            self._send(number, data, error=0 if known else _BAD_INSTRUCTION)
+
+    def _execute_jaw(self, instruction: int, given: bytes, *, answers: bool) -> None:
+        self.packets += 1
+        self._update(self._world.clock.now_s())
+        if instruction == _PING:
+            self._reply()
+        elif instruction == _READ:
+            self._refresh()
+            self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
+        elif instruction == _WRITE:
+            written = range(given[0], given[0] + len(given) - 1)
+            if not any(register.address in written for register in self.failing_registers):
+                self._table[written.start : written.stop] = given[1:]
+            # With torque on, the servo moves to its present goal.
+            if {sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address} & set(written):
+                self._move()
+            if answers and self._get(sts.RESPONSE_LEVEL):
                 self._reply()
-            elif instruction == _READ:
-                self._refresh()
-                self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
-            elif instruction == _WRITE:
-                written = range(given[0], given[0] + len(given) - 1)
-                if not any(register.address in written for register in self.failing_registers):
-                    self._table[written.start : written.stop] = given[1:]
-                # With torque on, the servo moves to its present goal.
-                if {sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address} & set(written):
-                    self._move()
-                if self._get(sts.RESPONSE_LEVEL):
-                    self._reply()
-            else:
-                self._reply(error=_BAD_INSTRUCTION)
+        else:
+            self._reply(error=_BAD_INSTRUCTION)
 
     def _reply(self, data: bytes = b"", *, error: int = 0) -> None:
-        body = bytes([self._id, len(data) + 2, error | self.state]) + data
+        self._send(self._id, data, error=error | self.state)
+
+    def _send(self, number: int, data: bytes, *, error: int) -> None:
+        body = bytes([number, len(data) + 2, error]) + data
         check = checksum(body)
         if self.damaged_replies:
             self.damaged_replies, check = self.damaged_replies - 1, check ^ 1

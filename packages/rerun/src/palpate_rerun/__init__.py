@@ -1,0 +1,1 @@
+"""Running and recorded sensors in the Rerun viewer."""

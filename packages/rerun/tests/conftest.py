@@ -1,0 +1,5 @@
+"""The command as a user types it."""
+
+from tests.conftest import palpate
+
+__all__ = ["palpate"]

@@ -1,0 +1,175 @@
+"""A simulated SO-101 in real time: its servo line and its sensor on pseudo-terminals.
+
+Servo 6 moves the twin's fingers around a fruit, servos 1 to 5 move freely. The line is shared: one
+port for the gripper, one for the arm. The twin's pads stay parallel, unlike those of an SO-101.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError, InputError
+from palpate.gripper.bus_share import SharedBus
+from palpate.gripper.fingers import HingedJaw
+from palpate.rig.simulated import calibrate_world
+from palpate.twin.line_end import open_terminal
+from palpate.twin.objects import draw_object
+from palpate.twin.sts_bus import ArmServo, StsBus
+from palpate.twin.world import World
+
+assert sys.platform != "win32", "there are no pseudo-terminals"
+
+#: Seeds of the sheet, of the fruit with all noise, and of the calibration's noise.
+_SHEET_SEED, _SEED, _CALIBRATION_SEED = 5, 1, 11
+#: Distance from the hinge to the pad, and the twin's range: those of the simulated jaw alone.
+_JAW_MM, _LOWEST_MM, _HIGHEST_MM = 70.0, 5.0, 74.0
+_CLOSED_TICK = 1000
+_ARM = range(1, 6)
+#: Longest wait for a simulated reply.
+_REPLY_S = 0.5
+#: Scans per second of the sensor's board, and the usual and the longest step of the world.
+_RATE_HZ, _STEP_S, _LONGEST_STEP_S = 60.0, 0.002, 0.02
+_RIG = """\
+# SIMULATED: written by `palpate demo so101`, which must be running.
+calibration = "calibration.json"
+
+[array]
+open = "palpate.sensor.text_lines:open_board"
+port = "{sensor}"
+layout = "rigid-2x2"
+
+[gripper]
+open = "palpate.gripper.feetech:open_gripper"
+port = "{hand}"
+servo_id = 6
+jaw_mm = {jaw_mm}
+closed_tick = {closed_tick}
+lowest_mm = {lowest_mm}
+highest_mm = {highest_mm}
+reply_s = {patience_s}      # a busy computer simulates slowly
+"""
+
+
+class SimulatedSo101:
+    """A running SO-101 in front of a strawberry.
+
+    Parameters
+    ----------
+    folder : Path
+        Receives ``simulated.toml``, ``calibration.json`` and the ports ``hand``, ``arm``,
+        ``sensor``.
+
+    Attributes
+    ----------
+    bus : str
+        The simulated servo line, which is shared as ``hand`` and ``arm``.
+    arm : dict of int to ArmServo
+        The arm's servos by their numbers.
+    world : World
+        The fruit and the fingers.
+
+    Raises
+    ------
+    InputError
+        If the folder has another rig file.
+    DeviceNotFoundError
+        If the system has no pseudo-terminals.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        rig = folder / "simulated.toml"
+        if rig.exists() and not rig.read_text(encoding="utf-8").startswith(_RIG.splitlines()[0]):
+            raise InputError(f"{rig}: is not of this demo and is not overwritten; choose --out DIR")
+        folder.mkdir(parents=True, exist_ok=True)
+        self._sensor, self._sensor_slave, sensor = open_terminal()
+        os.set_blocking(self._sensor, False)
+        # The device end sees a hang-up until a program opens the port.
+        os.close(self._sensor_slave)
+        self._poll = select.poll()
+        self._poll.register(self._sensor, select.POLLIN)
+        clock = ManualClock()
+        fruit = draw_object(np.random.default_rng([_SEED, 10]), "strawberry")
+        self.world = World(
+            fruit, seed=_SEED, sheet_seed=_SHEET_SEED, frame_rate_hz=_RATE_HZ, clock=clock
+        )
+        self._clock, self._scanned = clock, 0
+        self.arm = {number: ArmServo() for number in _ARM}
+        self._servos = StsBus(
+            self.world, jaw=HingedJaw(jaw_mm=_JAW_MM), closed_tick=_CLOSED_TICK, arm=self.arm
+        )
+        self.bus = self._servos.name
+        names = {name: (folder / name).absolute() for name in ("hand", "arm", "sensor")}
+        self._share = SharedBus(self.bus, [names["hand"], names["arm"]], reply_s=_REPLY_S)
+        self._link = names["sensor"]
+        self._link.unlink(missing_ok=True)
+        self._link.symlink_to(sensor)
+        empty = World(None, seed=_SHEET_SEED + _CALIBRATION_SEED, sheet_seed=_SHEET_SEED)
+        calibration = calibrate_world(
+            empty, seed=_SHEET_SEED, apart_from=fruit.name, sensor_id="demo-so101"
+        )
+        calibration.save(folder / "calibration.json")
+        text = _RIG.format(
+            **names,
+            jaw_mm=_JAW_MM,
+            closed_tick=_CLOSED_TICK,
+            lowest_mm=_LOWEST_MM,
+            highest_mm=_HIGHEST_MM,
+            patience_s=2 * _REPLY_S,
+        )
+        rig.write_text(text, encoding="utf-8")
+
+    def run(self) -> None:
+        """Run in real time until an exception, such as `KeyboardInterrupt`.
+
+        Raises `DeviceError` if the shared line failed.
+        """
+        start_s = time.monotonic() - self._clock.now_s()
+        while self._share.failure is None:
+            late_s = time.monotonic() - start_s - self._clock.now_s()
+            # Short steps, so that the servos answer while the world of a busy computer catches up.
+            self._advance(min(late_s, _LONGEST_STEP_S))
+            time.sleep(_STEP_S if late_s < _LONGEST_STEP_S else 0.0)
+        raise DeviceError(f"{self.bus}: {self._share.failure!r}; start the demo again")
+
+    def close(self) -> None:
+        """Remove the ports."""
+        self._share.close()
+        self._servos.close()
+        self._link.unlink(missing_ok=True)
+        os.close(self._sensor)
+
+    def _advance(self, duration_s: float) -> None:
+        with self._servos.lock:
+            now_s = self._clock.now_s() + duration_s
+            while (due_s := (self._scanned + 1) / _RATE_HZ) <= now_s:
+                self._scanned += 1
+                self._clock.sleep_s(due_s - self._clock.now_s())
+                counts = self.world.scan(due_s)
+                self._print(",".join(map(str, counts.ravel().tolist())).encode() + b"\r\n")
+            self._clock.sleep_s(now_s - self._clock.now_s())
+
+    def _print(self, line: bytes) -> None:
+        """Send a line to the program that has the sensor's port open; else it is lost."""
+        if dict(self._poll.poll(0)).get(self._sensor, 0) & select.POLLHUP:
+            return
+        with suppress(BlockingIOError):
+            os.write(self._sensor, line)
+
+
+@contextmanager
+def simulate_so101(folder: Path) -> Iterator[SimulatedSo101]:
+    """Open a simulated SO-101, and remove its ports at the end; see `SimulatedSo101`."""
+    arm = SimulatedSo101(folder)
+    try:
+        yield arm
+    finally:
+        arm.close()
