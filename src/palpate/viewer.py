@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Protocol
 
 from palpate.arrays import FloatArray
-from palpate.calibrate.laws import force_now
+from palpate.calibration import Calibration
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
+from palpate.force.of_calibration import force_now
 from palpate.grasp.phases import Phase
 from palpate.grasp.replay_grasp import replay_grasp
 from palpate.grasp.state import GraspState
@@ -22,7 +23,6 @@ from palpate.recording import Event, Recording, RecordingReader, Replay, load_re
 from palpate.recording.channels import RecordedMessage
 from palpate.recording.exporting import measure_rest_ohm, solve_resistance_ohm
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.sensor.calibration import Calibration
 from palpate.sensor.sample import SampleReader
 
 #: Entry-point group of the viewers.

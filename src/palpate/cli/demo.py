@@ -32,7 +32,9 @@ def _complete(incomplete: str) -> Iterator[str]:
 def demo(
     name: Annotated[
         str,
-        typer.Argument(help="grasp, recordings, force, packhouse or so101.", autocompletion=_complete),
+        typer.Argument(
+            help="grasp, recordings, force, packhouse or so101.", autocompletion=_complete
+        ),
     ] = "grasp",
     out: Annotated[Path | None, opt("--out DIR", "Output folder. [default: demo-NAME]")] = None,
 ) -> None:
@@ -48,14 +50,15 @@ def demo(
     """
     chosen = find_demo(name)
     folder = out if out is not None else Path(chosen.folder)
-    if chosen.runs is not None:
-        chosen.runs(folder, [one.replace(chosen.folder, str(folder)) for one in chosen.commands])
+    commands = [one.replace(chosen.folder, str(folder)) for one in chosen.commands]
+    if chosen.is_running:
+        chosen.load()(folder, commands)
         return
     written = chosen.load()(folder)
     print("Written, simulated: " + ", ".join(map(str, written)))
     print("Try:")
-    for command in chosen.commands:
-        print("  " + command.replace(chosen.folder, str(folder)))
+    for command in commands:
+        print("  " + command)
 
 
 def find_demo(name: str) -> Demo:

@@ -14,7 +14,6 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from palpate.calibrate.laws import force_now
 from palpate.cli import options as option
 from palpate.cli.lazy_group import find_entry_point
 from palpate.cli.live_reading import LiveReading, pace_frames
@@ -24,7 +23,8 @@ from palpate.cli.output import print_message
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
-from palpate.estimate.force_follower import ForceSource
+from palpate.force.force_follower import ForceSource
+from palpate.force.of_calibration import force_now
 from palpate.recording import Event
 from palpate.sensor.array import Frame
 from palpate.stop_signals import handle_stop_signals, interrupt

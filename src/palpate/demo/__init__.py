@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeAlias
-
-#: Writes the files of a demo to a folder and returns their paths.
-Write: TypeAlias = Callable[[Path], list[Path]]
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,17 +19,19 @@ class Demo:
         ``module:function`` that writes the files; loaded when the demo is requested.
     commands : tuple of str
         Commands to try with the files in the default folder.
+    is_running : bool
+        Whether the function also receives the commands, and runs until Ctrl-C.
     """
 
     folder: str
     place: str
     commands: tuple[str, ...]
+    is_running: bool = False
 
-    def load(self) -> Write:
-        """Return the function that writes the files."""
+    def load(self) -> Any:
+        """Return the function that writes the files, and returns their paths."""
         module, _, name = self.place.partition(":")
-        found: Any = getattr(importlib.import_module(module), name)
-        return found  # type: ignore[no-any-return]
+        return getattr(importlib.import_module(module), name)
 
 
 #: Name -> demo.
@@ -68,5 +65,14 @@ DEMOS = {
             "--sensor-leg upper --save demo-force/calibration.json --plot force.png",
             "palpate force demo-force/new.csv --calibration demo-force/calibration.json",
         ),
+    ),
+    "so101": Demo(
+        folder="demo-so101",
+        place="palpate.cli.demo_so101:run_so101",
+        commands=(
+            "palpate grasp --rig demo-so101/simulated.toml --target-force-n 2",
+            "python examples/so101.py demo-so101",
+        ),
+        is_running=True,
     ),
 }

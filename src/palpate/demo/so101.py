@@ -20,9 +20,9 @@ from palpate.clock import ManualClock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.bus_share import SharedBus
 from palpate.gripper.fingers import HingedJaw
-from palpate.rig.simulated import calibrate_world
 from palpate.twin.line_end import open_terminal
 from palpate.twin.objects import draw_object
+from palpate.twin.rig import calibrate_world
 from palpate.twin.sts_bus import ArmServo, StsBus
 from palpate.twin.world import World
 
