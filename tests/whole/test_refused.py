@@ -17,7 +17,7 @@ from palpate_station.store import Store
 USAGE = [
     ("--nonsense", "`palpate --help`"),
     ("gras", "`palpate --help`"),
-    ("demo circus", "recordings, force, packhouse"),
+    ("demo circus", "grasp, recordings, force"),
     ("calibrate reset", "Did you mean 'rest'"),
     ("bruise nobody", "no item 'nobody'"),
     ("bruise egg-0 --learn", "training requires 10 of each"),

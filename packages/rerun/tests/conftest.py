@@ -1,5 +1,5 @@
 """The command as a user types it."""
 
-from tests.conftest import palpate
+from tests.fixtures import palpate
 
 __all__ = ["palpate"]

@@ -236,12 +236,12 @@ def test_numbers_of_the_held_object_are_the_same_over_every_protocol_before_its_
             )
             stored = await read_registers(second, modbus.ITEM, modbus.TEXT_REGISTERS)
             assert await read_registers(second, modbus.OUTCOME, 1) == [1]
+            await hand.reach("idle")
             assert await hand.value("Result", "OutcomeNumber") == 1
             size_cm = struct.pack(">6H", *await read_registers(second, modbus.REFERENCE, 6))
             registers = [*struct.unpack(">9f", values), *struct.unpack(">3f", size_cm)]
             read += [await hand.value("Result", "Reference" + end) for end in ends]
             assert await hand.value("Result", "ReferenceUnit") == "cm"
-            await hand.reach("idle")
             return state, registers, read, modbus.decode_text(stored), driver
 
     state, registers, nodes, stored, driver = asyncio.run(work())
