@@ -33,7 +33,7 @@ def test_bad_pixel_leaves_force_finite_and_next_frame_right(made_by: str) -> Non
     pairs = WEIGHTS
     if made_by == "load cell":
         pairs = calibrate_twin(seed=5, level="lab", apart_from="").force
-    force = FrameForce(SimpleNamespace(force=pairs, force_law={}))
+    force = FrameForce(SimpleNamespace(force=pairs, force_law={}, layout=RIGID_LAYOUT))
     before = [force.limits_n(sample(0.1 * frame, PRESSED)) for frame in range(5)][-1]
     for time_s, counts, within in ((0.5, 1023, 1e-6), (0.7, 0, 0.1)):
         value, low, high = force.limits_n(sample(time_s, with_pixel(counts)))
