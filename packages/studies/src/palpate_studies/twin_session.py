@@ -18,7 +18,7 @@ from palpate.sensor.sample import (
     pixel_resistance_ohm,
     relative_change_percent,
 )
-from palpate.signal.relative import mean_change, total_excess
+from palpate.signal.relative import largest_change, mean_change, total_excess
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import Environment, Sheet
@@ -62,6 +62,11 @@ class Reading:
     def mean_percent(self) -> float:
         """Mean relative change, as in the paper."""
         return float(mean_change(self.change_percent))
+
+    @property
+    def largest_percent(self) -> float:
+        """Change of the pixel with the largest fall."""
+        return float(largest_change(self.change_percent))
 
     @property
     def excess(self) -> float:
