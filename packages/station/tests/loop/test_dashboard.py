@@ -147,7 +147,7 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     grasp(driver)
     # Force over closing is drawn from the readings received by this page.
     press = driver.locator("#press")
-    expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
+    expect(press).to_have_attribute("aria-label", re.compile("stiffness .*N/mm"))
     release(driver)
     chart, force = driver.locator("#chart"), driver.locator("#force .u-over")
     expect(chart).to_have_attribute("data-frozen", "true")
@@ -275,7 +275,7 @@ def test_second_viewer_can_watch_stop_and_take_over(
     expect(second.locator("#who")).to_have_text("you watch")
     expect(second.locator("#grasp")).to_be_disabled()
     expect(second.locator("#release")).to_be_disabled()
-    expect(driver.locator("#who")).to_contain_text("1 watches")
+    expect(driver.locator("#who")).to_contain_text("1 watching")
     # Only the driver can change the settings of the next grasp.
     driver.get_by_label(TARGET).fill("2")
     for label in (TARGET, ITEM):

@@ -59,7 +59,9 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
             page.get_by_label(ITEM).fill(name)
             start_grasp(page)
             # The bin is shown during the hold.
-            expect(operator.locator("#next-text")).to_have_text("Take the item, then press Release")
+            machine.until(lambda at: at["answered"])
+            watched = "Another screen controls (full page at 127.0.0.1)"
+            expect(operator.locator("#next-text")).to_have_text(watched)
             for one in (page, operator):
                 expect(one.locator("#verdict-text")).to_have_text(bin_name, ignore_case=True)
                 expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
