@@ -151,7 +151,7 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     release(driver)
     chart, force = driver.locator("#chart"), driver.locator("#force .u-over")
     expect(chart).to_have_attribute("data-frozen", "true")
-    expect(press).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
+    expect(press).to_have_attribute("aria-label", re.compile("stiffness .*N/mm"))
     # The force up to the release is stored for the envelope of the next grasps.
     stored = driver.wait_for_function(LAST_STORED, arg=stored_before).json_value()
     assert len(stored) == pytest.approx(10 * min(released_s(driver), 30.0), abs=1.5)
@@ -293,7 +293,7 @@ def test_second_viewer_can_watch_stop_and_take_over(
     second.locator("#take-over").click()
     expect(second.locator("#who")).to_contain_text("you control")
     expect(driver.locator("#who")).to_have_text("you watch")
-    expect(driver.get_by_text("Another user is now the driver")).to_be_visible()
+    expect(driver.get_by_text("Another screen controls now")).to_be_visible()
     expect(driver.locator("#release")).to_be_disabled()
     release(second)
 
