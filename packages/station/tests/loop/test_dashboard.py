@@ -275,7 +275,7 @@ def test_second_viewer_can_watch_stop_and_take_over(
     expect(second.locator("#who")).to_have_text("you watch")
     expect(second.locator("#grasp")).to_be_disabled()
     expect(second.locator("#release")).to_be_disabled()
-    expect(driver.locator("#who")).to_contain_text("1 watch")
+    expect(driver.locator("#who")).to_contain_text("1 watching")
     # Only the driver can change the settings of the next grasp.
     driver.get_by_label(TARGET).fill("2")
     for label in (TARGET, ITEM):
