@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, InputError
-from palpate.gripper.bus_share import SharedBus
+from palpate.gripper import bus_share
 from palpate.gripper.fingers import HingedJaw
 from palpate.twin.line_end import open_terminal
 from palpate.twin.objects import draw_object
@@ -108,7 +108,7 @@ class SimulatedSo101:
         )
         self.bus = self._servos.name
         names = {name: (folder / name).absolute() for name in ("hand", "arm", "sensor")}
-        self._share = SharedBus(self.bus, [names["hand"], names["arm"]], reply_s=_REPLY_S)
+        self._share = bus_share.SharedBus(self.bus, [names["hand"], names["arm"]], reply_s=_REPLY_S)
         self._link = names["sensor"]
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(sensor)
