@@ -184,7 +184,8 @@ def measure_loads(
         settled_n.append(load_n)
         excess.append(reading.excess)
         relative.append(reading.relative_percent)
-        by_pixel.append(tuple(reading.by_pixel.ravel().tolist()))
+        # A pixel without a reading adds nothing to the sum either.
+        by_pixel.append(tuple(np.nan_to_num(reading.by_pixel).ravel().tolist()))
         if settled is not None:
             settled(_pair(settled_n, excess, relative, by_pixel))
     if len(set(settled_n)) < MIN_LOADS:
