@@ -57,7 +57,7 @@ def test_live_rerun_sends_every_frame_with_its_force(palpate: Command, tmp_path:
             *("--rerun", address),
         )
     finally:
-        os.killpg(server.pid, signal.SIGINT)
+        os.killpg(server.pid, signal.SIGTERM)
         server.wait(timeout=WAIT_S)
     entities = read_rrd(saved)
     force, times_ns = entities["force"], np.sort(entities["force"]["sensor_time"])
