@@ -30,5 +30,5 @@ def run_so101(folder: Path) -> Iterator[Path]:
             assert "SIMULATED" in demo.stdout.readline()
             yield folder / "demo-so101"
         finally:
-            demo.send_signal(signal.SIGINT)
+            demo.send_signal(signal.SIGTERM)
             demo.wait(timeout=30.0)
