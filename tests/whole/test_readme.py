@@ -11,8 +11,12 @@ from tests.pages import ROOT, run_line
 from palpate.cli import VERBS
 
 README = (ROOT / "README.md").read_text()
-#: What stands in the `sh` blocks of the three doors.
-DOORS = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
+#: What stands in the `sh` blocks of the three doors; `git clone` needs a network.
+DOORS = [
+    block
+    for block in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
+    if "git clone" not in block
+]
 
 
 @pytest.mark.slow
