@@ -6,6 +6,7 @@ import os
 import re
 import signal
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -72,9 +73,10 @@ def test_async_read_returns_each_image_once_and_read_latest_anytime() -> None:
             touch.connect()
         images = [touch.async_read(timeout_ms=2000)]
         # A frame may arrive between two reads, but not between all of them.
-        with pytest.raises(TimeoutError):
+        with suppress(TimeoutError):
             while len(images) < 1000:
                 images.append(touch.async_read(timeout_ms=0))
+        assert len(images) < 1000
         assert len({id(one) for one in images}) == len(images)
         assert touch.read_latest().shape == touch.read().shape == images[0].shape
     finally:

@@ -15,7 +15,12 @@ from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.measurement import Measurement, Status, half_width_sds
-from palpate.object.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
+from palpate.object.closing_curve import (
+    CONTACT_SD,
+    ClosingAnswer,
+    ClosingSteps,
+    measure_closing,
+)
 from palpate.object.compliance import (
     SOFTEST_N_PER_MM,
     STIFFEST_N_PER_MM,
@@ -61,23 +66,26 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Measurement:
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
-    """Return size, stiffness and firmness at the settled force, keyed by result field.
+    """Return size, stiffness and firmness, keyed by result field.
 
+    The stiffness is that at the settled force. Firmness is that at `Plan.firmness_force_n`, because
+    a round object is stiffer at a larger force; soft fingers do not tell the difference.
     Quantities that the gripper can't measure are omitted; firmness is available after every
     contact. Pressure-driven fingers measure no size, because their closure at contact is unknown
     in millimetres.
     """
-    size_mm, stiffness = _measure(estimate, force, plan)
-    found: dict[str, Any] = {}
-    if size_mm is not None and plan.bend is None:
-        found["size_mm"] = size_mm
-    if stiffness is not None:
-        found["firmness"] = firmness_index(stiffness)
-        # A wide interval becomes a bound.
-        reason = _RIGID_FINGERS if plan.bend is None else _SOFT_FINGERS
-        bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
-        found["stiffness_n_per_mm"] = bounded
-    return found
+    answer = _measure(estimate, force, plan)
+    if answer is None:
+        return {}
+    # A wide interval becomes a bound.
+    reason = _RIGID_FINGERS if plan.bend is None else _SOFT_FINGERS
+    bounded = answer.stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
+    found = {
+        "firmness": firmness_index(answer.reference),
+        "firmness_force_n": force.middle if answer.size_mm is None else plan.firmness_force_n,
+        "stiffness_n_per_mm": bounded,
+    }
+    return found if answer.size_mm is None else found | {"size_mm": answer.size_mm}
 
 
 def gain_of_law(touch: Touch, plan: Plan) -> Gain:
@@ -95,41 +103,56 @@ def read_force(touch: Touch, gain: Gain, plan: Plan) -> Measurement:
     return Measurement(value=value, low=float(low), high=float(high), unit="n", level=level)
 
 
-def measure_settled_force(now: Touch, *, measured: MeasuredForce | None, plan: Plan) -> Measurement:
-    """Combine the sheet's force with the gripper's own measurement.
+def measure_force(now: Touch, *, measured: MeasuredForce | None, plan: Plan) -> Measurement:
+    """Combine the sheet's present force with the gripper's own measurement.
 
-    The law of the sheet takes its creep out of the reading, so the force needs no forecast.
+    The law of the sheet takes its creep out of the reading.
     """
     gain = gain_of_law(now, plan)
     if measured is not None:
-        relaxed = replace(measured, log_sd=math.hypot(measured.log_sd, SETTLE.drift_sd))
-        gain = gain.update(relaxed, sheet_n=now.sheet_n)
+        gain = gain.update(measured, sheet_n=now.sheet_n)
     force = read_force(now, gain, plan)
     return replace(force, status=Status.SATURATED) if now.is_beyond else force
+
+
+def settle_force(force: Measurement, *, share: float) -> Measurement:
+    """Return the force at the settling horizon, to which an unknown object relaxes at rest.
+
+    `share`: the object's fraction of the deflection of object and hand together. A hand that gives
+    way follows an object that relaxes, and the force falls by this fraction of the relaxation.
+    """
+    settled = force.scaled(math.exp(share * SETTLE.relaxed), unit="n")
+    settled = settled.widened(sd=share * SETTLE.relaxed_sd * settled.middle)
+    return replace(settled, low=max(settled.low, 0.0))
 
 
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
     """Return the object's secant stiffness at a force; None if the gripper can't measure it."""
-    return _measure(estimate, force, plan)[1]
+    answer = _measure(estimate, force, plan)
+    return None if answer is None else answer.stiffness
 
 
-def _measure(
-    estimate: ContactEstimate, force: Measurement, plan: Plan
-) -> tuple[Measurement | None, Measurement | None]:
+def _measure(estimate: ContactEstimate, force: Measurement, plan: Plan) -> ClosingAnswer | None:
     """Estimate size and stiffness from the closing curve; None if the force is too low."""
     found = _closing_curve(estimate, plan)
     if found is None:
-        return None, None
+        return None
     curve, compliance = found
     opening_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - compliance.zero_mm
     if plan.bend is None:
-        answer = measure_closing(curve, compliance=compliance, opening_mm=opening_mm, force=force)
-        return answer or (None, None)
-    return None, measure_soft_stiffness(
+        return measure_closing(
+            curve,
+            compliance=compliance,
+            opening_mm=opening_mm,
+            force=force,
+            reference_n=plan.firmness_force_n,
+        )
+    stiffness = measure_soft_stiffness(
         curve, compliance=compliance, opening_mm=opening_mm, force=force
     )
+    return None if stiffness is None else ClosingAnswer(None, stiffness, stiffness)
 
 
 def count_contact_steps(estimate: ContactEstimate, plan: Plan) -> int:

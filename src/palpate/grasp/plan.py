@@ -84,6 +84,8 @@ class Plan:
     firm_force_n, firm_mm : float
         Limits of a firmer squeeze with rigid fingers while the stiffness is still uncertain: the
         force, and the deformation that certainly damages the object.
+    firmness_force_n : float
+        Force of the stiffness that firmness is made from, newtons.
     stiffness_tolerance : float
         Relative uncertainty, to either side, of a stiffness that counts as known.
     fewest_steps : int
@@ -147,6 +149,7 @@ class Plan:
     gentle_mm: float = 1.0
     firm_force_n: float = 6.0
     firm_mm: float = 1.0
+    firmness_force_n: float = 2.0
     stiffness_tolerance: float = 0.25
     fewest_steps: int = 3
     rest_s: float = 0.3

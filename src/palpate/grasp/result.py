@@ -77,8 +77,11 @@ class GraspResult:
         Mean relative change and grip force at the settling horizon, the object's size before
         contact, and its secant stiffness at that force.
     firmness : Measurement or None
-        Index from 0 to 100 (`palpate.object.firmness`). It has a value and an interval even if
-        the stiffness is only bounded.
+        Index from 0 to 100 (`palpate.object.firmness`) of the stiffness at `firmness_force_n`. It
+        has a value and an interval even if the stiffness is only bounded.
+    firmness_force_n : float or None
+        Force at which the firmness counts, so that it does not depend on the squeeze: 2 N with
+        rigid fingers. Soft fingers measure it at their own force.
     previous_width_mm : float or None
         Commanded width one step before contact, not corrected for the gripper's zero. It is the
         size estimate of the paper's method, with its fixed steps, but not of the default method,
@@ -108,6 +111,7 @@ class GraspResult:
     force_n: Measurement | None = None
     stiffness_n_per_mm: Measurement | None = None
     firmness: Measurement | None = None
+    firmness_force_n: float | None = None
     previous_width_mm: float | None = None
     peak_force_n: float | None = None
     frames: int = 0
@@ -144,6 +148,7 @@ class GraspResult:
             "outcome": str(self.outcome),
             "decision_time_s": self.decision_time_s,
             **measured,
+            "firmness_force_n": self.firmness_force_n,
             "previous_width_mm": self.previous_width_mm,
             "peak_force_n": self.peak_force_n,
             "frames": self.frames,

@@ -40,21 +40,23 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Correct the settled force, up or down, until it is within the target's tolerance."""
-    correction, force = state.correction, state.result.force_n
+    correction, force, present = state.correction, state.result.force_n, state.correction.present
     assert force is not None
+    assert present is not None
     limited = _is_limited(state.estimate, force, plan)
     below = is_below_target(force, plan)
     if correction.count < plan.most_adjustments:
         # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
             command = increase_force(
-                state, force, plan, force_deficit_n=force_deficit_n(force, plan)
+                state, present, plan, force_deficit_n=force_deficit_n(force, plan)
             )
             if command is not None:
                 state.enter(Activity.FORECAST, event="adjusted")
                 return command
         elif is_above_target(force, plan):
-            command = reduce_force(state, force, plan, goal_n=goal_n(plan))
+            goal_now_n = goal_n(plan) * present.middle / force.middle
+            command = reduce_force(state, present, plan, goal_n=goal_now_n)
             state.enter(Activity.EASE, event="eased")
             return command
     if limited and below:
@@ -175,7 +177,7 @@ def increase_force(
     """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
     slope, longest = slope_n(trial, plan), math.inf
-    # Use the settled force, which includes the gripper's own measurement.
+    # This force includes the gripper's own measurement.
     trial.set_force(force.middle, force.high)
     if correction.before is not None:
         closure, force_n = correction.before

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from palpate.arrays import FloatArray
-from palpate.grasp.answers import measure_settled_force
+from palpate.grasp.answers import measure_force, settle_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.servo_evidence import gripper_force
+from palpate.grasp.step_size import slope_n
 from palpate.gripper.interface import GripperCommand
 from palpate.measurement import Measurement
 from palpate.signal.events import ContactState, EventKind, watch_contact
@@ -50,6 +51,8 @@ class Correction:
     ----------
     activity : Activity
         Present activity: wait for a forecast, select a correction, or close again from below.
+    present : Measurement or None
+        Force at the last answer; None before it.
     count : int
         Number of corrections so far.
     before : tuple of float or None
@@ -59,6 +62,7 @@ class Correction:
     """
 
     activity: Activity = Activity.FORECAST
+    present: Measurement | None = None
     count: int = 0
     before: tuple[float, float] | None = None
     return_closure: float | None = None
@@ -206,10 +210,13 @@ class GraspState:
         self.attempt.fingers = tuple(found)
 
     def set_settled_force(self, settled_percent: Measurement, *, plan: Plan) -> Measurement:
-        """Compute the settled force, store it in the result, and return it."""
+        """Compute present and settled force, store both, and return the settled one."""
         measured = gripper_force(self.estimate, plan)
-        force = measure_settled_force(self.estimate.now, measured=measured, plan=plan)
-        self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
+        present = measure_force(self.estimate.now, measured=measured, plan=plan)
+        # The slope of the closing is that of object and hand in series.
+        share = 1.0 - slope_n(self.estimate, plan) / plan.steepest_n
+        self.correction.present, force = present, settle_force(present, share=share)
+        self.estimate.peak_force_n = max(self.estimate.peak_force_n, present.middle)
         self.result = replace(
             self.result,
             decision_time_s=round(self.estimate.now_s - self.first_contact_s, 6),

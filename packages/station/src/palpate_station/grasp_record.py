@@ -52,6 +52,9 @@ def make_grasp_record(
     """
     # The store holds values only, no bounds.
     measured = {name: one for name, one in list_answers(result).items() if one.has_value}
+    at_n = result.firmness_force_n
+    if at_n is not None:
+        measured["firmness_force_n"] = Measurement(value=at_n, low=at_n, high=at_n, unit="n")
     measured |= {**hold_measurements(observations, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,

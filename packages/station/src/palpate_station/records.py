@@ -28,6 +28,7 @@ MEASURED = MappingProxyType(
         "force_n": "n",
         "stiffness_n_per_mm": "n_per_mm",
         "firmness": "index",
+        "firmness_force_n": "n",
         "width_mm": "mm",
         "pressure_kpa": "kpa",
         "contact_mm": "mm",

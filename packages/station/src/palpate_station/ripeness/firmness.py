@@ -51,6 +51,7 @@ def firmness_of(grasp: Grasp) -> float | None:
     With fingers driven by width, the firmness is the ln of the stiffness in N/mm at 5 N. The
     stiffness of a round body is proportional to the cube root of the force. The stiffness is
     calculated from the firmness index, because a gentle squeeze often yields only a bound on it.
+    The index counts at `firmness_force_n`, and in older records at the grip force.
 
     With fingers driven by pressure, the firmness is -ln of the number of pixels that share the
     load. If the closing measured the width, the number is corrected for size and force
@@ -81,7 +82,8 @@ def firmness_of(grasp: Grasp) -> float | None:
         if shared is not None:
             return -math.log(shared.middle)
         return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
-    index, force = grasp.measurements.get("firmness"), grasp.measurements.get("force_n")
+    index, measured = grasp.measurements.get("firmness"), grasp.measurements
+    force = measured.get("firmness_force_n", measured.get("force_n"))
     if index is None or force is None or force.middle <= 0:
         return None
     return math.log(index_stiffness(index.middle)) - math.log(force.middle / RIPENESS_N) / 3.0
