@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from packages.station.tests.dashboard.test_live import HOLDING, SOURCE
 
+from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
@@ -94,6 +96,17 @@ def test_app_state_answers_with_rules_only_when_the_bin_is_known(tmp_path: Path)
     first, *_, last = asyncio.run(grasp())
     assert first == {"answered": False, "bin": None}
     assert last == {"answered": True, "bin": "small"}
+
+
+def test_rules_decide_whether_a_grasp_without_a_name_is_refused(tmp_path: Path) -> None:
+    for requires_item in (False, True):
+        app_state = app_state_of(tmp_path, replace(RULES, requires_item=requires_item))
+        app_state.session.join("a")
+        devices = app_state.session.devices
+        devices.rig_open, devices.live.link = True, LinkStatus(frames=9, stale=False)
+        order = app_state.grasp_order(target_force_n=None)
+        with pytest.raises(InputError, match="Scan the item") if requires_item else nullcontext():
+            app_state.session.order("a", order)
 
 
 def names_in(folder: Path) -> list[str]:

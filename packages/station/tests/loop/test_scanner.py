@@ -71,7 +71,7 @@ def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, add
         page.get_by_label("Clear").click()
         again = page.locator("#same-item")
         expect(again).to_be_visible()
-        expect(again).to_have_text(f"Same item again: A-{SCANS - 1}")
+        expect(again).to_have_text(f"Again: A-{SCANS - 1}")
         again.focus()
         page.keyboard.press("Enter")
         expect(field).to_have_value(f"A-{SCANS - 1}")

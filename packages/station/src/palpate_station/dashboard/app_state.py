@@ -34,7 +34,6 @@ from palpate_station.dashboard.folder import (
 )
 from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind, store_note
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
-from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     DeviceActivity,
     DevicesLost,
@@ -96,7 +95,7 @@ class Settings:
     rules: RuleBook | None = None
     #: Translation of the operator's page; English by default.
     words: Path | None = None
-    #: Whether a grasp without the name of its item is refused.
+    #: Whether a grasp without the name of its item is refused, in addition to the rules.
     requires_item: bool = False
     #: Time without working devices after which the server ends; None to stay.
     exit_after_s: float | None = None
@@ -167,7 +166,9 @@ class AppState:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.item_store = ItemStore(settings.store, rules=settings.rules, station=settings.station)
-        self.history = History(settings.folder)
+        rules = settings.rules
+        default_bin = None if rules is None else rules.default_bin
+        self.history = History(settings.folder, default_bin=default_bin)
         self.recordings = RecordingList(settings.folder)
         #: Number of finished grasps, and the document of the last one.
         self._results = 0
@@ -181,9 +182,8 @@ class AppState:
             silent_s=lambda: self.silent_s,
             on_event=record_event,
             words=Words() if settings.words is None else Words.read(settings.words),
-            requires_item=settings.requires_item,
+            requires_item=settings.requires_item or (rules is not None and rules.requires_item),
         )
-        self.start_lot("")
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
@@ -396,8 +396,10 @@ class AppState:
 
     def start_lot(self, name: str) -> None:
         """Count the items of another batch from now on."""
-        rules = self.settings.rules
-        self.session.lot = Lot(name, default_bin=None if rules is None else rules.default_bin)
+        try:
+            self.history.start_lot(name)
+        except OSError as error:
+            self._report_history(name or "lot", error)
 
     def calibration_file(self) -> Path:
         """Return the rig's calibration file: named in the rig file, or in the folder."""
@@ -500,7 +502,7 @@ class AppState:
                     document,
                     placement=placement,
                     calibration=source.calibration,
-                    batch=self.session.lot.name,
+                    batch=self.history.lot.name,
                 )
                 document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:
@@ -530,7 +532,6 @@ class AppState:
             stage=None if item is None else item.stage,
             bruised=None if item is None else item.bruised,
         )
-        self.session.lot.add(document)
         words = self.session.words
         if document.not_stored and entry.item_id:
             note = store_note(devices, words)
@@ -538,8 +539,7 @@ class AppState:
         try:
             self.history.add(entry)
         except OSError as error:
-            LOG.error("%s: %s", entry.recording, error)
-            devices.add_alarm(words("badge.history"))
+            self._report_history(entry.recording, error)
         stored = document.not_stored and f", not stored: {document.not_stored}"
         text = f"{document.recording} of {document.item_id or 'no item'}: {document.result.outcome}"
         LOG.log(logging.WARNING if stored else logging.INFO, "%s%s", text, stored)
@@ -547,6 +547,11 @@ class AppState:
         self._last_document = document
         for listener in self.on_result:
             listener(document)
+
+    def _report_history(self, what: str, error: OSError) -> None:
+        """Report that the history could not be written."""
+        LOG.error("%s: %s", what, error)
+        self.session.devices.add_alarm(self.session.words("badge.history"))
 
     def _send(self, message: Order | Request) -> None:
         if self._process is not None:

@@ -16,7 +16,6 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
-from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import DeviceState, Session
 from palpate_station.dashboard.words import Words
@@ -323,8 +322,8 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
     ``word``, ``detail``: the verdict. ``next``: the next step, on the screen that controls.
-    ``watch``: the text in its place on other screens. ``lot``: the line of the lot. ``badge``: a
-    note that the grasp is not stored. ``opens``: the countdown before the gripper opens by itself.
+    ``watch``: the text in its place on other screens. ``badge``: a note that the grasp is not
+    stored. ``opens``: the countdown before the gripper opens by itself.
     ``is_past``: whether the verdict is that of another item than the scanned one.
     """
     words, form, devices = session.words, session.form, session.devices
@@ -339,7 +338,6 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         "measured": headline.evidence or ", ".join(headline.measured(words)),
         "next": _capitalize(_next_step(session, headline)),
         "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
-        "lot": lot_text(session.lot, words),
         "badge": "" if headline.result is None else store_note(devices, words),
         "opens": _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
@@ -417,18 +415,6 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.turn")
     is_ended = report is Report.OUTCOME and headline.outcome is not None
     return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
-
-
-def lot_text(lot: Lot, words: Words) -> str:
-    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
-    if not lot.items:
-        return ""
-    texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
-    texts.append(words("lot.items", n=lot.items))
-    texts += [f"{name} {count}" for name, count in lot.bins.most_common()]
-    if lot.packout_percent is not None:
-        texts.append(words("lot.packout", percent=f"{lot.packout_percent:.0f}"))
-    return " · ".join(texts)
 
 
 def store_note(devices: DeviceState, words: Words) -> str:

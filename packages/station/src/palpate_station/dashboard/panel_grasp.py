@@ -9,7 +9,7 @@ from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState, check_item
 from palpate_station.dashboard.folder import make_recording_path
-from palpate_station.dashboard.messages import Action, OpenRig, Record, SetSpeed
+from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.session import GraspForm
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
@@ -59,7 +59,7 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
     add_item_field(app_state, viewer, label="Item")
-    lot = ui.input("Lot (empty: without a name)", value=app_state.session.lot.name)
+    lot = ui.input("Lot (empty: without a name)", value=app_state.history.lot.name)
     lot.props("outlined dense maxlength=80 autocomplete=off")
     with lot.add_slot("append"):
         text = "Start lot"
@@ -123,11 +123,14 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
         shown = f"{label} {_short_name(form.item_id)}" if is_long else label
         state = "" if not form.item_id else "taken" if fault() is None else "refused"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
+        # A grasp has taken its name, and the next item may be scanned meanwhile.
+        is_grasping = app_state.session.devices.activity is DeviceActivity.GRASPING
         none = "item.needed" if app_state.session.requires_item else "item.unnamed"
-        hint = {"": none, "refused": "item.refused"}.get(state)
+        hint = {"": None if is_grasping else none, "refused": "item.refused"}.get(state)
         item.props["label"] = shown if hint is None else words(hint, label=label)
         same_item.set_text(words("item.same", name=_short_name(form.last_item_id)))
-        same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
+        can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
+        same_item.set_visibility(can_repeat and viewer.is_driver)
 
     viewer.on_refresh(show)
 

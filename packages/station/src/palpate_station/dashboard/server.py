@@ -19,6 +19,7 @@ from palpate_station.dashboard.audit import LOG, write_log
 from palpate_station.dashboard.folder import find_recording
 from palpate_station.dashboard.front import STOP_PATHS
 from palpate_station.dashboard.listening import bind_port
+from palpate_station.dashboard.lot import lot_text
 from palpate_station.dashboard.monitor import Monitor
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.retention import delete_old_recordings
@@ -272,6 +273,7 @@ def _add_page_routes(app_state: AppState) -> None:
         content = document(app_state.session, generation=generation, after_s=after_s)
         is_idle = content["verdict"]["kind"] == "idle"
         content["idle"] = app_state.idle_texts() if is_idle else []
+        content["lot"] = lot_text(app_state.history.lot, app_state.session.words)
         return JSONResponse(content | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")

@@ -19,7 +19,6 @@ from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.sensor.health import Health
 from palpate_station.dashboard.live import Live
-from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     ACTIONS,
     ACTIVITIES,
@@ -374,8 +373,6 @@ class Session:
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item = requires_item
-        #: The items of the current batch.
-        self.lot = Lot()
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None
