@@ -290,7 +290,15 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
 ) -> None:
     live.set_progress(HOLDING)
     session.devices.activity = DeviceActivity.GRASPING
-    for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
+    for again, step, word in (
+        (False, "Take the item", "By hand"),
+        (True, "Press Release, turn the item", "Turn the item"),
+    ):
         given = Bin(name="by hand", again=again)
         session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)
-        assert page_of(session)["operator"]["next"].startswith(step)
+        page = page_of(session)
+        assert page["operator"]["next"].startswith(step)
+        # A glance must not take a provisional bin for a final one.
+        assert (page["operator"]["word"], page["operator"]["is_bin"]) == (word, not again)
+        assert ("provisional" in page["verdict"]["text"]) == again
+        assert page["operator"]["measured"].startswith("so far by hand") == again

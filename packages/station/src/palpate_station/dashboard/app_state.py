@@ -49,14 +49,12 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.page_document import state_document
 from palpate_station.dashboard.panel_html import count_of
-from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.session import Session, check_item
 from palpate_station.dashboard.transport import run_on
 from palpate_station.dashboard.words import Words
-from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
 from palpate_station.qualify.conversion import Conversion
-from palpate_station.records import Item
 from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook
 
@@ -579,14 +577,6 @@ class AppState:
                 case OrderEnded(order=GraspOrder() as order, found=None):
                     # The hand has not measured the item, which is to be grasped again.
                     self.session.form.return_item(order, again=True)
-
-
-def check_item(text: str) -> str:
-    """Return the item identifier of a typed or scanned text.
-
-    Raises `InputError` if the label is damaged, or the text can't be a name.
-    """
-    return Item(item_id=read_label(text)).item_id
 
 
 def age_text(made_at: str) -> str:

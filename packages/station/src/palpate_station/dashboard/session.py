@@ -55,7 +55,9 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.words import Words
+from palpate_station.line.gs1 import read_label
 from palpate_station.line.results import NO_ITEM
+from palpate_station.records import Item
 
 #: Number of alarms that the pages list.
 _MAX_ALARMS = 20
@@ -293,6 +295,16 @@ class GraspForm:
     #: Whether the name is that of the last grasp, returned by it.
     is_returned: bool = False
 
+    @property
+    def label_fault(self) -> str:
+        """Why the name can't be the name of an item; empty if it can, or without a name."""
+        try:
+            if self.item_id:
+                check_item(self.item_id)
+        except InputError as error:
+            return str(error)
+        return ""
+
     def set_item(self, text: str) -> None:
         """Set the name that a user has typed or scanned."""
         if text != self.item_id:
@@ -314,6 +326,14 @@ class GraspForm:
             self.item_id, self.is_returned = self.last_item_id if order.item_id else "", True
         elif not again and self.is_returned:
             self.item_id, self.is_returned = "", False
+
+
+def check_item(text: str) -> str:
+    """Return the item identifier of a typed or scanned text.
+
+    Raises `InputError` if the label is damaged, or the text can't be a name.
+    """
+    return Item(item_id=read_label(text)).item_id
 
 
 def page_name(host: str, user: User | None = None) -> str:

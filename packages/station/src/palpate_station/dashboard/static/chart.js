@@ -401,8 +401,8 @@ function drawPixels() {
       ctx.strokeRect(x(pointed + view.zero), y0 + 2, 0, box.h - 5);
     }
     if (many) continue;
-    // An outline keeps the name readable on top of the curve.
-    const name = [pixelName(row, col, "part.pixel_short"), x0 + box.w - 26 * scale(), y0 + 8 * scale()];
+    // Curves are rarely at half height. An outline keeps the name readable nevertheless.
+    const name = [pixelName(row, col, "part.pixel_short"), x0 + box.w - 26 * scale(), y0 + box.h / 2 + 3 * scale()];
     Object.assign(ctx, { fillStyle: ink.muted, strokeStyle: ink.surface, lineWidth: 3 });
     ctx.strokeText(...name);
     ctx.fillText(...name);

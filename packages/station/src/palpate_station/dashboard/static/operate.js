@@ -8,13 +8,14 @@ function draw(doc) {
   if (!card.dataset.fits) [card, $("lost"), $("next-step")].forEach(fit);
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
-  card.dataset.bin = Boolean(verdict.bin);
+  card.dataset.bin = operator.is_bin;
   headline(card, $("verdict-text"), operator.word);
   card.dataset.past = operator.is_past;
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
-  setText($("verdict-why"), [...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
+  setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
   setText($("next-text"), isDriver(doc) ? operator.next : operator.watch);
+  $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
   // is open for a moment when a grasp starts.
