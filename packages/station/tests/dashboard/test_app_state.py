@@ -16,7 +16,7 @@ from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
 from palpate_station.dashboard import folder as folder_module
-from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import RecordingList
 from palpate_station.dashboard.messages import (
     Grasped,
@@ -27,6 +27,7 @@ from palpate_station.dashboard.messages import (
     StopConfirmed,
     Update,
 )
+from palpate_station.dashboard.settings import Settings
 from palpate_station.sorting.conditions import Within
 from palpate_station.sorting.rules import Rule, RuleBook
 

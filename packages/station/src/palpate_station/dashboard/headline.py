@@ -14,10 +14,11 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
+from palpate_station.dashboard.device_state import DeviceState
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
-from palpate_station.dashboard.session import DeviceState, Session
+from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
 
 #: Activities that hide the verdict of the previous grasp.

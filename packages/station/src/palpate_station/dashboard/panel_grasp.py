@@ -9,8 +9,8 @@ from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
+from palpate_station.dashboard.grasp_form import GraspForm
 from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
-from palpate_station.dashboard.session import GraspForm
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}

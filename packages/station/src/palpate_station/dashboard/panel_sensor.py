@@ -14,6 +14,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health
 from palpate_station.dashboard.app_state import AppState, age_text
+from palpate_station.dashboard.device_state import CalibrationFailure
 from palpate_station.dashboard.messages import (
     Action,
     CalibrateForce,
@@ -22,7 +23,6 @@ from palpate_station.dashboard.messages import (
     Examine,
 )
 from palpate_station.dashboard.panel_html import draw_panel_svg, panel_html
-from palpate_station.dashboard.session import CalibrationFailure
 from palpate_station.dashboard.viewer import Viewer, add_heading, add_paragraph
 from palpate_station.dashboard.words import Words
 
