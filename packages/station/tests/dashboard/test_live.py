@@ -203,7 +203,8 @@ def test_headline_of_a_grasp_is_good_only_without_faults(
     assert why in (page["verdict"]["why"] or "")
     assert (PASSED in (page["verdict"]["why"] or "")) == (why == PASSED)
     aside = "Set this item aside: it has no bin"
-    assert (page["operator"]["next"] == aside) == (devices.placed == NO_BIN)
+    shown = (page["operator"]["next"] == aside, page["operator"]["word"] == "No bin")
+    assert shown == (devices.placed == NO_BIN,) * 2
 
 
 def test_headline_after_a_lost_sensor_is_idle_once_frames_arrive_and_the_hand_is_open(

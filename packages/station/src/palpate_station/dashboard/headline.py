@@ -318,7 +318,8 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
     if headline.bin is not None:
         return text, text
     if headline.no_bin:
-        return text, _no_bin_text(session.devices, headline.no_bin, words)
+        why = _no_bin_reason(session.devices, headline, words)
+        return text, words("why.no_bin", why=why) if why else words("word.no_bin").lower()
     return text, words("why.passed_limit") if headline.has_passed_limit else ""
 
 
@@ -362,6 +363,9 @@ def _operator_word(session: Session, headline: Headline) -> str:
     if headline.bin is not None:
         # A provisional bin must not look like the final one.
         return words("word.turn") if headline.bin.again else headline.bin.name
+    if headline.no_bin:
+        # Nor must a firmness look like a bin.
+        return words("word.no_bin")
     is_measured = report is Report.PHASE and headline.phase == Phase.HOLD.value
     if report is Report.PHASE and not (is_measured and headline.result is not None):
         return words(f"phase.{headline.phase}")
@@ -384,7 +388,7 @@ def _operator_detail(headline: Headline, devices: DeviceState, words: Words) -> 
     elif headline.report is Report.OUTCOME:
         texts.append(words(f"detail.{headline.outcome}"))
     if headline.no_bin:
-        texts.append(_no_bin_text(devices, headline.no_bin, words))
+        texts.append(_no_bin_reason(devices, headline, words))
     if headline.has_passed_limit:
         texts.append(words("why.passed_limit"))
     return "; ".join(filter(None, texts))
@@ -442,11 +446,10 @@ def store_note(devices: DeviceState, words: Words) -> str:
     return words("badge.fault", why=_fault_text(devices.not_stored, words))
 
 
-def _no_bin_text(devices: DeviceState, why: str, words: Words) -> str:
-    """Return why an item has no bin; without a reason that the note on the store has too."""
-    if devices.item_id and devices.not_stored == why:
-        return words("why.no_bin_either")
-    return words("why.no_bin", why=_fault_text(why, words))
+def _no_bin_reason(devices: DeviceState, headline: Headline, words: Words) -> str:
+    """Return why an item has no bin; empty if the note on the store has the same reason."""
+    is_noted = devices.item_id != "" and devices.not_stored == headline.no_bin
+    return "" if is_noted else _fault_text(headline.no_bin, words)
 
 
 def _fault_text(fault: str, words: Words) -> str:
