@@ -20,5 +20,7 @@ RUN pip install --no-cache-dir "$(ls /dist/palpate-*.whl)[all]" "$(ls /dist/palp
 WORKDIR /work
 # Inside of the container, the loopback can't be reached from outside; serve then requires a token.
 ENV PALPATE_HOST=0.0.0.0
+# The outbox of a shared store belongs to the data of the volume too.
+ENV XDG_STATE_HOME=/work
 EXPOSE 8080
 ENTRYPOINT ["palpate"]

@@ -72,6 +72,12 @@ def test_sorting_study_names_and_sorts_the_items_of_a_crates_file(
     assert ours["strangers_found"] == 1.0
     assert ours["items"] == 24
     assert select_row(found["identify"], "lab", "ours, taught on other sensors")["right"] > 0.7
+    bands = [row for row in found["reliability"] if row["level"] == "lab"]
+    # Each of 30 items has a claim of each of 11 rules.
+    assert sum(row["claims"] for row in bands) == 330
+    assert all(row["from"] <= row["claimed"] <= row["to"] for row in bands)
+    assert bands[0]["true"] < 0.1
+    assert bands[-1]["true"] > 0.9
     one, three = (
         select_row(found["summary"], "lab", method)
         for method in ("ours, one grasp", "ours, up to 3 grasps")

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from packages.station.tests.dashboard.test_live import HOLDING, SOURCE
 
+from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.measurement import Measurement
 from palpate_station.dashboard import folder as folder_module
-from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import RecordingList
 from palpate_station.dashboard.messages import (
     Grasped,
@@ -25,6 +27,7 @@ from palpate_station.dashboard.messages import (
     StopConfirmed,
     Update,
 )
+from palpate_station.dashboard.settings import Settings
 from palpate_station.sorting.conditions import Within
 from palpate_station.sorting.rules import Rule, RuleBook
 
@@ -94,6 +97,17 @@ def test_app_state_answers_with_rules_only_when_the_bin_is_known(tmp_path: Path)
     first, *_, last = asyncio.run(grasp())
     assert first == {"answered": False, "bin": None}
     assert last == {"answered": True, "bin": "small"}
+
+
+def test_rules_decide_whether_a_grasp_without_a_name_is_refused(tmp_path: Path) -> None:
+    for requires_item in (False, True):
+        app_state = app_state_of(tmp_path, replace(RULES, requires_item=requires_item))
+        app_state.session.join("a")
+        devices = app_state.session.devices
+        devices.rig_open, devices.live.link = True, LinkStatus(frames=9, stale=False)
+        order = app_state.grasp_order(target_force_n=None)
+        with pytest.raises(InputError, match="Scan the item") if requires_item else nullcontext():
+            app_state.session.order("a", order)
 
 
 def names_in(folder: Path) -> list[str]:

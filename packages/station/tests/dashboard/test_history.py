@@ -50,6 +50,25 @@ def test_history_is_restored_after_a_restart(tmp_path: Path) -> None:
     assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
 
+def test_lot_continues_after_a_restart_and_ends_with_the_next_lot(tmp_path: Path) -> None:
+    def restart() -> History:
+        return History(tmp_path, default_bin="by hand")
+
+    restart().add(replace(ENTRY, item_id="A1"))
+    assert (restart().lot.name, restart().lot.items) == ("", 1)
+    restart().start_lot("Monday")
+    steps = (("A1", "large", True), ("A1", "large", False), ("A2", "by hand", False))
+    for item_id, bin_name, again in steps:
+        restart().add(replace(ENTRY, item_id=item_id, bin=bin_name, again=again))
+    restart().add(replace(ENTRY, item_id="A3", bin=None))
+    restart().add(replace(ENTRY, item_id="A4", outcome="slipped"))
+    restart().add(replace(ENTRY, item_id="", recording="unnamed.mcap"))
+    lot = restart().lot
+    assert (lot.name, lot.bins) == ("Monday", {"large": 1, "by hand": 1, "ripe": 1})
+    restart().start_lot("Tuesday")
+    assert (restart().lot.name, restart().lot.items) == ("Tuesday", 0)
+
+
 def test_history_with_truncated_lines_reads_and_adds_all_others(
     history: History, tmp_path: Path
 ) -> None:

@@ -203,7 +203,8 @@ def test_headline_of_a_grasp_is_good_only_without_faults(
     assert why in (page["verdict"]["why"] or "")
     assert (PASSED in (page["verdict"]["why"] or "")) == (why == PASSED)
     aside = "Set this item aside: it has no bin"
-    assert (page["operator"]["next"] == aside) == (devices.placed == NO_BIN)
+    shown = (page["operator"]["next"] == aside, page["operator"]["word"] == "No bin")
+    assert shown == (devices.placed == NO_BIN,) * 2
 
 
 def test_headline_after_a_lost_sensor_is_idle_once_frames_arrive_and_the_hand_is_open(
@@ -290,7 +291,15 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
 ) -> None:
     live.set_progress(HOLDING)
     session.devices.activity = DeviceActivity.GRASPING
-    for again, step in ((False, "Take the item"), (True, "Press Release, turn the item")):
+    for again, step, word in (
+        (False, "Take the item", "By hand"),
+        (True, "Press Release, turn the item", "Turn the item"),
+    ):
         given = Bin(name="by hand", again=again)
         session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)
-        assert page_of(session)["operator"]["next"].startswith(step)
+        page = page_of(session)
+        assert page["operator"]["next"].startswith(step)
+        # A glance must not take a provisional bin for a final one.
+        assert (page["operator"]["word"], page["operator"]["is_bin"]) == (word, not again)
+        assert ("provisional" in page["verdict"]["text"]) == again
+        assert page["operator"]["measured"].startswith("so far by hand") == again

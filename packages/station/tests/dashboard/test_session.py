@@ -14,6 +14,7 @@ from packages.station.tests.dashboard.test_live import SOURCE, frames
 from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
+from palpate_station.dashboard.grasp_form import GraspForm
 from palpate_station.dashboard.messages import (
     Action,
     Confirm,
@@ -37,7 +38,7 @@ from palpate_station.dashboard.messages import (
     Update,
 )
 from palpate_station.dashboard.page_document import document
-from palpate_station.dashboard.session import GraspForm, Session
+from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.users import Role
 
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)

@@ -45,7 +45,7 @@ def test_session_refuses_a_grasp_without_a_name_where_one_is_required() -> None:
     session.devices.rig_open = True
     session.devices.live.link = LinkStatus(frames=9, stale=False)
     order = GraspOrder(target_force_n=None, recording=Path("new.mcap"))
-    with pytest.raises(InputError, match="need its name"):
+    with pytest.raises(InputError, match="without a name"):
         session.order("a", order)
     session.order("a", replace(order, item_id="A1"))
 

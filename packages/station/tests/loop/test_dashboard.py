@@ -198,7 +198,7 @@ def test_finished_grasp_stays_on_the_chart_with_zoom_and_cursor(
     assert driver.evaluate(TIME_RANGE) == frozen
     # A click on the small plot of a pixel selects the pixel.
     driver.locator("#pixels").click(position={"x": 10, "y": 10})
-    expect(driver.locator("#pixel-name")).to_have_text("R0 C0")
+    expect(driver.locator("#pixel-name")).to_have_text("row 1, column 1")
     driver.locator("#pixel-close").click()
     # Pinch with two fingers.
     touch_page = open_page("about:blank", has_touch=True)

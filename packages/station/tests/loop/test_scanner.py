@@ -43,7 +43,7 @@ def address(folder: Path) -> Iterator[str]:
 def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, address: str) -> None:
     machine = Machine(address)
     with visit_as_driver(browser, f"{address}operate", **PANEL) as page:
-        field = page.get_by_label("Next item")
+        field = page.locator("input.scanned")
         for number in range(SCANS):
             # The next scan replaces the wrong first scan.
             for name in ("wrong", f"A-{number}"):
@@ -71,7 +71,7 @@ def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, add
         page.get_by_label("Clear").click()
         again = page.locator("#same-item")
         expect(again).to_be_visible()
-        expect(again).to_have_text(f"Same item again: A-{SCANS - 1}")
+        expect(again).to_have_text(f"Again: A-{SCANS - 1}")
         again.focus()
         page.keyboard.press("Enter")
         expect(field).to_have_value(f"A-{SCANS - 1}")

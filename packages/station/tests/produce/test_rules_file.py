@@ -68,6 +68,7 @@ def test_read_rules_accepts_the_example_file() -> None:
         ('["kiwi", "lime"]', "[1]", r"line 5: class is \[1\], not a name"),
         ("[0, 45]", "[0, 45", "Unclosed array"),
         ("default =", "most_grasps = 0\ndefault =", "line 1: most_grasps is 0, .* from 1 to 20"),
+        ("default =", "require_item = 1\ndefault =", "line 1: require_item is 1, not true or"),
         (GOOD, 'default = "x"\n[[rule]]\nbin = "y"', "line 2: this rule has no condition"),
         (GOOD, 'default = "x"\n', r"has no \[\[rule\]\]"),
         (GOOD, 'default = "x"\nrule = []', r"has no \[\[rule\]\]"),

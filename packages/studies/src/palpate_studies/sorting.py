@@ -22,7 +22,7 @@ from palpate_station.identify.kinds import item_features
 from palpate_station.learning import FALSE_REJECT, UNKNOWN
 from palpate_station.sorting.conditions import Evidence, OneOf, Within
 from palpate_station.sorting.rules import Rule, RuleBook, decide
-from palpate_station.sorting.run import sort_item
+from palpate_station.sorting.run import combine_evidence, sort_item
 from palpate_station.sorting.score import CARRY_S, TURN_S, Placed, find_true_bin, score_sorting
 from palpate_studies.crates import (
     SORTED_GRASPS,
@@ -45,6 +45,8 @@ LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
 _COUNTS = {PALPATE: (1, SORTED_GRASPS), **dict.fromkeys(LEARNERS, (SORTED_GRASPS,))}
 #: Training items of each kind: as many as a packhouse has at hand.
 TRAINING_ITEMS = 10
+#: Number of bands of the claimed probabilities.
+BANDS = 10
 #: First seed of the sensors, and that of the single evaluation on the second generator. Other seeds
 #: were used in development and for earlier figures.
 FIRST_SENSOR, SECOND_SENSOR = 910, 960
@@ -333,6 +335,43 @@ def sort_crates(learned: Sequence[LearnedCrate]) -> dict[tuple[str, str], list[P
     return placed
 
 
+def measure_reliability(learned: Sequence[LearnedCrate]) -> list[dict[str, Any]]:
+    """Compare the claimed probability of each bin with the truth, in bands of equal width.
+
+    Every rule claims a probability for every item after its last grasp. `claimed` is the mean
+    claim of a band, and `true` the fraction of these claims whose bin is correct.
+    """
+    rows = []
+    for level in dict.fromkeys(crate.level for crate in learned):
+        claims = [
+            (rule.probability(evidence)[0], rule.bin == _true_bin_of(item))
+            for crate in learned
+            if crate.level == level
+            for item in crate.sorting
+            for evidence in [
+                combine_evidence(
+                    [one.grasp for one in item.grasps], identifier=crate.identifiers[PALPATE]
+                )
+            ]
+            for rule in BOOK.rules
+        ]
+        probability, is_true = np.array(claims, dtype=float).T
+        band_of = np.minimum((BANDS * probability).astype(int), BANDS - 1)
+        for band in np.unique(band_of):
+            mine = band_of == band
+            rows.append(
+                {
+                    "level": level,
+                    "from": band / BANDS,
+                    "to": (band + 1) / BANDS,
+                    "claims": int(mine.sum()),
+                    "claimed": float(probability[mine].mean()),
+                    "true": float(is_true[mine].mean()),
+                }
+            )
+    return rows
+
+
 def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
     """Sort one item, with as many of its grasps as the rules require."""
     done = sort_item(
@@ -384,6 +423,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         for (level, method), placed in sort_crates(learned).items()
         for one in [score_sorting(placed, book=BOOK)]
     ]
+    reliability = measure_reliability(learned)
     _, sorting = _split_training(crates)
     damaged = sum(item.damaged for item in sorting)
     return StudyReport(
@@ -404,6 +444,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         tables=[
             Table.of("Identified kinds, and detected unknown kinds", identified),
             Table.of("Purity of the bins, and throughput", summary),
+            Table.of("Claimed probability of a bin, and how often it is correct", reliability),
         ],
         payload={
             "simulated": True,
@@ -413,6 +454,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "damaged": damaged,
             "summary": summary,
             "identify": identified,
+            "reliability": reliability,
             "against_learners": compare_learners(given),
         },
         files={"crates.json": partial(write_crates, crates)},

@@ -144,9 +144,9 @@ def serve(
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """
-    from palpate_station.dashboard.app_state import Settings
     from palpate_station.dashboard.item_store import ItemStore
     from palpate_station.dashboard.server import serve as serve_page
+    from palpate_station.dashboard.settings import Settings
     from palpate_station.dashboard.users import read_users
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):

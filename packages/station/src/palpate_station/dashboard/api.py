@@ -19,8 +19,9 @@ from pydantic import BaseModel, ConfigDict, Field
 import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
-from palpate_station.dashboard.app_state import AppState, check_item
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.audit import record_event
+from palpate_station.dashboard.grasp_form import check_item
 from palpate_station.dashboard.monitor import Monitor
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import multiprocessing
-import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -19,10 +16,9 @@ from palpate.errors import InputError
 from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.safety import FORCE_CEILING_N
-from palpate.object.damage_file import DamageFile
 from palpate.rig.file import find_calibration_file
 from palpate_station.dashboard.audit import LOG, record_event
-from palpate_station.dashboard.device_process import run_devices
+from palpate_station.dashboard.device_client import DeviceClient
 from palpate_station.dashboard.folder import (
     Entry,
     History,
@@ -32,9 +28,9 @@ from palpate_station.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
+from palpate_station.dashboard.grasp_form import check_item
 from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind, store_note
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
-from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import (
     DeviceActivity,
     DevicesLost,
@@ -44,22 +40,18 @@ from palpate_station.dashboard.messages import (
     Order,
     OrderEnded,
     Request,
-    Shutdown,
     StopConfirmed,
     Update,
 )
 from palpate_station.dashboard.page_document import state_document
 from palpate_station.dashboard.panel_html import count_of
 from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.settings import Settings
 from palpate_station.dashboard.transport import run_on
 from palpate_station.dashboard.words import Words
-from palpate_station.line.gs1 import read_label
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
-from palpate_station.qualify.conversion import Conversion
-from palpate_station.records import Item
 from palpate_station.sorting.placement import Placement
-from palpate_station.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
 
@@ -69,92 +61,6 @@ STOP_TIMEOUT_S = 2.0
 #: Maximum time that a result waits for the store and its bin, seconds. It is longer than the 5 s
 #: timeout of an unreachable shared store, after which the local store is used.
 _STORE_TIMEOUT_S = 8.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """The options of `palpate serve`."""
-
-    #: Available rigs; the first is opened at the start.
-    rigs: tuple[str, ...]
-    #: Available objects of simulated rigs.
-    objects: tuple[str, ...]
-    #: Folder of the recordings and of the calibrations of simulated rigs.
-    folder: Path
-    #: Path or URL of the item store; None for the default store.
-    store: str | None
-    #: Object, seed and speed of the first rig, if it is simulated.
-    object_name: str | None
-    seed: int
-    speed: float
-    #: Frame rate of simulated rigs, Hz; None for their own.
-    rate_hz: float | None = None
-    #: Learned damage limits of the grasps, and their file.
-    damage: DamageFile | None = None
-    damage_path: Path | None = None
-    #: Sorting rules that assign each item to a bin.
-    rules: RuleBook | None = None
-    #: Translation of the operator's page; English by default.
-    words: Path | None = None
-    #: Whether a grasp without the name of its item is refused.
-    requires_item: bool = False
-    #: Time without working devices after which the server ends; None to stay.
-    exit_after_s: float | None = None
-    #: Conversion of the answers to the unit of a buyer's instrument.
-    reference: Conversion | None = None
-    #: Name of this station.
-    station: str | None = None
-    #: Days after which recordings of grasps are deleted; None to keep them.
-    keep_days: float | None = None
-
-
-#: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
-_EXIT_TIMEOUT_S = 15.0
-
-
-class DeviceClient:
-    """Starts the device process, sends messages to it, and forwards its updates.
-
-    Parameters
-    ----------
-    on_update : callable
-        Called from a background thread with every update, and with `DevicesLost` at the end.
-    """
-
-    def __init__(self, on_update: Callable[[Update | DevicesLost], None]) -> None:
-        # Spawned, because a fork of a multithreaded process may deadlock.
-        context = multiprocessing.get_context("spawn")
-        self._on_update = on_update
-        self._connection, child_end = context.Pipe()
-        self._process = context.Process(
-            target=run_devices, args=(child_end,), name="palpate-devices"
-        )
-        self._process.start()
-        child_end.close()
-        self._sending = threading.Lock()
-        self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
-        self._thread.start()
-
-    def send(self, message: Order | Request) -> None:
-        """Send an order or a request; ignored if the process has ended."""
-        with self._sending, suppress(OSError):
-            self._connection.send(message)
-
-    def close(self) -> None:
-        """Stop the running job and end the process."""
-        self.send(Shutdown())
-        self._process.join(_EXIT_TIMEOUT_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._thread.join()
-        self._connection.close()
-
-    def _receive(self) -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                self._on_update(self._connection.recv())
-        self._on_update(DevicesLost("the device process has ended; restart palpate serve"))
 
 
 class AppState:
@@ -167,7 +73,9 @@ class AppState:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.item_store = ItemStore(settings.store, rules=settings.rules, station=settings.station)
-        self.history = History(settings.folder)
+        rules = settings.rules
+        default_bin = None if rules is None else rules.default_bin
+        self.history = History(settings.folder, default_bin=default_bin)
         self.recordings = RecordingList(settings.folder)
         #: Number of finished grasps, and the document of the last one.
         self._results = 0
@@ -181,9 +89,8 @@ class AppState:
             silent_s=lambda: self.silent_s,
             on_event=record_event,
             words=Words() if settings.words is None else Words.read(settings.words),
-            requires_item=settings.requires_item,
+            requires_item=settings.requires_item or (rules is not None and rules.requires_item),
         )
-        self.start_lot("")
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
@@ -396,8 +303,10 @@ class AppState:
 
     def start_lot(self, name: str) -> None:
         """Count the items of another batch from now on."""
-        rules = self.settings.rules
-        self.session.lot = Lot(name, default_bin=None if rules is None else rules.default_bin)
+        try:
+            self.history.start_lot(name)
+        except OSError as error:
+            self._report_history(name or "lot", error)
 
     def calibration_file(self) -> Path:
         """Return the rig's calibration file: named in the rig file, or in the folder."""
@@ -500,7 +409,7 @@ class AppState:
                     document,
                     placement=placement,
                     calibration=source.calibration,
-                    batch=self.session.lot.name,
+                    batch=self.history.lot.name,
                 )
                 document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:
@@ -530,7 +439,6 @@ class AppState:
             stage=None if item is None else item.stage,
             bruised=None if item is None else item.bruised,
         )
-        self.session.lot.add(document)
         words = self.session.words
         if document.not_stored and entry.item_id:
             note = store_note(devices, words)
@@ -538,8 +446,7 @@ class AppState:
         try:
             self.history.add(entry)
         except OSError as error:
-            LOG.error("%s: %s", entry.recording, error)
-            devices.add_alarm(words("badge.history"))
+            self._report_history(entry.recording, error)
         stored = document.not_stored and f", not stored: {document.not_stored}"
         text = f"{document.recording} of {document.item_id or 'no item'}: {document.result.outcome}"
         LOG.log(logging.WARNING if stored else logging.INFO, "%s%s", text, stored)
@@ -547,6 +454,11 @@ class AppState:
         self._last_document = document
         for listener in self.on_result:
             listener(document)
+
+    def _report_history(self, what: str, error: OSError) -> None:
+        """Report that the history could not be written."""
+        LOG.error("%s: %s", what, error)
+        self.session.devices.add_alarm(self.session.words("badge.history"))
 
     def _send(self, message: Order | Request) -> None:
         if self._process is not None:
@@ -574,14 +486,6 @@ class AppState:
                 case OrderEnded(order=GraspOrder() as order, found=None):
                     # The hand has not measured the item, which is to be grasped again.
                     self.session.form.return_item(order, again=True)
-
-
-def check_item(text: str) -> str:
-    """Return the item identifier of a typed or scanned text.
-
-    Raises `InputError` if the label is damaged, or the text can't be a name.
-    """
-    return Item(item_id=read_label(text)).item_id
 
 
 def age_text(made_at: str) -> str:

@@ -25,10 +25,12 @@ import numpy as np
 
 from palpate.errors import InputError, PalpateError
 from palpate.files import escape_csv_cell
+from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate_station.dashboard.live import Point
+from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import Grasped
 
 #: Number of grasps that the page lists.
@@ -91,16 +93,21 @@ class GraspSummary(NamedTuple):
 class History:
     """The history of grasps: all in a file, the newest in memory.
 
-    The file is append-only. Each grasp and each renaming of a recording is one line.
+    The file is append-only. Each grasp, each renaming of a recording and each start of a lot is
+    one line.
 
     Parameters
     ----------
     folder : Path
         Folder of the recordings.
+    default_bin : str, optional
+        The bin of the items that no rule accepts; None without rules.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._file = folder / _FILE
+    def __init__(self, folder: Path, *, default_bin: str | None = None) -> None:
+        self._file, self._default_bin = folder / _FILE, default_bin
+        #: The items of the current batch; None before the first lot of this folder.
+        self._lot: Lot | None = None
         #: Current name of each renamed recording, by the name in its grasp's line.
         self._current_names = dict[str, str]()
         self._of_recording = dict[str, GraspSummary]()
@@ -110,6 +117,8 @@ class History:
         for values in self._read_lines():
             if "renamed" in values:
                 self._apply_rename(str(values["recording"]), str(values["renamed"]))
+            elif "lot" in values:
+                self._lot = Lot(str(values["lot"]), default_bin=default_bin)
             elif (entry := _parse_entry(values)) is not None:
                 self._count_entry(entry)
         #: Number of this run's grasps by outcome and by bin, and the start of the run.
@@ -142,6 +151,22 @@ class History:
             )
         return texts
 
+    @property
+    def lot(self) -> Lot:
+        """The items of the current batch, from this run and earlier ones."""
+        return self._lot or Lot()
+
+    def start_lot(self, name: str) -> None:
+        """Count the items of another batch from now on.
+
+        Raises
+        ------
+        OSError
+            If the file can't be written; the lot then ends with this run.
+        """
+        self._lot = Lot(name, default_bin=self._default_bin)
+        self._append({"lot": name})
+
     def add(self, entry: Entry) -> None:
         """Add a grasp to the history.
 
@@ -150,6 +175,9 @@ class History:
         OSError
             If the file can't be written; the grasp is then in memory only.
         """
+        if self._lot is None:
+            with suppress(OSError):  # raised again below
+                self.start_lot("")
         self._count_entry(entry)
         self.outcomes[entry.outcome] += 1
         if entry.bin is not None:
@@ -197,6 +225,15 @@ class History:
         if entry.recording:
             summary = GraspSummary(entry.outcome, entry.item_id, entry.simulated)
             self._of_recording[entry.recording] = summary
+        is_sorted = entry.bin is not None or self._default_bin is None
+        if (
+            self._lot is not None
+            and entry.outcome == Outcome.HELD
+            and not entry.again
+            and is_sorted
+        ):
+            # An unnamed item is known by its recording.
+            self._lot.add(entry.item_id or entry.recording, bin_name=entry.bin or "")
 
     def _apply_rename(self, before: str, after: str) -> None:
         """Replace the name of a recording."""

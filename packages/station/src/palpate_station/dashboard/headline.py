@@ -14,11 +14,11 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
+from palpate_station.dashboard.device_state import DeviceState
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
-from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import DeviceActivity
-from palpate_station.dashboard.session import DeviceState, Session
+from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
 
 #: Activities that hide the verdict of the previous grasp.
@@ -229,9 +229,9 @@ def _bin_fields(devices: DeviceState) -> dict[str, Any]:
 
 
 def _with_kind(found: Headline, kind: str) -> Headline:
-    """Return the headline with its colour; the default bin and a missing one are amber."""
-    has_default_bin = found.bin is not None and found.bin.rule is None
-    if kind != "bad" and (has_default_bin or found.no_bin):
+    """Return the headline with its colour; default, provisional and missing bins are amber."""
+    is_unsure = found.bin is not None and (found.bin.rule is None or found.bin.again)
+    if kind != "bad" and (is_unsure or found.no_bin):
         kind = "warn"
     return replace(found, kind=kind)
 
@@ -273,6 +273,9 @@ def verdict_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the verdict of the full page."""
     words, result = session.words, headline.result
     text, why = _full_texts(session, headline)
+    if headline.bin is not None:
+        is_final, name = not headline.bin.again, headline.bin.name
+        text = name if is_final else words("bin.provisional", bin=name)
     measured, firm = ", ".join(headline.measured(words)), ""
     if headline.bin is not None:
         # What the bin rests on combines all grasps of the item: no second number next to it.
@@ -281,7 +284,7 @@ def verdict_document(session: Session, headline: Headline) -> dict[str, Any]:
         firm = str(verdict(result, target_force_n=None)["firmness"] or "")
     return {
         "report": headline.report,
-        "text": text if headline.bin is None else headline.bin.name,
+        "text": text,
         "kind": headline.kind,
         "why": why,
         "firmness": firm,
@@ -315,31 +318,35 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
     if headline.bin is not None:
         return text, text
     if headline.no_bin:
-        return text, words("why.no_bin", why=_fault_text(headline.no_bin, words))
+        why = _no_bin_reason(session.devices, headline, words)
+        return text, words("why.no_bin", why=why) if why else words("word.no_bin").lower()
     return text, words("why.passed_limit") if headline.has_passed_limit else ""
 
 
 def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
-    ``word``, ``detail``: the verdict. ``next``: the next step, on the screen that controls.
-    ``watch``: the text in its place on other screens. ``lot``: the line of the lot. ``badge``: a
-    note that the grasp is not stored. ``opens``: the countdown before the gripper opens by itself.
-    ``is_past``: whether the verdict is that of another item than the scanned one.
+    ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``next``: the
+    next step, on the screen that controls. ``watch``: the text in its place on other screens.
+    ``badge``: a note that the grasp is not stored. ``opens``: the countdown before the gripper
+    opens by itself. ``is_past``: whether the verdict is that of another item than the scanned one.
     """
     words, form, devices = session.words, session.form, session.devices
     target_force_n = form.target_force_n
+    measured = [headline.evidence] if headline.evidence else headline.measured(words)
+    if headline.bin is not None and headline.bin.again:
+        measured.insert(0, words("bin.so_far", bin=headline.bin.name))
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
     driver = session.driver_name or None
     is_scanned = form.item_id != "" and not form.is_returned
     return {
         "word": _capitalize(_operator_word(session, headline)),
-        "detail": _operator_detail(headline, words, is_released_alone=devices.is_released_alone),
-        "measured": headline.evidence or ", ".join(headline.measured(words)),
+        "detail": _operator_detail(headline, devices, words),
+        "measured": ", ".join(measured),
+        "is_bin": headline.bin is not None and not headline.bin.again,
         "next": _capitalize(_next_step(session, headline)),
         "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
-        "lot": lot_text(session.lot, words),
         "badge": "" if headline.result is None else store_note(devices, words),
         "opens": _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
@@ -354,7 +361,11 @@ def _operator_word(session: Session, headline: Headline) -> str:
     if report is Report.ACTIVITY:
         return activity_text(session.devices.activity, words)
     if headline.bin is not None:
-        return headline.bin.name
+        # A provisional bin must not look like the final one.
+        return words("word.turn") if headline.bin.again else headline.bin.name
+    if headline.no_bin:
+        # Nor must a firmness look like a bin.
+        return words("word.no_bin")
     is_measured = report is Report.PHASE and headline.phase == Phase.HOLD.value
     if report is Report.PHASE and not (is_measured and headline.result is not None):
         return words(f"phase.{headline.phase}")
@@ -367,16 +378,17 @@ def _operator_word(session: Session, headline: Headline) -> str:
     return headline.firmness_word or words("phase.hold" if is_measured else "outcome.held")
 
 
-def _operator_detail(headline: Headline, words: Words, *, is_released_alone: bool) -> str:
+def _operator_detail(headline: Headline, devices: DeviceState, words: Words) -> str:
     """Return what the word above does not say."""
     texts = []
     if headline.report is Report.OUTCOME and headline.outcome is Outcome.HELD:
         hold_s = f"{HOLD_S:g}"
-        texts.append(words("detail.held_alone", hold_s=hold_s) if is_released_alone else "")
+        is_alone = devices.is_released_alone
+        texts.append(words("detail.held_alone", hold_s=hold_s) if is_alone else "")
     elif headline.report is Report.OUTCOME:
         texts.append(words(f"detail.{headline.outcome}"))
     if headline.no_bin:
-        texts.append(words("why.no_bin", why=_fault_text(headline.no_bin, words)))
+        texts.append(_no_bin_reason(devices, headline, words))
     if headline.has_passed_limit:
         texts.append(words("why.passed_limit"))
     return "; ".join(filter(None, texts))
@@ -387,12 +399,16 @@ def _next_step(session: Session, headline: Headline) -> str:
     again = headline.bin is not None and headline.bin.again
     if report is Report.GONE:
         return words("next.gone")
+    if session.silence_s is not None:
+        return words("next.hung")
     if devices.guide is not None:
         return devices.guide.text
     if devices.activity is DeviceActivity.IDLE:
         return words("next.no_rig")
     if devices.activity is DeviceActivity.GRASPING:
         if headline.phase == Phase.HOLD.value:
+            if headline.no_bin:
+                return words("next.no_bin_held")
             return words("next.turn_held" if again else "next.take")
         return words("next.away")
     if devices.activity is not DeviceActivity.WATCHING:
@@ -405,9 +421,11 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.pads")
     if devices.live.is_hand_open is False:
         return words("next.release")
+    if session.form.label_fault:
+        return words("next.label")
     if session.requires_item and not session.form.item_id:
         return words("next.name")
-    if report is Report.SENSOR_BACK:
+    if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):
         return words("next.again")
     if report is Report.DAMAGED:
         return words("next.aside")
@@ -419,18 +437,6 @@ def _next_step(session: Session, headline: Headline) -> str:
     return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
 
 
-def lot_text(lot: Lot, words: Words) -> str:
-    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
-    if not lot.items:
-        return ""
-    texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
-    texts.append(words("lot.items", n=lot.items))
-    texts += [f"{name} {count}" for name, count in lot.bins.most_common()]
-    if lot.packout_percent is not None:
-        texts.append(words("lot.packout", percent=f"{lot.packout_percent:.0f}"))
-    return " · ".join(texts)
-
-
 def store_note(devices: DeviceState, words: Words) -> str:
     """Return the note that the shown grasp is not stored; empty if it is, or is running."""
     if not devices.not_stored:
@@ -438,6 +444,12 @@ def store_note(devices: DeviceState, words: Words) -> str:
     if not devices.item_id:
         return words("badge.unnamed")
     return words("badge.fault", why=_fault_text(devices.not_stored, words))
+
+
+def _no_bin_reason(devices: DeviceState, headline: Headline, words: Words) -> str:
+    """Return why an item has no bin; empty if the note on the store has the same reason."""
+    is_noted = devices.item_id != "" and devices.not_stored == headline.no_bin
+    return "" if is_noted else _fault_text(headline.no_bin, words)
 
 
 def _fault_text(fault: str, words: Words) -> str:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from palpate.grasp.document import GraspDocument
-from palpate.grasp.result import Outcome
+from palpate_station.dashboard.words import Words
 
 
 class Lot:
     """Counts the items of a batch; an item counts once, with the bin of its last grasp.
-
-    An item whose bin is provisional does not count before its last grasp.
 
     Parameters
     ----------
@@ -22,11 +19,9 @@ class Lot:
 
     Examples
     --------
-    >>> from palpate.grasp.document import Bin
-    >>> from palpate.grasp.result import GraspResult
-    >>> lot, held = Lot("Monday", default_bin="by hand"), GraspResult(outcome=Outcome.HELD)
+    >>> lot = Lot("Monday", default_bin="by hand")
     >>> for item, name in (("A1", "large"), ("A2", "by hand"), ("A1", "large"), ("A3", "large")):
-    ...     lot.add(GraspDocument(result=held, item_id=item, bin=Bin(name=name)))
+    ...     lot.add(item, bin_name=name)
     >>> lot.items, dict(lot.bins), round(lot.packout_percent)
     (3, {'large': 2, 'by hand': 1}, 67)
     """
@@ -36,14 +31,9 @@ class Lot:
         #: Bin of each item; empty without rules.
         self._bin_of = dict[str, str]()
 
-    def add(self, document: GraspDocument) -> None:
-        """Count the item of a finished grasp."""
-        if document.result.outcome is not Outcome.HELD or document.needs_regrasp:
-            return
-        if document.bin is None and self._default_bin is not None:
-            return
-        # An unnamed item is known by its recording.
-        self._bin_of[document.item_id or document.recording] = document.bin_name
+    def add(self, item: str, *, bin_name: str) -> None:
+        """Count an item with its bin; the bin is empty without rules."""
+        self._bin_of[item] = bin_name
 
     @property
     def items(self) -> int:
@@ -62,3 +52,15 @@ class Lot:
         if not bins or self._default_bin is None:
             return None
         return 100.0 * (1.0 - bins[self._default_bin] / bins.total())
+
+
+def lot_text(lot: Lot, words: Words) -> str:
+    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
+    if not lot.items:
+        return ""
+    texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
+    texts.append(words("lot.items", n=lot.items))
+    texts += [f"{name} {count}" for name, count in lot.bins.most_common()]
+    if lot.packout_percent is not None:
+        texts.append(words("lot.packout", percent=f"{lot.packout_percent:.0f}"))
+    return " · ".join(texts)

@@ -79,7 +79,12 @@ def build_operator_page(app_state: AppState, client: Client) -> None:
     with ui.element("div").classes("operator"):
         _add_static_html("operate.html", viewer)
         with ui.element("div").classes("item") as item:
-            add_item_field(app_state, viewer, label=viewer.words("item.next"))
+            add_item_field(
+                app_state,
+                viewer,
+                label=viewer.words("item.next"),
+                label_again=viewer.words("item.returned"),
+            )
         viewer.show_with_gripper(item)
     add_grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)

@@ -83,12 +83,13 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         Generation and newest time of the page's curve. The document contains later points only, or
         the whole curve if the generation differs.
     """
-    live, link = session.devices.live, _link(session)
+    live, link, words = session.devices.live, _link(session), session.words
     headline = find_headline(session, stale=link["stale"])
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
         **state_document(session),
+        "trouble": words.name_parts(session.devices.trouble),
         "generation": live.generation,
         "source": None
         if source is None
@@ -120,7 +121,10 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         "grasp": _grasp(live.progress, live, words=session.words),
         "replay": _replay(live, words=session.words),
         "guide": None if session.devices.guide is None else asdict(session.devices.guide),
-        "alarms": [[f"{at.astimezone():%H:%M}", text] for at, text in session.devices.alarms],
+        "alarms": [
+            [f"{at.astimezone():%H:%M}", words.name_parts(text)]
+            for at, text in session.devices.alarms
+        ],
         "alarm_count": session.devices.alarm_count,
         "driver_id": session.driver,
         "activity_text": activity_text(session.devices.activity, session.words),
@@ -239,7 +243,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
         **_pads(live, live.time_s, live.percent, live.ohm, live.force),
         "finger_of_row": live.source.layout.finger_of_row,
         "touching": live.touching_fingers,
-        "findings": _pixel_findings(session.devices.health),
+        "findings": _pixel_findings(session.devices.health, words=session.words),
     }
 
 
@@ -286,12 +290,17 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
     ]
 
 
-def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
+def _pixel_findings(health: Health | None, *, words: Words) -> list[dict[str, Any]]:
     """Return the health findings for each affected pixel."""
     if health is None:
         return []
     return [
-        {"row": row, "col": col, "severity": str(found.severity), "text": found.text}
+        {
+            "row": row,
+            "col": col,
+            "severity": str(found.severity),
+            "text": words.name_parts(found.text),
+        }
         for found in health.findings
         for row, col in np.ndindex(*health.pixels.rest_ohm.shape)
         if found.affects_pixel(row, col)
@@ -321,7 +330,9 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         "damaged_s": truth.get("damaged_s"),
         "force_now": _measurement_document(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.is_hand_open is not True,
-        "faults": [] if result is None or grasped is None else list(result.faults),
+        "faults": []
+        if result is None or grasped is None
+        else [session.words.name_parts(fault) for fault in result.faults],
     }
 
 

@@ -7,10 +7,10 @@ from nicegui import ui
 from palpate.errors import InputError
 from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
-from palpate_station.dashboard.app_state import AppState, check_item
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
-from palpate_station.dashboard.messages import Action, OpenRig, Record, SetSpeed
-from palpate_station.dashboard.session import GraspForm
+from palpate_station.dashboard.grasp_form import GraspForm
+from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
@@ -20,14 +20,13 @@ _DRAWN_BY_SEED = ""
 _TAIL_LETTERS = 12
 
 
-def _short_name(item_id: str) -> str:
+def _short_name(item_id: str, *, letters: int = _TAIL_LETTERS) -> str:
     """Return the end of a long name.
 
     >>> _short_name("A17"), _short_name("(01)04012345000016(21)A17")
     ('A17', '…00016(21)A17')
     """
-    is_long = len(item_id) > _TAIL_LETTERS + 1
-    return f"…{item_id[-_TAIL_LETTERS:]}" if is_long else item_id
+    return f"…{item_id[-letters:]}" if len(item_id) > letters + 1 else item_id
 
 
 def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -58,8 +57,8 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     ).props("outlined dense clearable")
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
-    add_item_field(app_state, viewer, label="Item")
-    lot = ui.input("Lot (empty: without a name)", value=app_state.session.lot.name)
+    add_item_field(app_state, viewer, label="Item", label_again="Item")
+    lot = ui.input("Lot (empty: without a name)", value=app_state.history.lot.name)
     lot.props("outlined dense maxlength=80 autocomplete=off")
     with lot.add_slot("append"):
         text = "Start lot"
@@ -78,10 +77,11 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
         _add_kind_choice(app_state.settings.damage, form, viewer)
 
 
-def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
+def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_again: str) -> None:
     """Add the field for the next item's name: typed, scanned or the last name.
 
-    A damaged label is shown in red with the reason, and is not taken.
+    `label_again`: the label while the last item is to be grasped again. A damaged label is shown in
+    red with the reason, and is not taken.
     """
     form, words = app_state.session.form, viewer.words
 
@@ -89,20 +89,10 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
         if viewer.is_driver:
             form.set_item(item_id.strip() if isinstance(item_id, str) else "")
 
-    def fault() -> InputError | None:
-        """Return why the text is not an item."""
-        try:
-            if form.item_id:
-                check_item(form.item_id)
-        except InputError as error:
-            return error
-        return None
-
     def refuse_label() -> None:
         """Report a damaged label at the end of a scan."""
-        error = fault()
-        if error is not None and viewer.is_driver:
-            viewer.refuse(error)
+        if form.label_fault and viewer.is_driver:
+            viewer.refuse(form.label_fault)
         viewer.refresh()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
@@ -120,14 +110,18 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
         is_long = _short_name(form.item_id) != form.item_id
-        shown = f"{label} {_short_name(form.item_id)}" if is_long else label
-        state = "" if not form.item_id else "taken" if fault() is None else "refused"
+        shown = label_again if form.is_returned and form.item_id else label
+        shown = f"{shown} {_short_name(form.item_id)}" if is_long else shown
+        state = "" if not form.item_id else "refused" if form.label_fault else "taken"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
+        # A grasp has taken its name, and the next item may be scanned meanwhile.
+        is_grasping = app_state.session.devices.activity is DeviceActivity.GRASPING
         none = "item.needed" if app_state.session.requires_item else "item.unnamed"
-        hint = {"": none, "refused": "item.refused"}.get(state)
+        hint = {"": None if is_grasping else none, "refused": "item.refused"}.get(state)
         item.props["label"] = shown if hint is None else words(hint, label=label)
-        same_item.set_text(words("item.same", name=_short_name(form.last_item_id)))
-        same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
+        same_item.set_text(words("item.same", name=_short_name(form.last_item_id, letters=8)))
+        can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
+        same_item.set_visibility(can_repeat and viewer.is_driver)
 
     viewer.on_refresh(show)
 

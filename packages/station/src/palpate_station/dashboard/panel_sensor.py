@@ -14,6 +14,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health
 from palpate_station.dashboard.app_state import AppState, age_text
+from palpate_station.dashboard.device_state import CalibrationFailure
 from palpate_station.dashboard.messages import (
     Action,
     CalibrateForce,
@@ -22,8 +23,8 @@ from palpate_station.dashboard.messages import (
     Examine,
 )
 from palpate_station.dashboard.panel_html import draw_panel_svg, panel_html
-from palpate_station.dashboard.session import CalibrationFailure
 from palpate_station.dashboard.viewer import Viewer, add_heading, add_paragraph
+from palpate_station.dashboard.words import Words
 
 _LOADS = "0.5 1 2 4 8 4 2 1"
 
@@ -171,11 +172,13 @@ def add_doctor_panel(app_state: AppState, viewer: Viewer) -> None:
         box = ui.html("", sanitize=False).props("id=health")
     viewer.on_change(
         lambda: app_state.session.devices.health,
-        lambda health: box.set_content("" if health is None else findings_html(health)),
+        lambda health: box.set_content(
+            "" if health is None else findings_html(health, words=viewer.words)
+        ),
     )
 
 
-def findings_html(health: Health) -> str:
+def findings_html(health: Health, *, words: Words) -> str:
     """Return the findings of an examination as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    return panel_html("health", health=health, faults=faults)
+    return panel_html("health", health=health, faults=faults, name=words.name_parts)

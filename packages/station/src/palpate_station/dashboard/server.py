@@ -7,22 +7,24 @@ import gc
 import os
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.errors import DeviceError, InputError
-from palpate_station.dashboard.app_state import AppState, Settings
+from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.audit import LOG, write_log
 from palpate_station.dashboard.folder import find_recording
 from palpate_station.dashboard.front import STOP_PATHS
 from palpate_station.dashboard.listening import bind_port
+from palpate_station.dashboard.lot import lot_text
 from palpate_station.dashboard.monitor import Monitor
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.retention import delete_old_recordings
 from palpate_station.dashboard.session import page_name
+from palpate_station.dashboard.settings import Settings
 from palpate_station.dashboard.transport import LoopThread
 from palpate_station.line.machine import Line, Machine
 
@@ -168,7 +170,6 @@ def _add_watchdog(
     app: FastAPI, monitor: Monitor, *, limit_s: float, on_failure: Callable[[str], None]
 ) -> None:
     """Call a function with one line after a time without working devices."""
-    running: list[asyncio.Task[None]] = []
 
     async def watch() -> None:
         failed_s: float | None = None
@@ -182,15 +183,7 @@ def _add_watchdog(
                 return
             await asyncio.sleep(_WATCHDOG_PERIOD_S)
 
-    async def start() -> None:
-        running.append(asyncio.create_task(watch()))
-
-    async def end() -> None:
-        for task in running:
-            task.cancel()
-
-    app.router.on_startup.append(start)
-    app.router.on_shutdown.append(end)
+    _run_while_serving(app, watch)
 
 
 def _add_retention(app: FastAPI, app_state: AppState) -> None:
@@ -198,7 +191,6 @@ def _add_retention(app: FastAPI, app_state: AppState) -> None:
     keep_days, folder = app_state.settings.keep_days, app_state.settings.folder
     if keep_days is None:
         return
-    running: list[asyncio.Task[None]] = []
 
     async def delete_regularly() -> None:
         while True:
@@ -207,11 +199,19 @@ def _add_retention(app: FastAPI, app_state: AppState) -> None:
             await asyncio.get_running_loop().run_in_executor(None, work)
             await asyncio.sleep(_RETENTION_PERIOD_S)
 
+    _run_while_serving(app, delete_regularly)
+
+
+def _run_while_serving(app: FastAPI, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a task from the start of the application to its end."""
+    running: list[asyncio.Task[None]] = []
+
     async def start() -> None:
-        running.append(asyncio.create_task(delete_regularly()))
+        running.append(asyncio.create_task(work()))
 
     async def end() -> None:
-        running.pop().cancel()
+        for task in running:
+            task.cancel()
 
     app.router.on_startup.append(start)
     app.router.on_shutdown.append(end)
@@ -272,6 +272,7 @@ def _add_page_routes(app_state: AppState) -> None:
         content = document(app_state.session, generation=generation, after_s=after_s)
         is_idle = content["verdict"]["kind"] == "idle"
         content["idle"] = app_state.idle_texts() if is_idle else []
+        content["lot"] = lot_text(app_state.history.lot, app_state.session.words)
         return JSONResponse(content | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")
@@ -292,24 +293,15 @@ def _add_page_routes(app_state: AppState) -> None:
 def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
     """Publish every result and the state over MQTT while the application runs."""
     app_state.on_result.append(publisher.publish_result)
-    running: list[asyncio.Task[None]] = []
 
     async def publish() -> None:
         while True:
             publisher.publish_state(app_state.state())
             await asyncio.sleep(_PUBLISH_PERIOD_S)
 
-    async def start() -> None:
-        running.append(asyncio.create_task(publish()))
-
+    _run_while_serving(app, publish)
     # Runs after `AppState.close`, which has stopped the hand.
-    async def end() -> None:
-        for task in running:
-            task.cancel()
-        publisher.close()
-
-    app.router.on_startup.append(start)
-    app.router.on_shutdown.append(end)
+    app.router.on_shutdown.append(publisher.close)
 
 
 def _serve_lines(

@@ -1,4 +1,4 @@
-"""The reported state of the devices, and the rules for the users of the page.
+"""The rules for the users of the pages: who may do what, and when.
 
 This module has no I/O. Any viewer may watch and press STOP; all other actions are reserved for the
 driver. Another viewer becomes the driver by taking over.
@@ -7,259 +7,31 @@ driver. Another viewer becomes the driver by taking over.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from math import inf
-from pathlib import Path
 from threading import RLock
 
 from palpate.errors import InputError
-from palpate.grasp.document import GraspDocument
-from palpate.sensor.health import Health
-from palpate_station.dashboard.live import Live
-from palpate_station.dashboard.lot import Lot
+from palpate_station.dashboard.device_state import DeviceState
+from palpate_station.dashboard.grasp_form import GraspForm
 from palpate_station.dashboard.messages import (
     ACTIONS,
-    ACTIVITIES,
     Action,
-    CalibrateForce,
-    CalibrateRest,
-    CalibrationRenewed,
     DeviceActivity,
-    DevicesLost,
-    FrameSource,
     Grasped,
     GraspOrder,
-    Guide,
-    Measured,
-    Note,
     OpenHand,
     OpenRig,
     Order,
-    OrderEnded,
-    OrderStarted,
-    Play,
-    Record,
-    RecordedSegment,
-    RecordingChanged,
     ReleaseNow,
-    ReplayPosition,
     Request,
     SetSpeed,
     StopNow,
-    Timeline,
-    Trouble,
-    Update,
     check_ranges,
 )
 from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.words import Words
-from palpate_station.line.results import NO_ITEM
-
-#: Number of alarms that the pages list.
-_MAX_ALARMS = 20
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationFailure:
-    """A failed calibration; the previous one stays in use."""
-
-    #: Whether a user stopped the calibration.
-    stopped: bool
-    #: The problem and the remedy.
-    reason: str
-    #: The last step of the calibration; empty before the first step.
-    step: str
-
-
-class DeviceState:
-    """The state of the device process according to its updates.
-
-    Parameters
-    ----------
-    on_measured, on_grasped : callable
-        Called with each measured and each finished grasp and its `GraspOrder`, but not with
-        replays.
-    """
-
-    def __init__(
-        self,
-        *,
-        on_measured: Callable[[Grasped, GraspOrder], None],
-        on_grasped: Callable[[Grasped, GraspOrder], None],
-    ) -> None:
-        self._on_measured, self._on_grasped = on_measured, on_grasped
-        self.activity = DeviceActivity.IDLE
-        self.live = Live()
-        #: Current instruction for the user.
-        self.guide: Guide | None = None
-        self._trouble = ""
-        #: Time and text of the last alarms, oldest first, and the number of all alarms.
-        self.alarms = deque[tuple[datetime, str]](maxlen=_MAX_ALARMS)
-        self.alarm_count = 0
-        #: Results of the last grasp or replay, calibration and examination.
-        self.grasped: Grasped | None = None
-        #: The document of the shown grasp with its item and bin; None before the answer.
-        self.placed: GraspDocument | None = None
-        #: What the bin is based on, as text.
-        self.evidence = ""
-        #: Whether the hand holds an object with its answer, and its bin if there are rules.
-        self.is_answered = False
-        #: Whether the last grasp ended because the hold time was over.
-        self.is_released_alone = False
-        #: Item of the shown grasp; empty without a name.
-        self.item_id = ""
-        #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
-        self.not_stored = ""
-        self.calibrated: CalibrationRenewed | None = None
-        self.health: Health | None = None
-        #: Failure of the last order, if it was a calibration.
-        self.calibration_failure: CalibrationFailure | None = None
-        #: Whether the last order was a grasp that was stopped before the hand moved.
-        self.stopped_early = False
-        #: Time until the hand received the last stop, on the rig's clock.
-        self.stopped_after_s: float | None = None
-        #: File of the current recording of frames between orders.
-        self.recording: Path | None = None
-        self.rig_open = False
-        #: The running order; None between orders.
-        self.order: Order | None = None
-
-    @property
-    def trouble(self) -> str:
-        """The last problem; empty after its end or after the start of an order."""
-        return self._trouble
-
-    @trouble.setter
-    def trouble(self, text: str) -> None:
-        if text and text != self._trouble:
-            self.add_alarm(text)
-        self._trouble = text
-
-    def add_alarm(self, text: str) -> None:
-        """Add a problem to the alarms."""
-        self.alarms.append((datetime.now(UTC), text))
-        self.alarm_count += 1
-
-    @property
-    def files_in_use(self) -> set[str]:
-        """Names of the recordings that are being written or replayed."""
-        match self.order:
-            case GraspOrder(recording=file) | Play(file=file):
-                return {file.name}
-        return set() if self.recording is None else {self.recording.name}
-
-    @property
-    def is_sensor_only(self) -> bool:
-        """Whether the open rig has no gripper."""
-        source = self.live.source
-        return source is not None and source.gripper is None and not source.replayed
-
-    def mark_pending(self, order: Order) -> None:
-        """Treat an order as started before the devices report it, so it is not repeated."""
-        if isinstance(order, Record):
-            return
-        self.activity, self.guide, self.order = ACTIVITIES[type(order)], None, order
-
-    def apply_update(self, update: Update | DevicesLost) -> None:
-        """Apply an update of the device process."""
-        if isinstance(update, DevicesLost):
-            self.activity, self.trouble = DeviceActivity.GONE, update.text
-            self.live.link = replace(self.live.link, stale=True)
-            return
-        for note in update.notes:
-            self._apply_note(note)
-        self.live.link = update.link
-        if update.progress is not None:
-            self.live.set_progress(update.progress)
-        if update.frames is not None:
-            self.live.add_frames(update.frames)
-
-    def _apply_note(self, note: Note) -> None:
-        match note:
-            case FrameSource():
-                self.live.open_source(note)
-                self.rig_open = self.rig_open or not note.replayed
-            case OrderStarted():
-                self._start_order(note.order)
-            case Guide():
-                self.guide = note
-            case Measured() if isinstance(self.order, GraspOrder):
-                self._on_measured(note.grasped, self.order)
-            case RecordedSegment():
-                self.live.add_frames(note.frames)
-                if note.progress is not None:
-                    self.live.set_progress(note.progress)
-            case Timeline():
-                self.live.timeline = note
-            case ReplayPosition():
-                self.live.playing = note
-                self.grasped = note.grasped
-            case RecordingChanged():
-                self.recording = note.file
-            case Trouble():
-                self.trouble = note.text
-            case OrderEnded():
-                self._end_order(note)
-
-    def _start_order(self, order: Order) -> None:
-        self.activity, self.order = ACTIVITIES[type(order)], order
-        self.guide, self.trouble, self.stopped_after_s = None, "", None
-        self.calibration_failure, self.stopped_early = None, False
-        if isinstance(order, OpenRig):
-            self.rig_open = False
-        if isinstance(order, OpenHand):
-            self.live.released = True
-        if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placed, self.is_answered = None, None, False
-            self.evidence, self.is_released_alone = "", False
-            self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
-            is_unnamed = isinstance(order, GraspOrder) and not order.item_id
-            self.not_stored = NO_ITEM if is_unnamed else ""
-            self.live.clear_curve()
-
-    def mark_idle(self) -> None:
-        """Reset the activity after an order, so that the next order may start."""
-        self.activity = DeviceActivity.WATCHING if self.rig_open else DeviceActivity.IDLE
-        self.order = None
-
-    def _end_order(self, note: OrderEnded) -> None:
-        self.mark_idle()
-        failure = self.calibration_failure = self._failure(note)
-        self.stopped_early = note.stopped and isinstance(note.order, GraspOrder)
-        # A stop requested by the user is not a problem.
-        is_requested = self.stopped_early or (failure is not None and failure.stopped)
-        self.trouble = "" if is_requested else note.trouble
-        self.guide = None
-        # A calibration may run on a bench with a different clock.
-        self.stopped_after_s = None if failure is not None else note.stopped_after_s
-        # Clears the previous grasp, even if this one never started.
-        if isinstance(note.order, Play | GraspOrder):
-            self.grasped = None
-        match note.found:
-            case Grasped():
-                self.grasped = note.found
-                self.is_released_alone = note.found.is_released_alone
-                if isinstance(note.order, GraspOrder):
-                    self.live.finish_grasp(note.found.document.result.moments)
-                    self._on_grasped(note.found, note.order)
-            case CalibrationRenewed():
-                self.calibrated = note.found
-            case Health():
-                self.health = note.found
-
-    def _failure(self, note: OrderEnded) -> CalibrationFailure | None:
-        if not (isinstance(note.order, CalibrateRest | CalibrateForce) and note.trouble):
-            return None
-        self.calibrated = None
-        return CalibrationFailure(
-            stopped=note.stopped,
-            reason=note.trouble,
-            step="" if self.guide is None else self.guide.text,
-        )
-
 
 #: The device process reports 20 times per second; after this silence it counts as hung, seconds.
 _MAX_SILENCE_S = 1.0
@@ -273,48 +45,6 @@ LEASE_S = 5.0
 _OPERATE = (Action.GRASP, Action.RELEASE, Action.RECORD, Action.CONFIRM, Action.SPEED)
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
-
-
-@dataclass(slots=True)
-class GraspForm:
-    """Settings of the next grasp, shared by all pages."""
-
-    #: Target grip force; None for a gentle squeeze.
-    target_force_n: float | None = None
-    #: Name of the item; empty if the grasp is not stored. Each grasp takes the name, so that the
-    #: next object is not stored under the same name, and returns it if the same item is to be
-    #: grasped again.
-    item_id: str = ""
-    #: Name of the last grasped item.
-    last_item_id: str = ""
-    #: Kind of produce, for its damage limit; empty if unknown.
-    kind: str = ""
-    #: The last grasp ordered with these settings.
-    ordered: GraspOrder | None = None
-    #: Whether the name is that of the last grasp, returned by it.
-    is_returned: bool = False
-
-    def set_item(self, text: str) -> None:
-        """Set the name that a user has typed or scanned."""
-        if text != self.item_id:
-            self.item_id, self.is_returned = text, False
-
-    def take_item(self, order: GraspOrder) -> None:
-        """Take the name for an ordered grasp."""
-        self.last_item_id = self.item_id or self.last_item_id
-        self.item_id, self.is_returned, self.ordered = "", False, order
-
-    def return_item(self, order: GraspOrder | None, *, again: bool) -> None:
-        """Return the name for another grasp of the item, or withdraw it.
-
-        A name that was typed or scanned since the grasp is retained.
-        """
-        if order is None or order != self.ordered:
-            return
-        if again and not self.item_id:
-            self.item_id, self.is_returned = self.last_item_id if order.item_id else "", True
-        elif not again and self.is_returned:
-            self.item_id, self.is_returned = "", False
 
 
 def page_name(host: str, user: User | None = None) -> str:
@@ -374,8 +104,6 @@ class Session:
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item = requires_item
-        #: The items of the current batch.
-        self.lot = Lot()
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None

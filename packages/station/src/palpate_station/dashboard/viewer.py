@@ -182,9 +182,9 @@ class Viewer:
         if not age_s <= _MAX_PRESS_AGE_S:
             raise InputError(self.words("refusal.late", age=f"{age_s:.0f}"))
 
-    def refuse(self, error: Exception) -> None:
-        """Show the reason of a refusal as a notification."""
-        ui.notify(str(error), type="warning")
+    def refuse(self, why: Exception | str) -> None:
+        """Show the reason of a refusal as a notification, above the fields and buttons."""
+        ui.notify(str(why), type="warning", position="top")
 
 
 def finite_number(value: object) -> float | None:

@@ -12,6 +12,13 @@ from palpate.errors import InputError
 
 _ENGLISH = Path(__file__).parent / "words.json"
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
+#: Parts of the sensor in other texts, by the key of their name.
+_PARTS = {
+    "part.pixel": re.compile(r"\b(?:pixel )?R(?P<row>\d+) C(?P<col>\d+)\b"),
+    "part.row": re.compile(r"\brow R(?P<n>\d+)\b"),
+    "part.column": re.compile(r"\bcolumn C(?P<n>\d+)\b"),
+    "part.finger": re.compile(r"\bfinger (?P<n>\d+)\b"),
+}
 
 
 class Words:
@@ -68,6 +75,21 @@ class Words:
             return cls(found)
         except (OSError, ValueError) as error:
             raise InputError(f"texts {file}: {error}") from error
+
+    def name_parts(self, text: str) -> str:
+        """Return a text with the pages' names of fingers and pixels, which count from 1.
+
+        >>> Words().name_parts("pixel R0 C1 reads open; finger 0 and row R1 too")
+        'row 1, column 2 reads open; finger 1 and row 2 too'
+        """
+        for key, part in _PARTS.items():
+            text = part.sub(
+                lambda found, key=key: self(  # type: ignore[misc]
+                    key, **{name: int(one) + 1 for name, one in found.groupdict().items()}
+                ),
+                text,
+            )
+        return text
 
     def fill(self, html: str) -> str:
         """Return HTML with ``{{key}}`` replaced by the texts."""

@@ -73,6 +73,8 @@ class RuleBook:
     default_bin: str
     #: Maximum number of grasps of one item.
     most_grasps: int = MOST_GRASPS
+    #: Whether a station refuses a grasp without the name of its item.
+    requires_item: bool = False
 
     def has_condition(self, key: str) -> bool:
         """Return whether any rule has a condition with this key."""

@@ -17,7 +17,7 @@ from palpate_station.sorting.rules import CONFIDENCE, MOST_GRASPS, Rule, RuleBoo
 
 _Value = TypeVar("_Value")
 
-_TOP_KEYS = ("default", "confidence", "most_grasps", "rule")
+_TOP_KEYS = ("default", "confidence", "most_grasps", "require_item", "rule")
 _RULE_KEYS = ("bin", *CONDITIONS, "confidence")
 _HEADER = re.compile(r"\s*\[\[\s*rule\s*\]\]")
 
@@ -25,10 +25,10 @@ _HEADER = re.compile(r"\s*\[\[\s*rule\s*\]\]")
 def read_rules(path: str | Path) -> RuleBook:
     """Read a rules file.
 
-    Top-level keys are ``default``, the bin of items without a rule, and optionally ``confidence``
-    and ``most_grasps``. Each ``[[rule]]`` has a ``bin`` and at least one condition: ``class`` or
-    ``ripeness`` (a name or a list of names), ``size_mm`` or ``firmness`` (``[from, to]``), or
-    ``bruised`` (true or false). A rule may override ``confidence``.
+    Top-level keys are ``default``, the bin of items without a rule, and optionally ``confidence``,
+    ``most_grasps`` and ``require_item``. Each ``[[rule]]`` has a ``bin`` and at least one
+    condition: ``class`` or ``ripeness`` (a name or a list of names), ``size_mm`` or ``firmness``
+    (``[from, to]``), or ``bruised`` (true or false). A rule may override ``confidence``.
 
     Raises `InputError` if the file can't be read, a key is unknown or missing, a value is invalid,
     or a rule never applies or partly overlaps another.
@@ -43,7 +43,8 @@ def read_rules(path: str | Path) -> RuleBook:
     lines = text.splitlines()
     starts = [number for number, line in enumerate(lines, 1) if _HEADER.match(line)]
     ends = [*starts, len(lines) + 1]
-    stated = {"confidence": CONFIDENCE, "most_grasps": MOST_GRASPS} | stated
+    defaults = {"confidence": CONFIDENCE, "most_grasps": MOST_GRASPS, "require_item": False}
+    stated = defaults | stated
     top = _Section(str(path), lines, range(1, ends[0]), stated)
     top.check_keys(_TOP_KEYS)
     tables = stated.get("rule")
@@ -55,6 +56,7 @@ def read_rules(path: str | Path) -> RuleBook:
     default = top.read("default", _read_name)
     confidence = top.read("confidence", _read_confidence)
     most = top.read("most_grasps", _read_most_grasps)
+    requires_item = top.read("require_item", _read_flag)
     spans = list(map(range, starts, ends[1:]))
     if len(spans) != len(tables):  # an inline array has no [[rule]] headers
         spans = [range(1, len(lines) + 1)] * len(tables)
@@ -63,7 +65,7 @@ def read_rules(path: str | Path) -> RuleBook:
         for span, table in zip(spans, tables, strict=True)
     )
     check_reachable(rules, path=str(path))
-    return RuleBook(rules=rules, default_bin=default, most_grasps=most)
+    return RuleBook(rules=rules, default_bin=default, most_grasps=most, requires_item=requires_item)
 
 
 def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Path) -> None:
@@ -197,4 +199,10 @@ def _read_confidence(stated: Any) -> float:
 def _read_most_grasps(stated: Any) -> int:
     if not isinstance(stated, int) or isinstance(stated, bool) or not 1 <= stated <= 20:
         raise ValueError("a whole number from 1 to 20")
+    return stated
+
+
+def _read_flag(stated: Any) -> bool:
+    if not isinstance(stated, bool):
+        raise ValueError("true or false")
     return stated

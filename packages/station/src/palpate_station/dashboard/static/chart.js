@@ -2,7 +2,7 @@
 import { $, handState, received } from "/static/poll.js";
 import { graspOf, keptAt, zeroOf } from "/static/compare.js";
 import { chosenPixel, choosePixel } from "/static/pads.js";
-import { fixed, range } from "/static/words.js";
+import { fingerName, fixed, pixelName, range } from "/static/words.js";
 
 const RECENT_S = 30, BEFORE_S = 2, AFTER_S = 3, STEP_S = 5, SHORTEST_S = 15, NARROWEST_S = 0.2, GAP_S = 1, POINTS = 800;
 // Upper limit of plotted changes: a loose pixel with 100 times its rest value must not set the scale.
@@ -277,7 +277,7 @@ function showForecast(name, [low, value, high], digits, unit) {
 
 // The events as text for screen readers.
 function listMoments() {
-  const rows = view.moments.filter(([, name]) => NAMES[name] || name.startsWith("finger_")).map(([time, name, finger]) => `<li data-name="${name}" data-at="${time.toFixed(2)}">${finger === null ? NAMES[name] : `finger ${finger}: ${name === "finger_contact" ? "contact" : "removal"}`} at ${fixed(time, 1)} s</li>`).join("");
+  const rows = view.moments.filter(([, name]) => NAMES[name] || name.startsWith("finger_")).map(([time, name, finger]) => `<li data-name="${name}" data-at="${time.toFixed(2)}">${finger === null ? NAMES[name] : `${fingerName(finger)}: ${name === "finger_contact" ? "contact" : "removal"}`} at ${fixed(time, 1)} s</li>`).join("");
   if ($("moments").innerHTML !== rows) $("moments").innerHTML = rows;
 }
 
@@ -401,8 +401,8 @@ function drawPixels() {
       ctx.strokeRect(x(pointed + view.zero), y0 + 2, 0, box.h - 5);
     }
     if (many) continue;
-    // An outline keeps the name readable on top of the curve.
-    const name = [`R${row} C${col}`, x0 + box.w - 34 * scale(), y0 + 8 * scale()];
+    // Curves are rarely at half height. An outline keeps the name readable nevertheless.
+    const name = [pixelName(row, col, "part.pixel_short"), x0 + box.w - 26 * scale(), y0 + box.h / 2 + 3 * scale()];
     Object.assign(ctx, { fillStyle: ink.muted, strokeStyle: ink.surface, lineWidth: 3 });
     ctx.strokeText(...name);
     ctx.fillText(...name);

@@ -4,20 +4,22 @@ import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, w } from "/static/words.js";
 
 function draw(doc) {
-  const { verdict, operator, measured } = doc, card = $("verdict");
+  const { verdict, operator, measured } = doc, card = $("verdict"), isGrasping = doc.activity === "grasping";
   if (!card.dataset.fits) [card, $("lost"), $("next-step")].forEach(fit);
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
-  card.dataset.bin = Boolean(verdict.bin);
+  card.dataset.bin = operator.is_bin;
   headline(card, $("verdict-text"), operator.word);
   card.dataset.past = operator.is_past;
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
-  setText($("verdict-why"), [...(verdict.is_grasp && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
+  setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
   setText($("next-text"), isDriver(doc) ? operator.next : operator.watch);
+  $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
-  // The force is shown if known (a stopped hand still presses), otherwise the state of the hand.
-  const now = measured.force_now, state = now ? "" : handState(doc);
+  // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
+  // is open for a moment when a grasp starts.
+  const now = measured.force_now, state = now || (isGrasping && doc.hand?.open) ? "" : handState(doc);
   setText($("force-now"), state || fixed(now?.value, 1));
   setText($("force-title"), w(now && doc.link.stale ? "force.last" : "force.now"));
   setText($("force-unit"), state ? "" : "N");
@@ -26,9 +28,9 @@ function draw(doc) {
 }
 
 // The line of the lot, and the alarms, which open as a list.
-function drawStrip({ operator, alarms }) {
-  $("strip").classList.toggle("hidden", !operator.lot && !alarms.length);
-  setText($("lot"), operator.lot);
+function drawStrip({ lot, alarms }) {
+  $("strip").classList.toggle("hidden", !lot && !alarms.length);
+  setText($("lot"), lot);
   $("alarms").classList.toggle("hidden", !alarms.length);
   setText($("alarms-title"), w("alarms", { n: alarms.length }));
   const rows = alarms.map(([at, text]) => `<li><b>${esc(at)}</b> ${esc(text)}</li>`).reverse().join("");

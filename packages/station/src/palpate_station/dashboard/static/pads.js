@@ -1,6 +1,6 @@
 // The pads with their pixels, opposite each other on a gripper and side by side without one.
 import { $, setText, received } from "/static/poll.js";
-import { fixed, t, integer } from "/static/words.js";
+import { fingerName, fixed, pixelName, t, integer, w } from "/static/words.js";
 import { color } from "/static/colors.js";
 
 const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, RECENT_S = 30;
@@ -54,7 +54,7 @@ function drawCells(svg, doc) {
     const small = +text.getAttribute("font-size") < 6;
     setText(text, small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0));
     // Updates only the tooltip under the pointer; all 384 would use a sixth of the browser's time.
-    if (cell.matches(":hover")) title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: integer(ohm) })}${one ? `; ${one.text}` : ""}`;
+    if (cell.matches(":hover")) title.textContent = `${pixelName(row, col)}: ${ohm === null ? "open" : t("{n} ohm", { n: integer(ohm) })}${one ? `; ${one.text}` : ""}`;
   }
 }
 
@@ -142,7 +142,7 @@ function namePads(svg, doc) {
     group.classList.toggle("touching", touches);
     group.classList.toggle("slipped", hasSlipped(doc.grasp));
     markCentre(group, pad, doc.pixels.percent);
-    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? `<tspan x="${pad.width / 2}" dy="1.15em">contact${force === undefined ? "" : `, ${fixed(force, 1)} N`}</tspan>` : ""}`;
+    group.lastElementChild.innerHTML = `${fingerName(pad.finger, !doc.hand)}: <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? `<tspan x="${pad.width / 2}" dy="1.15em">contact${force === undefined ? "" : `, ${fixed(force, 1)} N`}</tspan>` : ""}`;
   });
 }
 
@@ -154,7 +154,8 @@ function drawChosen(doc) {
   if (chosen === null) return;
   const { row, col } = chosen, ohm = doc.pixels.ohm[row][col], percent = doc.pixels.percent[row][col];
   const one = (doc.pixels.findings ?? []).find((f) => f.row === row && f.col === col);
-  $("pixel-name").textContent = `R${row} C${col}`;
+  $("pixel-name").textContent = pixelName(row, col);
+  setText($("pixel-wiring"), w("part.wiring", { row, col }));
   $("pixel-ohm").textContent = ohm === null ? "open" : t("{n} ohm", { n: integer(ohm) });
   $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
   $("pixel-found").textContent = one ? one.text : "";

@@ -76,7 +76,7 @@ function drawHead(doc) {
   // Age at the time of sending plus the time since the request, an upper bound of the network delay.
   const age = link.age_s === null ? w("link.none_yet") : w("link.last", { ago: sinceFrame(link.age_s + (performance.now() - received.askedAt) / 1000) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  const counted = [link.stale ? w("link.silent") : "", rate, w("link.lost", link), link.corrupt ? w("link.corrupt", link) : ""].filter(Boolean).join(" · ");
+  const counted = [link.stale ? w("link.silent") : rate, w("link.lost", link), link.corrupt ? w("link.corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
   $("link-text").textContent = counts ? counted : replayed ? w("link.replay") : doc.activity_text;
   $("link-age").textContent = counts ? age : "";
@@ -108,6 +108,8 @@ function drawLoss(onLost) {
   const lost = server || devices || unsent, agoS = Math.max((server ? silentMs / 1000 : 0) + (received.hungS ?? 0), unsent ? unsentMs / 1000 : 0);
   if (lost && !document.body.classList.contains("lost")) onLost();
   document.body.classList.toggle("lost", lost);
+  // The next step is then about the devices, and is not outdated.
+  document.body.classList.toggle("hung", devices && !server && !unsent);
   // Greyed elements are also reported as unavailable to screen readers.
   for (const part of document.querySelectorAll(GREYED)) if (lost) part.ariaDisabled = "true"; else part.removeAttribute("aria-disabled");
   box.classList.toggle("hidden", !lost);
