@@ -1,11 +1,13 @@
 """Evaluation of an archive: a plain loop, and a Dask scheduler with one and with two workers.
 
-    python benchmarks/archive.py --holds 20000 --frames 1000000 --folder /big/disk
+    python benchmarks/archive.py --folder /big/disk/archive
 
 The holds are drawn (no sensor, no twin): 2000 samples at 100 Hz that creep with the logarithm of
 time. The frames are those of one simulated grasp, repeated. `settle` and `recalibrate` run on them
 in a plain loop of one process, and on a scheduler with one and with two worker processes, which
-are already started. The peak is the largest memory of one process. All results must be identical.
+are already started. The default numbers take a loop about 20 s each; shorter runs measure the
+connection to the scheduler too. The peak is the largest memory of one process. All results must be
+identical. With `--folder` the archive stays there, and a second run measures at once.
 """
 
 from __future__ import annotations
@@ -25,21 +27,21 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from distributed import Client, LocalCluster
 
 from palpate.recording import RecordingReader
 from palpate_archive.adding import add_recordings
+from palpate_archive.catalogue import Catalogue, Part
 from palpate_archive.engine import perform
 from palpate_archive.evaluating import Task, plan_tasks
 from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
-from palpate_archive.layout import Archive, Part
+from palpate_archive.layout import open_archive, write_tables
 
 PER_HOLD, HOLDS_PER_FILE, FRAMES_PER_FILE = 2000, 500, 5000
 
 
-def draw_holds(archive: Archive, *, holds: int) -> None:
+def draw_holds(archive: Folder, *, holds: int) -> None:
     """Write drawn holds."""
     rng = np.random.default_rng(3)
     time_s = np.arange(PER_HOLD) / 100
@@ -60,17 +62,17 @@ def draw_holds(archive: Archive, *, holds: int) -> None:
         write(archive, "holds", number, pa.table(columns))
 
 
-def repeat_frames(archive: Archive, *, frames: int, folder: Path) -> str:
+def repeat_frames(archive: Folder, *, frames: int, folder: Path) -> str:
     """Write the frames of a simulated grasp again and again; return its calibration."""
     recording = folder / "one.mcap"
     command = ["grasp", "--rig", "sim-rigid", "--seed", "1", "--record", str(recording)]
     subprocess.run(
         [sys.executable, "-m", "palpate", *command], check=True, stdout=subprocess.DEVNULL
     )
-    one = Archive(folder / "one", create=True)
+    one = open_archive(folder / "one", create=True)
     list(add_recordings(one, [recording]))
-    [part] = one.parts("frames")
-    table = pq.read_table(folder / "one" / part.place, partitioning=None)
+    [entry] = Catalogue(one, "frames").files()
+    table = one.read_table(entry.file)
     at = table.column_names.index("recording")
     for number in range(max(frames // FRAMES_PER_FILE, 1)):
         copies = [
@@ -83,10 +85,10 @@ def repeat_frames(archive: Archive, *, frames: int, folder: Path) -> str:
         return reader.info.calibration
 
 
-def write(archive: Archive, kind: str, number: int, table: pa.Table) -> None:
-    part = Part(kind=kind, station="drawn", date="2026-01-01", name=f"p{number:04}")
-    entry = archive.write(part, [table], sources=[f"{kind}{number}"])
-    archive.catalogue(kind).add("drawn", [entry])
+def write(archive: Folder, kind: str, number: int, table: pa.Table) -> None:
+    place = Part(kind, "drawn", "2026-01-01", f"p{number:04}").place
+    entry = write_tables(archive, place, [table], sources=[f"{kind}{number}"])
+    Catalogue(archive, kind).add([entry])
 
 
 def warm_up(task: Task) -> None:
@@ -139,9 +141,7 @@ def hash_results(results: Path) -> str:
     return hashlib.sha256("".join(found).encode()).hexdigest()
 
 
-def compare(
-    job: Job, archive: Archive, folder: Path, *, count: int, unit: str, rounds: int
-) -> bool:
+def compare(job: Job, archive: Folder, folder: Path, *, count: int, unit: str, rounds: int) -> bool:
     """Print the rates of a job; return whether all results are identical."""
     prints = set()
     for number in range(rounds):
@@ -166,28 +166,31 @@ def compare(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--holds", type=int, default=5000)
-    parser.add_argument("--frames", type=int, default=500_000)
+    parser.add_argument("--holds", type=int, default=100_000)
+    parser.add_argument("--frames", type=int, default=160_000)
     parser.add_argument("--rounds", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="folder for the temporary archive")
+    parser.add_argument("--folder", type=Path, help="folder of the archive, which stays")
+    parser.add_argument("--draw-only", action="store_true", help="only write the archive")
     options = parser.parse_args()
-    folder = Path(tempfile.mkdtemp(dir=options.folder))
-    try:
-        archive = Archive(folder / "archive", create=True)
-        draw_holds(archive, holds=options.holds)
-        calibration = repeat_frames(archive, frames=options.frames, folder=folder)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        saved = folder / "calibration.json"
+        archive = open_archive(folder / "archive", create=True)
+        if not saved.exists():
+            draw_holds(archive, holds=options.holds)
+            saved.write_text(repeat_frames(archive, frames=options.frames, folder=folder))
+        if options.draw_only:
+            return
         settle = create_settle_job(method="relaxation", horizon_s=19.0)
-        force = create_recalibrate_job(calibration)
+        force = create_recalibrate_job(saved.read_text())
         same = []
         for job, per, unit in ((settle, PER_HOLD, "holds"), (force, 1, "frames")):
-            count = sum(entry.rows for entry in archive.catalogue(job.reads).files()) // per
+            count = sum(entry.rows for entry in Catalogue(archive, job.reads).files()) // per
             same.append(
                 compare(job, archive, folder, count=count, unit=unit, rounds=options.rounds)
             )
         print("identical results" if all(same) else "DIFFERENT results")
         sys.exit(not all(same))
-    finally:
-        shutil.rmtree(folder)
 
 
 if __name__ == "__main__":

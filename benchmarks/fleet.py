@@ -24,7 +24,7 @@ from palpate.twin.objects import draw_object
 from palpate.twin.rig import calibrate_twin
 from palpate.twin.world import World
 from palpate_archive.adding import add_recordings
-from palpate_archive.layout import Archive
+from palpate_archive.layout import open_archive
 from palpate_studies.board_bytes import encode_message
 
 RATE_HZ, LEVEL, SEED = 250.0, "field", 5
@@ -61,7 +61,7 @@ def main() -> None:
         writing_s = time.perf_counter() - started_s
         recorded = path.stat().st_size / count
         started_s = time.perf_counter()
-        list(add_recordings(Archive(root, create=True), [path]))
+        list(add_recordings(open_archive(root, create=True), [path]))
         adding_s = time.perf_counter() - started_s
         archived = sum(f.stat().st_size for f in root.rglob("*.parquet")) / count
     follow = force_now(calibration)

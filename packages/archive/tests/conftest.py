@@ -14,7 +14,7 @@ from packages.archive.tests.drawn import palpate
 from s3fs import S3FileSystem
 
 from palpate_archive.adding import add_recordings
-from palpate_archive.layout import Archive
+from palpate_archive.layout import open_archive
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +39,9 @@ def filled(tmp_path_factory: pytest.TempPathFactory, recorded: Path) -> Path:
     copy = root.parent / "copy.mcap"
     shutil.copy(recorded / "g1.mcap", copy)
     given = [recorded / "g1.mcap", copy, recorded / "g2.mcap"]
-    first, repeated, second = add_recordings(Archive(root, create=True), given, station="north")
+    first, repeated, second = add_recordings(
+        open_archive(root, create=True), given, station="north"
+    )
     assert min(first["frames"], second["frames"]) > 0
     assert repeated == {}, "recordings are identified by content"
     return root

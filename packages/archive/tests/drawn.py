@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from palpate.cli import build_app
 from palpate.cli import run as run_command
-from palpate_archive.catalogue import list_files
+from palpate_archive.catalogue import Catalogue, Part, list_files
 from palpate_archive.folders import Folder
-from palpate_archive.layout import Archive, Part
+from palpate_archive.layout import open_archive, write_tables
 
 DAYS = ("2026-05-01", "2026-05-02")
 HOLDS, ROWS = 2, 300
@@ -24,9 +23,9 @@ def palpate(*arguments: str) -> int:
     return run_command(build_app(), list(arguments), name="palpate")
 
 
-def draw_archive(root: Path | str, *, stations: tuple[str, ...] = ("north", "south")) -> Archive:
+def draw_archive(root: Path | str, *, stations: tuple[str, ...] = ("north", "south")) -> Folder:
     """Write an archive of drawn holds: a station's day has two recordings."""
-    archive, rng = Archive(root, create=True), np.random.default_rng(3)
+    archive, rng = open_archive(root, create=True), np.random.default_rng(3)
     time_s = np.arange(ROWS) / 20
     for station in stations:
         entries = []
@@ -43,28 +42,21 @@ def draw_archive(root: Path | str, *, stations: tuple[str, ...] = ("north", "sou
                 "channel": np.full(values.size, "mean"),
                 "unit": np.full(values.size, "ohm"),
             }
-            part = Part(kind="holds", station=station, date=day, name=label)
-            entries.append(archive.write(part, [pa.table(columns)], sources=[source]))
-        archive.catalogue("holds").add(station, entries)
+            place = Part("holds", station, day, label).place
+            entries.append(write_tables(archive, place, [pa.table(columns)], sources=[source]))
+        Catalogue(archive, "holds").add(entries)
     return archive
 
 
 def read(address: Path | str, kind: str) -> dict[str, pd.DataFrame]:
     """Return the listed files of a kind: place -> rows."""
-    root = str(address)
-    return {
-        file.removeprefix(f"{root}/"): pq.read_table(
-            file.removeprefix("s3://"),
-            filesystem=Folder.open(root).fs,
-            partitioning=None,
-            use_threads=False,
-        ).to_pandas()
-        for file in list_files(root, kind)
-    }
+    folder = Folder.open(str(address))
+    places = [file.removeprefix(f"{folder.address}/") for file in list_files(str(address), kind)]
+    return {place: folder.read_table(place).to_pandas() for place in places}
 
 
 def read_bytes(address: Path | str, kind: str) -> dict[str, bytes]:
     """Return the listed files of a kind: place -> bytes."""
-    root = str(address)
-    places = [file.removeprefix(f"{root}/") for file in list_files(root, kind)]
-    return Folder.open(root).read_all(places)
+    folder = Folder.open(str(address))
+    places = [file.removeprefix(f"{folder.address}/") for file in list_files(str(address), kind)]
+    return dict(folder.fs.cat(places))

@@ -15,7 +15,7 @@ from palpate_archive.catalogue import Catalogue, list_files
 from palpate_archive.evaluating import enter_results, plan_tasks
 from palpate_archive.folders import Folder
 from palpate_archive.jobs import create_settle_job
-from palpate_archive.layout import KINDS, Archive
+from palpate_archive.layout import KINDS, open_archive
 
 __all__ = ["test_commands_of_page_run"]
 
@@ -29,12 +29,11 @@ def page() -> str:
     return "archive"
 
 
-def settle(archive: Archive, to: Path, *, horizon_s: float = 10.0) -> None:
+def settle(archive: Folder, to: Path, *, horizon_s: float = 10.0) -> None:
     """Evaluate in a plain loop."""
     job, folder = create_settle_job(method="log_law", horizon_s=horizon_s), Folder.open(to)
     entries = [task.perform() for task in plan_tasks(job, archive, to=folder)]
-    catalogue, inputs = Catalogue(folder, job.name), archive.catalogue("holds")
-    enter_results(catalogue, entries, of=inputs, grace_s=0.0)
+    enter_results(Catalogue(folder, job.name), entries, of=Catalogue(archive, "holds"))
 
 
 @pytest.mark.parametrize(
@@ -86,7 +85,7 @@ def test_compare_counts_what_changed_by_station_and_day(
     """The second version has another horizon, and a day less of one station."""
     archive = draw_archive(tmp_path / "a")
     settle(archive, tmp_path / "r1")
-    assert palpate("archive", "forget", str(archive.folder.path), "--station", "south",
+    assert palpate("archive", "forget", archive.address, "--station", "south",
                    "--day", "2026-05-02") == 0  # fmt: skip
     newer = evaluating.code_versions() | {"palpate": "9.9"}
     monkeypatch.setattr(evaluating, "code_versions", lambda: newer)
@@ -137,10 +136,10 @@ def test_forget_deletes_station_and_day_from_files_and_results(
     for folder in (root / "holds", root / "results" / JOB, tmp_path / "elsewhere" / JOB):
         found = {path.parts[-3:-1] for path in folder.rglob("*.parquet")}
         assert found == {(f"station={station}", f"date={day}") for station, day in left}
-    entries = archive.catalogue("holds").files()
+    entries = Catalogue(archive, "holds").files()
     assert sum(entry.rows for entry in entries) == len(left) * 2 * HOLDS * ROWS
     # The station still has its recordings; they are not added again.
-    assert len(archive.catalogue("holds").sources()) == 8
+    assert len(Catalogue(archive, "holds").sources()) == 8
 
 
 def test_forget_item_deletes_its_grasps_and_their_recordings(
@@ -148,7 +147,7 @@ def test_forget_item_deletes_its_grasps_and_their_recordings(
 ) -> None:
     from palpate_station.store.database import Store
 
-    archive = Archive(root)
+    archive = open_archive(root)
     with Store.open(str(recorded / "items.sqlite")) as store:
         add_store(archive, store, station="north")
         assert palpate("archive", "compact", str(root), "--grace", "0") == 0
@@ -167,7 +166,7 @@ def test_forget_item_deletes_its_grasps_and_their_recordings(
     add = ("archive", "add", str(recorded), "--to", str(root), "--station", "north")
     assert palpate(*add) == 0
     assert [len(table) for table in read(root, "frames").values()] == [
-        entry.rows for entry in archive.catalogue("frames").files()
+        entry.rows for entry in Catalogue(archive, "frames").files()
     ]
     assert len(list_files(root, "frames")) == 1
     settle(archive, root / "results")

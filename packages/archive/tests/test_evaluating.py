@@ -17,10 +17,10 @@ from palpate.recording import load_recording
 from palpate_archive.catalogue import Catalogue
 from palpate_archive.compacting import join_files
 from palpate_archive.engine import perform
-from palpate_archive.evaluating import enter_results, find_done, plan_tasks
+from palpate_archive.evaluating import enter_results, plan_tasks
 from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
-from palpate_archive.layout import Archive
+from palpate_archive.layout import open_archive
 
 pytestmark = pytest.mark.slow
 
@@ -44,20 +44,21 @@ def scheduler() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-def run_plainly(job: Job, archive: Archive, to: Path) -> dict[str, bytes]:
+def run_plainly(job: Job, archive: Folder, to: Path) -> dict[str, bytes]:
     """Evaluate in a plain loop; return the bytes of the results."""
     folder = Folder.open(to)
     tasks = plan_tasks(job, archive, to=folder)
     entries = [task.perform() for task in tasks]
-    inputs = archive.catalogue(job.reads)
-    enter_results(Catalogue(folder, job.name), entries, of=inputs, grace_s=0.0)
+    enter_results(Catalogue(folder, job.name), entries, of=Catalogue(archive, job.reads))
     return read_bytes(to, job.name)
 
 
 def test_results_are_equal_in_folder_and_s3(scheduler: str, bucket: str, tmp_path: Path) -> None:
     root, away = tmp_path / "a", f"{bucket}/a"
     draw_archive(root, stations=("north",)), draw_archive(away, stations=("north",))
-    plain = run_plainly(create_settle_job(method="relaxation", horizon_s=10.0), Archive(root), root)
+    plain = run_plainly(
+        create_settle_job(method="relaxation", horizon_s=10.0), open_archive(root), root
+    )
     for address in (str(root), away):
         settle = ("archive", "settle", address, "--horizon", "10", "--scheduler", scheduler)
         assert palpate(*settle) == 0
@@ -76,11 +77,12 @@ def test_second_run_computes_only_what_is_new(scheduler: str, tmp_path: Path) ->
     other = plan_tasks(create_settle_job(method="relaxation", horizon_s=12.0), archive, to=folder)
     same = plan_tasks(create_settle_job(method="relaxation", horizon_s=10.0), archive, to=folder)
     catalogue = Catalogue(folder, JOB)
-    assert find_done(catalogue, other) == []
-    assert len(find_done(catalogue, same)) == len(same)
+    listed = {entry.file for entry in catalogue.files()}
+    assert listed == {task.target for task in same}
+    assert listed.isdisjoint(task.target for task in other)
     # A result that was written but not entered is not computed again.
     times = {file: (root / "results" / file).stat().st_mtime_ns for file in folder.find(JOB)}
-    catalogue.put("north", catalogue.files()[1:])
+    catalogue.change("north", lambda before: before[1:])
     assert palpate(*settle, "--horizon", "10") == 0
     assert len(catalogue.files()) == len(same)
     assert times == {
@@ -174,7 +176,7 @@ def test_recalibrate_with_own_calibration_reproduces_force(
     recording = load_recording(recorded / "g1.mcap")
     assert recording.info.calibration is not None
     job = create_recalibrate_job(recording.info.calibration)
-    run_plainly(job, Archive(root), tmp_path / "out")
+    run_plainly(job, open_archive(root), tmp_path / "out")
     [first] = [t for place, t in read(tmp_path / "out", job.name).items() if "/g1-" in place]
     assert first["time_s"].tolist() == recording.time_s.tolist()
     assert (first["force_n_low"] <= first["force_n"]).all()

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import io
 import os
+import time
+from collections import defaultdict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import PurePosixPath
-from typing import Any
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet
@@ -23,39 +24,62 @@ import pyarrow.parquet
 from palpate.errors import InputError
 from palpate_archive.folders import Folder
 
-_PLACE = "catalogue"
+#: Seconds for which files stay after a change, for running queries.
+GRACE_S = 3600.0
+#: Folder of the catalogue.
+CATALOGUE = "catalogue"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class Part(NamedTuple):
+    """What the place of a file says: ``KIND/station=NAME/date=DAY/NAME.parquet``."""
+
+    #: ``frames``, ``holds`` or ``grasps``, or the name of a job.
+    kind: str
+    station: str
+    #: ``YYYY-MM-DD`` in UTC, or ``simulated``.
+    date: str
+    name: str
+
+    @property
+    def place(self) -> str:
+        """Path relative to the archive."""
+        return f"{self.kind}/station={self.station}/date={self.date}/{self.name}.parquet"
+
+    @classmethod
+    def parse(cls, place: str) -> Part:
+        """Return the part at a place."""
+        kind, station, date, file = place.split("/")
+        name = file.removesuffix(".parquet")
+        return cls(kind, station.removeprefix("station="), date.removeprefix("date="), name)
+
+
+class Entry(NamedTuple):
     """One file of Parquet rows, or sources that were deleted and are not added again."""
 
-    #: ``KIND/station=NAME/date=DAY/PART.parquet``; empty for deleted sources.
+    #: Place of the file; empty for deleted sources.
     file: str
     rows: int
-    bytes: int
     #: Digest of the file.
     sha256: str
     #: Digests of the recordings, or identifiers of the grasps, in the file.
     sources: tuple[str, ...]
 
     @property
-    def date(self) -> str:
-        """Day of the file, or ``simulated``."""
-        return PurePosixPath(self.file).parent.name.removeprefix("date=")
+    def part(self) -> Part:
+        """What the place says."""
+        return Part.parse(self.file)
 
 
 _SCHEMA = pa.schema(
-    [
-        ("file", pa.string()),
-        ("rows", pa.int64()),
-        ("bytes", pa.int64()),
-        ("sha256", pa.string()),
-        ("sources", pa.list_(pa.string())),
-    ]
+    {
+        "file": pa.string(),
+        "rows": pa.int64(),
+        "sha256": pa.string(),
+        "sources": pa.list_(pa.string()),
+    }
 )
-#: Takes the entries of the newest version; returns those of the next, or None for no change.
-Change = Callable[[list[Entry]], list[Entry] | None]
+#: Takes the entries of the newest version; returns those of the next.
+Change = Callable[[list[Entry]], list[Entry]]
 
 
 class Catalogue:
@@ -70,91 +94,114 @@ class Catalogue:
         while True:
             newest = {station: names[-1] for station, names in self._versions().items()}
             try:
-                read = self.folder.read_all(newest.values())
+                read = self._read(newest.values())
             except FileNotFoundError:
                 # A newer version replaced it between the listing and the reading.
                 continue
-            return {station: _parse(read[place]) for station, place in newest.items()}
-
-    def entries(self) -> dict[str, list[Entry]]:
-        """Return station -> files, in the order of their names."""
-        return {
-            station: sorted((e for e in entries if e.file), key=lambda entry: entry.file)
-            for station, entries in sorted(self.stations().items())
-        }
+            return {station: read[place] for station, place in newest.items()}
 
     def files(self) -> list[Entry]:
-        """Return the files of all stations."""
-        return [entry for entries in self.entries().values() for entry in entries]
+        """Return the files of all stations, in the order of their names."""
+        return sorted(e for entries in self.stations().values() for e in entries if e.file)
 
-    def sources(self) -> set[str]:
-        """Return the sources in the files, and those that were deleted."""
-        return {s for entries in self.stations().values() for e in entries for s in e.sources}
+    def sources(self, *, deleted: bool | None = None) -> set[str]:
+        """Return the sources in the files and those that were deleted, or one of both."""
+        return {
+            source
+            for entries in self.stations().values()
+            for entry in entries
+            if deleted in (None, not entry.file)
+            for source in entry.sources
+        }
 
-    def change(self, station: str, decide: Change) -> bool:
-        """Write the next version for a station; return whether there was a change.
+    def change(self, station: str, decide: Change) -> tuple[list[Entry], list[Entry]]:
+        """Write the next version for a station; return the entries before and after.
 
-        `decide` is called again if another writer was faster.
+        `decide` is called again if another writer was faster. If it returns the entries as they
+        are, there is no new version.
         """
         while True:
             names = self._versions(station).get(station, [])
-            before = _parse(self.folder.read(names[-1])) if names else []
-            after = decide(before)
-            if after is None or after == before:
-                return False
+            before = self._read(names[-1:])[names[-1]] if names else []
+            if (after := decide(before)) == before:
+                return before, before
             number = int(PurePosixPath(names[-1]).stem) + 1 if names else 1
-            place = f"{_PLACE}/{self.kind}/station={station}/{number:08}.parquet"
+            place = f"{CATALOGUE}/{self.kind}/station={station}/{number:08}.parquet"
+            content = io.BytesIO()
+            rows = [entry._asdict() for entry in after]
+            pa.parquet.write_table(pa.Table.from_pylist(rows, schema=_SCHEMA), content)
             try:
-                self.folder.create(place, _format(after))
+                self.folder.create(place, content.getvalue())
             except FileExistsError:
                 continue
-            return True
+            self.expire(station)
+            return before, after
 
-    def add(self, station: str, entries: Iterable[Entry]) -> None:
-        """Add files, except those with a source that is already in the catalogue."""
-        given = list(entries)
+    def add(self, entries: Iterable[Entry]) -> None:
+        """Add files, except those with a source that is already in the station's catalogue.
 
-        def decide(before: list[Entry]) -> list[Entry]:
-            held = {source for entry in before for source in entry.sources}
-            return [*before, *(entry for entry in given if held.isdisjoint(entry.sources))]
+        Files with a source that was deleted meanwhile are deleted.
+        """
+        new = defaultdict[str, list[Entry]](list)
+        for entry in entries:
+            new[entry.part.station].append(entry)
+        for station, given in new.items():
 
-        self.change(station, decide)
+            def decide(before: list[Entry], given: list[Entry] = given) -> list[Entry]:
+                held = {source: entry.file for entry in before for source in entry.sources}
+                after = list(before)
+                for entry in given:
+                    found = {held.get(source) for source in entry.sources}
+                    if found == {None}:
+                        after.append(entry)
+                        held |= dict.fromkeys(entry.sources, entry.file)
+                    elif "" in found:
+                        self.folder.delete([entry.file])
+                return after
 
-    def put(self, station: str, entries: Iterable[Entry]) -> None:
-        """List these files alone."""
-        given = list(entries)
-        self.change(station, lambda _: given)
+            self.change(station, decide)
 
-    def expire(self, station: str, *, grace_s: float) -> None:
+    def expire(self, station: str, *, grace_s: float = GRACE_S) -> None:
         """Delete the files that no version lists which was the newest in the last `grace_s`."""
         names = self._versions(station).get(station, [])
         old = [
             name
             for name, following in pairwise(names)
-            if grace_s <= 0 or self.folder.age_s(following) > grace_s
+            if time.time() - self.folder.fs.modified(following).timestamp() >= grace_s
         ]
-        if not old:
-            return
-        read = {place: _parse(text) for place, text in self.folder.read_all(names).items()}
-        kept = {entry.file for name in names if name not in old for entry in read[name]}
-        gone = {entry.file for name in old for entry in read[name]} - kept - {""}
-        # The versions last: an interrupted call leaves a list of what is to be deleted.
-        self.folder.delete(sorted(gone))
-        self.folder.delete(old)
+        if old:
+            read = self._read(names)
+            kept = {entry.file for name in names if name not in old for entry in read[name]}
+            gone = {entry.file for name in old for entry in read[name]} - kept - {""}
+            # The versions last, as they say what is to be deleted.
+            self.folder.delete([*sorted(gone), *old])
 
     def _versions(self, station: str | None = None) -> dict[str, list[str]]:
         """Return station -> places of its versions, the oldest first."""
-        below = f"{_PLACE}/{self.kind}" + ("" if station is None else f"/station={station}")
-        found: dict[str, list[str]] = {}
+        below = f"{CATALOGUE}/{self.kind}" + ("" if station is None else f"/station={station}")
+        found = defaultdict[str, list[str]](list)
         for place in self.folder.find(below):
-            name = PurePosixPath(place).parent.name.removeprefix("station=")
-            found.setdefault(name, []).append(place)
+            found[PurePosixPath(place).parent.name.removeprefix("station=")].append(place)
+        return found
+
+    def _read(self, places: Iterable[str]) -> dict[str, list[Entry]]:
+        """Return place -> entries of versions, fetched at the same time where the store can."""
+        found = {}
+        # fsspec raises an error for no file.
+        contents = self.folder.fs.cat(given, recursive=False) if (given := list(places)) else {}
+        for place, content in contents.items():
+            # With threads, PyArrow may release the bytes after the end of Python, which aborts.
+            table = pa.parquet.read_table(
+                io.BytesIO(content), columns=_SCHEMA.names, use_threads=False
+            )
+            rows = table.to_pylist()
+            found[place] = [Entry(**row | {"sources": tuple(row["sources"])}) for row in rows]
         return found
 
 
 def list_kinds(folder: Folder) -> list[str]:
     """Return the kinds with a catalogue in a folder."""
-    return sorted({place.split("/")[1] for place in folder.find(_PLACE)})
+    return sorted({place.split("/")[1] for place in folder.find(CATALOGUE)})
 
 
 def list_files(address: str | os.PathLike[str], kind: str) -> list[str]:
@@ -162,7 +209,8 @@ def list_files(address: str | os.PathLike[str], kind: str) -> list[str]:
 
     `address`: folder or address of an archive, or of the results of its evaluation.
     `kind`: ``frames``, ``holds`` or ``grasps``, or the name of a job such as ``settle-relaxation``.
-    The files are those of one moment, each row in one of them; they exist for an hour longer.
+    The files are those of one moment, each row in one of them; they exist for an hour longer,
+    unless their rows are deleted.
     Raises `InputError` if there are none.
     """
     folder = Folder.open(address)
@@ -170,18 +218,3 @@ def list_files(address: str | os.PathLike[str], kind: str) -> list[str]:
         return found
     known = ", ".join(list_kinds(folder)) or "nothing"
     raise InputError(f"{address}: contains no {kind}; it contains {known}")
-
-
-def _format(entries: Iterable[Entry]) -> bytes:
-    names = [one.name for one in fields(Entry)]
-    rows = [{name: getattr(entry, name) for name in names} for entry in entries]
-    sink = io.BytesIO()
-    pa.parquet.write_table(pa.Table.from_pylist(rows, schema=_SCHEMA), sink)
-    return sink.getvalue()
-
-
-def _parse(content: bytes) -> list[Entry]:
-    # With threads, PyArrow may release the bytes after the end of Python, which aborts.
-    table = pa.parquet.read_table(io.BytesIO(content), use_threads=False)
-    rows: list[dict[str, Any]] = table.to_pylist()
-    return [Entry(**row | {"sources": tuple(row["sources"])}) for row in rows]

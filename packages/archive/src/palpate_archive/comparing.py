@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -13,10 +12,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate_archive.catalogue import Catalogue, Entry, list_kinds
+from palpate_archive.catalogue import Catalogue, list_kinds
 from palpate_archive.evaluating import MARK
 from palpate_archive.folders import Folder
-from palpate_archive.layout import parse_part
+from palpate_archive.layout import read_metadata
 
 #: Columns that identify a row of results.
 _KEYS = ("recording", "hold_id", "channel", "cutoff_s", "time_s")
@@ -57,69 +56,56 @@ def compare_results(a: Folder, b: Folder) -> Iterator[DayChange]:
         )
         raise InputError(f"no job in common: {has}")
     for job in common:
-        days = [_group_days(Catalogue(folder, job)) for folder in (a, b)]
-        for station, day in sorted(days[0].keys() | days[1].keys()):
-            one, two = (
-                (folder, found.get((station, day), []))
+        days = [_group_days(folder, job) for folder in (a, b)]
+        for place in sorted(days[0].keys() | days[1].keys()):
+            tables = [
+                [folder.read_table(file) for file in found.get(place, [])]
                 for folder, found in zip((a, b), days, strict=True)
-            )
-            yield _compare_day(one, two, job=job, station=station, day=day)
+            ]
+            yield DayChange(job=job, station=place[0], day=place[1], **_compare_rows(*tables))
 
 
 def read_versions(results: Folder) -> list[dict[str, str]]:
     """Return the versions of the code that computed the results, in most cases one."""
-    found = []
+    found = list[dict[str, str]]()
     for job in list_kinds(results):
         for entry in Catalogue(results, job).files():
-            metadata = results.read_table(entry.file, columns=[]).schema.metadata
-            code = json.loads(metadata[MARK.encode()])["code"]
+            code = read_metadata(results, entry.file)[MARK]["code"]
             if code not in found:
                 found.append(code)
     return found
 
 
-def _group_days(catalogue: Catalogue) -> dict[tuple[str, str], list[Entry]]:
+def _group_days(folder: Folder, job: str) -> dict[tuple[str, ...], list[str]]:
     """Return station and day -> files."""
-    found = groupby(catalogue.files(), key=lambda e: (parse_part(e.file).station, e.date))
-    return {place: list(entries) for place, entries in found}
+    found = groupby(Catalogue(folder, job).files(), key=lambda entry: entry.part[1:3])
+    return {place: [entry.file for entry in entries] for place, entries in found}
 
 
-def _compare_day(
-    a: tuple[Folder, list[Entry]],
-    b: tuple[Folder, list[Entry]],
-    *,
-    job: str,
-    station: str,
-    day: str,
-) -> DayChange:
-    tables = [[folder.read_table(entry.file) for entry in entries] for folder, entries in (a, b)]
-    empty = next(table for each in tables for table in each).slice(0, 0)
-    one, two = (pa.concat_tables([empty, *each]) for each in tables)
+def _compare_rows(a: Sequence[Any], b: Sequence[Any]) -> dict[str, Any]:
+    """Return the counts and percentages of the tables of a day, of which one may have none."""
+    empty = [*a, *b][0].slice(0, 0)
+    one, two = (pa.concat_tables([empty, *each]) for each in (a, b))
     keys = [name for name in _KEYS if name in one.column_names]
     both = one.join(two, keys, join_type="inner", right_suffix=_B)
     is_changed = np.zeros(both.num_rows, dtype=bool)
     for name in set(one.column_names) - set(keys):
         is_changed |= _differ(both[name], both[name + _B])
     value = "force_n" if "force_n" in one.column_names else "value"
-    low_name, high_name = ("low", "high") if value == "value" else (f"{value}_low", f"{value}_high")
-    before, after, low, high = (
-        both[name].to_numpy() for name in (value, value + _B, low_name, high_name)
-    )
+    bounds = ("low", "high") if value == "value" else (f"{value}_low", f"{value}_high")
+    before, after, low, high = (both[name].to_numpy() for name in (value, value + _B, *bounds))
     # Where a value is missing, it has neither an interval nor a relative change.
     has_moved = _differ(both[value], both[value + _B]) & np.isfinite(after - before) & (before != 0)
     percent = 100 * np.abs((after - before)[has_moved] / before[has_moved])
-    return DayChange(
-        job=job,
-        station=station,
-        day=day,
-        both=both.num_rows,
-        only_a=one.num_rows - both.num_rows,
-        only_b=two.num_rows - both.num_rows,
-        changed=int(is_changed.sum()),
-        outside=int(((after < low) | (after > high)).sum()),
-        median_percent=float(np.median(percent)) if percent.size else None,
-        largest_percent=float(np.max(percent)) if percent.size else None,
-    )
+    return {
+        "both": both.num_rows,
+        "only_a": one.num_rows - both.num_rows,
+        "only_b": two.num_rows - both.num_rows,
+        "changed": int(is_changed.sum()),
+        "outside": int(((after < low) | (after > high)).sum()),
+        "median_percent": float(np.median(percent)) if percent.size else None,
+        "largest_percent": float(np.max(percent)) if percent.size else None,
+    }
 
 
 def _differ(a: Any, b: Any) -> NDArray[np.bool_]:

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
 from palpate.errors import InputError, PalpateError
 from palpate_archive.catalogue import Entry
 from palpate_archive.evaluating import Task
 
-#: Waiting for a scheduler or its first worker; longer after a restart.
+#: Waiting for a scheduler and its first worker; longer after a restart.
 _FIRST_WAIT_S, _RESTART_WAIT_S = 30.0, 300.0
 
 
@@ -37,87 +37,63 @@ def perform(
     memory, or if the scheduler or its workers stay away.
     """
     found: dict[str, Entry] = {}
-    workers = min(workers or os.cpu_count() or 1, len(tasks))
-    with _silence_engine(), _open_cluster(scheduler, workers) as cluster:
-        wait_s = _FIRST_WAIT_S
-        while left := [task for task in tasks if task.target not in found]:
-            with _connect(cluster, wait_s=wait_s) as client:
-                report(f"dashboard: {client.dashboard_link}")
-                for target, entry in _compute(client, left):
-                    found[target] = entry
-                    show(len(found))
-            wait_s = _RESTART_WAIT_S
-            if len(found) < len(tasks):
-                report("lost the scheduler; waiting until it and its workers are back")
+    options: dict[str, Any] = {"address": scheduler}
+    if scheduler is None:
+        options = {
+            "n_workers": min(workers or os.cpu_count() or 1, len(tasks)),
+            "threads_per_worker": 1,
+            # Any free port, so that several runs do not warn about each other.
+            "dashboard_address": "127.0.0.1:0",
+        }
+    wait_s = _FIRST_WAIT_S
+    while left := [task for task in tasks if task.target not in found]:
+        with _connect(options, wait_s=wait_s) as client:
+            report(f"dashboard: {client.dashboard_link}")
+            # Keys that name the results: two runs at the same time share their tasks.
+            futures = client.map(Task.perform, left, key=[task.target for task in left])
+            for future in as_completed(futures):
+                if future.cancelled():
+                    report("lost the scheduler; waiting until it and its workers are back")
+                    break
+                try:
+                    found[future.key] = future.result()
+                except KilledWorker as fault:
+                    raise PalpateError(
+                        f"{future.key}: several workers died at it, possibly from a lack of "
+                        "memory; run it again with more memory a worker to continue with the "
+                        "remaining files"
+                    ) from fault
+                show(len(found))
+        wait_s = _RESTART_WAIT_S
     return [found[task.target] for task in tasks]
 
 
-def _compute(client: Client, tasks: Sequence[Task]) -> Iterator[tuple[str, Entry]]:
-    """Yield targets and entries of finished tasks; end early if the scheduler is lost."""
-    # Keys that name the results: two runs at the same time share their tasks.
-    futures = client.map(Task.perform, tasks, key=[task.target for task in tasks])
-    for future in as_completed(futures):
-        if future.cancelled():
-            return
-        try:
-            yield future.key, future.result()
-        except KilledWorker as fault:
-            raise PalpateError(
-                f"{future.key}: several workers died at it, possibly from a lack of memory; run "
-                "it again with more memory a worker to continue with the remaining files"
-            ) from fault
-
-
 @contextmanager
-def _open_cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
-    """Yield what a client connects to."""
-    if scheduler is not None:
-        yield scheduler
-        return
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        # Any free port, so that several runs do not warn about each other.
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.CRITICAL,
-    )
-    try:
-        yield cluster
-    finally:
-        # On a busy computer workers may need longer to end; they end with this process.
-        with suppress(TimeoutError):
-            cluster.close()
-
-
-@contextmanager
-def _connect(cluster: Any, *, wait_s: float) -> Iterator[Client]:
+def _connect(options: dict[str, Any], *, wait_s: float) -> Iterator[Client]:
     """Yield a client of a cluster with at least one worker."""
-    try:
-        client = Client(cluster, timeout=wait_s)
-    except ValueError as fault:
-        raise InputError(f"--scheduler {cluster}: {fault}; such as tcp://localhost:8786") from fault
-    except OSError as fault:
-        raise PalpateError(
-            f"no scheduler at {cluster} in {wait_s:g} s; start one with `dask scheduler` and run "
-            "this again to continue with the remaining files"
-        ) from fault
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=wait_s)
-        except TimeoutError as fault:
-            raise PalpateError(
-                f"the scheduler at {cluster} has no workers; start some with "
-                f"`dask worker {cluster} --nthreads 1`"
-            ) from fault
-        yield client
-
-
-@contextmanager
-def _silence_engine() -> Iterator[None]:
-    """Keep the engine's log of lost connections off the terminal; what matters is raised."""
+    address = options.get("address")
+    # Dask logs lost connections; what matters is raised.
     disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
+    client = None
     try:
-        yield
+        try:
+            client = Client(timeout=wait_s, **options)
+            client.wait_for_workers(1, timeout=wait_s)
+        except ValueError as fault:
+            raise InputError(
+                f"--scheduler {address}: {fault}; such as tcp://localhost:8786"
+            ) from fault
+        except OSError as fault:
+            raise PalpateError(
+                f"no scheduler with workers at {address} in {wait_s:g} s; start both with "
+                f"`dask scheduler` and `dask worker {address} --nthreads 1`, and run this again to "
+                "continue with the remaining files"
+            ) from fault
+        yield client
     finally:
+        # On a busy computer local workers may need longer to end; they end with this process.
+        with suppress(TimeoutError):
+            if client is not None:
+                client.close()
         logging.disable(disabled)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -23,7 +22,7 @@ from palpate.errors import PalpateError
 from palpate_archive.catalogue import Catalogue, Entry
 from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job
-from palpate_archive.layout import Archive, describe_file, parse_part, write_tables
+from palpate_archive.layout import describe_file, write_tables
 
 #: Name of the description of a result in the metadata of its Parquet file.
 MARK = "palpate.result"
@@ -51,10 +50,9 @@ class Task:
                 f"a worker has other code ({_list_versions(mine)}) than this computer "
                 f"({_list_versions(self.code)}); install the same versions on both"
             )
-        sources = self.source.sources
-        if self.results.exists(self.target):
+        if self.results.fs.exists(self.target):
             with self.results.fetch(self.target) as path:
-                return describe_file(path, self.target, sources=sources)
+                return describe_file(path, self.target)
         mark = {
             "job": self.job.name,
             "settings": self.job.settings,
@@ -67,7 +65,7 @@ class Task:
                 self.results,
                 self.target,
                 self.job.tables(path),
-                sources=sources,
+                sources=self.source.sources,
                 marks={MARK: json.dumps(mark)},
             )
 
@@ -90,48 +88,35 @@ def _list_versions(code: dict[str, str]) -> str:
     return ", ".join(f"{name} {number}" for name, number in code.items())
 
 
-def plan_tasks(job: Job, archive: Archive, *, to: Folder) -> list[Task]:
+def plan_tasks(job: Job, archive: Folder, *, to: Folder) -> list[Task]:
     """Return a task for each file of the job's kind."""
     code = code_versions()
     tasks = []
-    for source in archive.catalogue(job.reads).files():
+    for source in Catalogue(archive, job.reads).files():
         identity = json.dumps([job.name, job.settings, code, source.sha256])
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        part = parse_part(source.file)
-        place = f"{job.name}/station={part.station}/date={part.date}/{part.name}-{digest}.parquet"
-        tasks.append(
-            Task(
-                job=job,
-                archive=archive.folder,
-                source=source,
-                results=to,
-                target=place,
-                code=code,
-            )
+        part = source.part._replace(kind=job.name, name=f"{source.part.name}-{digest}")
+        task = Task(
+            job=job, archive=archive, source=source, results=to, target=part.place, code=code
         )
+        tasks.append(task)
     return tasks
 
 
-def find_done(catalogue: Catalogue, tasks: Iterable[Task]) -> list[Entry]:
-    """Return the entries of the tasks whose results are in the catalogue."""
-    known = {entry.file: entry for entry in catalogue.files()}
-    return [known[task.target] for task in tasks if task.target in known]
-
-
-def enter_results(
-    catalogue: Catalogue, entries: Sequence[Entry], *, of: Catalogue, grace_s: float
-) -> None:
-    """Let the catalogue list these results alone; delete those before after `grace_s` seconds.
+def enter_results(catalogue: Catalogue, entries: Iterable[Entry], *, of: Catalogue) -> None:
+    """Let the catalogue list these results alone; the others are deleted an hour later.
 
     `of`: catalogue of the input. Results of sources that were deleted since are deleted.
     """
-    left = {source for entry in of.files() for source in entry.sources}
-    stations = defaultdict[str, list[Entry]](list, {name: [] for name in catalogue.stations()})
-    for entry in sorted(entries, key=lambda entry: entry.file):
-        if left.issuperset(entry.sources):
-            stations[parse_part(entry.file).station].append(entry)
-        else:
-            catalogue.folder.delete([entry.file])
-    for station, listed in stations.items():
-        catalogue.put(station, listed)
-        catalogue.expire(station, grace_s=grace_s)
+    given = sorted(entries)
+    while True:
+        left = of.sources(deleted=False)
+        kept = [entry for entry in given if left.issuperset(entry.sources)]
+        catalogue.folder.delete(entry.file for entry in given if entry not in kept)
+        for station in {*catalogue.stations(), *(entry.part.station for entry in kept)}:
+            listed = [entry for entry in kept if entry.part.station == station]
+            catalogue.change(station, lambda _, listed=listed: listed)  # type: ignore[misc]
+            catalogue.expire(station)
+        # Again if sources were deleted while the results were entered.
+        if left <= of.sources(deleted=False):
+            return

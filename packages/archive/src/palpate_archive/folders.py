@@ -11,12 +11,13 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import fsspec
 import pyarrow.parquet
+from fsspec.implementations.dirfs import DirFileSystem
 from fsspec.implementations.local import LocalFileSystem
 
 from palpate.errors import InputError, MissingExtraError, PalpateError
@@ -26,8 +27,6 @@ from palpate.files import atomic_path
 _BLOCK = 5 * 2**20
 #: Libraries of stores, whose exceptions are not those of Python, such as missing credentials.
 _LIBRARIES = {"botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "azure"}
-#: Protocol -> extra of this package with its library.
-_EXTRAS = {"s3": "s3", "gs": "gcs", "az": "azure"}
 
 
 @contextmanager
@@ -45,38 +44,21 @@ def explain_store_errors() -> Iterator[None]:
         ) from fault
 
 
-class Pace:
-    """Pauses that limit a rate, averaged over blocks of 5 MB.
-
-    `max_mbit`: megabits per second.
-    """
-
-    def __init__(self, max_mbit: float) -> None:
-        self._s_per_byte = 8e-6 / max_mbit
-        self._free_s = 0.0
-
-    def wait(self, count: int) -> None:
-        """Pause after sending `count` bytes."""
-        now_s = time.monotonic()
-        self._free_s = max(self._free_s, now_s) + count * self._s_per_byte
-        time.sleep(self._free_s - now_s)
-
-
 @dataclass(frozen=True, slots=True)
 class Folder:
     """A folder; places in it are relative paths with slashes."""
 
+    #: The file system below the folder, which takes places.
     fs: Any
-    path: str
     #: The folder as the user named it.
     address: str
-    pace: Pace | None = field(default=None, compare=False)
+    #: Largest mean rate of writing, megabits per second, averaged over blocks of 5 MB.
+    max_mbit: float | None = None
 
     @classmethod
     def open(cls, address: str | os.PathLike[str], *, max_mbit: float | None = None) -> Folder:
         """Return the folder at a path or an address, which need not exist.
 
-        `max_mbit`: largest mean rate of writing, megabits per second.
         Raises `InputError` for an unknown kind of address, `MissingExtraError` without its library.
         """
         text = os.fspath(address)
@@ -84,95 +66,71 @@ class Folder:
             # Another process may write at any time, so listings are never remembered.
             fs, path = fsspec.url_to_fs(text, use_listings_cache=False)
         except ImportError as fault:
-            extra = _EXTRAS.get(text.split(":")[0], "")
-            raise MissingExtraError(
-                f"{text}: {fault}" + (f" (pip install 'palpate-archive[{extra}]')" if extra else "")
-            ) from fault
+            raise MissingExtraError(f"{text}: {fault}") from fault
         except ValueError as fault:
             raise InputError(f"{text}: {fault}") from fault
-        pace = None if max_mbit is None else Pace(max_mbit)
-        return cls(fs, path.rstrip("/"), text.rstrip("/") or text, pace)
-
-    @property
-    def is_local(self) -> bool:
-        """Whether the folder is in this computer's file system."""
-        return isinstance(self.fs, LocalFileSystem)
+        inside = DirFileSystem(path, fs, skip_instance_cache=True)
+        return cls(inside, text.rstrip("/") or text, max_mbit)
 
     def name(self, place: str) -> str:
         """Return the path or address of a file, as other tools take it."""
         return f"{self.address}/{place}"
 
-    def exists(self, place: str = "") -> bool:
-        """Return whether a file or folder exists."""
-        return bool(self.fs.exists(self._full(place)))
-
-    def find(self, prefix: str = "") -> dict[str, int]:
-        """Return place -> size of the finished files below a prefix, in the order of places."""
-        found = self.fs.find(self._full(prefix), detail=True)
-        cut = len(self.path) + 1
-        places = {path[cut:]: int(info["size"]) for path, info in found.items()}
-        hidden = (place for place in places if place.rpartition("/")[2].startswith("."))
-        return {place: places[place] for place in sorted(places.keys() - set(hidden))}
-
-    def age_s(self, place: str) -> float:
-        """Return the time since a file was written, seconds."""
-        return time.time() - float(self.fs.modified(self._full(place)).timestamp())
-
-    def read(self, place: str) -> bytes:
-        """Return the bytes of a file."""
-        return bytes(self.fs.cat_file(self._full(place)))
-
-    def read_all(self, places: Iterable[str]) -> dict[str, bytes]:
-        """Return the bytes of files, fetched at the same time where the store can."""
-        full = {self._full(place): place for place in places}
-        found = self.fs.cat(list(full), recursive=False) if full else {}
-        if isinstance(found, bytes):  # of a single file
-            return {next(iter(full.values())): found}
-        return {full[path]: content for path, content in found.items()}
+    def find(self, prefix: str = "") -> list[str]:
+        """Return the finished files below a prefix, sorted."""
+        found: list[str] = self.fs.find(prefix)
+        return sorted(place for place in found if not place.rpartition("/")[2].startswith("."))
 
     def read_table(self, place: str, **options: Any) -> Any:
-        """Return columns of a Parquet file, fetching only them; options of PyArrow's function."""
-        # With threads, PyArrow may close the file after the end of Python, which aborts.
-        return pyarrow.parquet.read_table(
-            self._full(place), filesystem=self.fs, partitioning=None, use_threads=False, **options
-        )
+        """Return a Parquet file, or the columns that the options of PyArrow's function select."""
+        with self.fs.open(place) as file:
+            # With threads, PyArrow may release the file after the end of Python, which aborts.
+            return pyarrow.parquet.read_table(file, use_threads=False, **options)
 
     @contextmanager
     def fetch(self, place: str) -> Iterator[Path]:
         """Yield a path of the file on this computer."""
-        if self.is_local:
-            yield Path(self._full(place))
+        if path := self._on_disk(place):
+            yield path
             return
         with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / Path(place).name
-            self.fs.get_file(self._full(place), str(copy))
+            copy = Path(folder, Path(place).name)
+            self.fs.get_file(place, str(copy))
             yield copy
 
     @contextmanager
     def replace(self, place: str) -> Iterator[Path]:
         """Yield a temporary path; its file appears at the place if the block succeeds."""
-        if self.is_local:
-            final = Path(self._full(place))
+        if final := self._on_disk(place):
             final.parent.mkdir(parents=True, exist_ok=True)
             with atomic_path(final) as partial:
                 yield partial
-            if self.pace is not None:
-                self.pace.wait(final.stat().st_size)
+                self._pause(partial.stat().st_size, time.monotonic())
             return
         with tempfile.TemporaryDirectory() as folder:
-            partial = Path(folder) / Path(place).name
+            partial = Path(folder, "partial")
             yield partial
-            self._put(partial, place)
+            if self.max_mbit is None:
+                self.fs.put_file(str(partial), place)
+                return
+            # Committed at the end, so that an interrupted upload leaves no file.
+            target = self.fs.open(place, "wb", block_size=_BLOCK, autocommit=False)
+            with partial.open("rb") as source:
+                while block := source.read(_BLOCK):
+                    began_s = time.monotonic()
+                    target.write(block)
+                    self._pause(len(block), began_s)
+            target.close()
+            target.commit()
 
     def create(self, place: str, content: bytes) -> None:
         """Write a small file that must not exist.
 
         Raises `FileExistsError` if it does; of several writers at one moment only one succeeds.
         """
-        if not self.is_local:
-            self.fs.pipe_file(self._full(place), content, mode="create")
+        if not (final := self._on_disk(place)):
+            self.fs.pipe_file(place, content, mode="create")
             return
-        final = Path(self._full(place))
         final.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=final.parent, prefix=".") as partial:
             partial.write(content)
@@ -186,23 +144,13 @@ class Folder:
         """Delete files; those already gone are fine."""
         for place in places:
             with suppress(FileNotFoundError):
-                self.fs.rm_file(self._full(place))
+                self.fs.rm_file(place)
 
-    def _full(self, place: str) -> str:
-        return f"{self.path}/{place}" if place else self.path
+    def _on_disk(self, place: str) -> Path | None:
+        """Return the path of a place if the folder is in this computer's file system."""
+        return Path(self.fs.path, place) if isinstance(self.fs.fs, LocalFileSystem) else None
 
-    def _put(self, partial: Path, place: str) -> None:
-        size = partial.stat().st_size
-        if self.pace is None or size <= _BLOCK:
-            self.fs.put_file(str(partial), self._full(place))
-            if self.pace is not None:
-                self.pace.wait(size)
-            return
-        # Committed at the end, so that an interrupted upload leaves no file.
-        target = self.fs.open(self._full(place), "wb", block_size=_BLOCK, autocommit=False)
-        with partial.open("rb") as source:
-            while block := source.read(_BLOCK):
-                target.write(block)
-                self.pace.wait(len(block))
-        target.close()
-        target.commit()
+    def _pause(self, count: int, began_s: float) -> None:
+        """Wait until `count` bytes since `began_s` do not exceed the largest rate."""
+        if self.max_mbit is not None:
+            time.sleep(max(0.0, began_s + count * 8e-6 / self.max_mbit - time.monotonic()))

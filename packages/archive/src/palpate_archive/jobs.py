@@ -6,14 +6,14 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute
+import pyarrow.compute as pc
 import pyarrow.parquet
 
 from palpate.arrays import FloatArray
@@ -23,6 +23,13 @@ CUTOFFS_S = (1.0, 2.5, 5.0)
 #: Rows of frames in memory at once.
 _BATCH = 50_000
 _LEVEL = 0.9
+#: Columns that name a hold.
+_LABELS = ["recording", "hold_id", "channel", "unit"]
+_SETTLED = pa.schema(
+    dict.fromkeys(_LABELS, pa.string())
+    | dict.fromkeys(("cutoff_s", "value", "low", "high", "level"), pa.float64())
+    | {"status": pa.string(), "settled": pa.float64()}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +56,8 @@ def create_settle_job(*, method: str, horizon_s: float) -> Job:
         reads="holds",
         settings={
             "method": method,
-            "cutoffs_s": list(CUTOFFS_S),
             "horizon_s": horizon_s,
+            "cutoffs_s": CUTOFFS_S,
             "level": _LEVEL,
         },
         tables=partial(_build_settled_tables, method=method, horizon_s=horizon_s),
@@ -59,22 +66,18 @@ def create_settle_job(*, method: str, horizon_s: float) -> Job:
 
 def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
     """Yield one table: a row for each hold, channel and cut-off."""
-    names = ["recording", "hold_id", "channel", "unit", "time_s", "value"]
+    names = [*_LABELS, "time_s", "value"]
     table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
     rows = [
         row
         for alike in _group_holds(table)
         for row in _build_settled_rows(*alike, method=method, horizon_s=horizon_s)
     ]
-    text = ("recording", "hold_id", "channel", "unit", "status")
-    numbers = ("cutoff_s", "value", "low", "high", "level", "settled")
-    order = (*text[:4], *numbers[:5], "status", "settled")
-    kinds = dict.fromkeys(text, pa.string()) | dict.fromkeys(numbers, pa.float64())
-    yield pa.Table.from_pylist(rows, schema=pa.schema([(name, kinds[name]) for name in order]))
+    yield pa.Table.from_pylist(rows, schema=_SETTLED)
 
 
 def _build_settled_rows(
-    labels: list[tuple[str, ...]],
+    labels: list[dict[str, str]],
     time_s: FloatArray,
     values: FloatArray,
     *,
@@ -95,11 +98,11 @@ def _build_settled_rows(
             horizon_s=horizon_s,
             method=method,
             level=_LEVEL,
-            unit=labels[0][-1],
+            unit=labels[0]["unit"],
         )
         for index, names in enumerate(labels):
             one = found.hold(index)
-            yield dict(zip(("recording", "hold_id", "channel", "unit"), names, strict=True)) | {
+            yield names | {
                 "cutoff_s": cutoff_s,
                 "value": float(one.value),
                 "low": float(one.low),
@@ -110,23 +113,20 @@ def _build_settled_rows(
             }
 
 
-def _group_holds(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, FloatArray]]:
+def _group_holds(table: Any) -> Iterator[tuple[list[dict[str, str]], FloatArray, FloatArray]]:
     """Yield groups of holds with one unit and sampling: labels, times, values (holds, times)."""
-    columns = [table[name].combine_chunks() for name in ("recording", "hold_id", "channel", "unit")]
-    changes = np.zeros(max(table.num_rows - 1, 0), dtype=bool)
-    for column in columns:
-        differs = pyarrow.compute.not_equal(column[1:], column[:-1])
-        changes |= differs.to_numpy(zero_copy_only=False)
-    starts = [0, *(np.flatnonzero(changes) + 1).tolist()]
-    labels = list(zip(*(column.take(starts).to_pylist() for column in columns), strict=True))
+    columns = [column.combine_chunks() for column in table.select(_LABELS).columns]
+    changes = reduce(pc.or_, (pc.not_equal(column[1:], column[:-1]) for column in columns))
+    starts = [0, *(np.flatnonzero(changes) + 1).tolist(), table.num_rows]
+    labels = table.select(_LABELS).take(starts[:-1]).to_pylist()
     time_s, value = (table[name].to_numpy() for name in ("time_s", "value"))
-    groups = defaultdict[tuple[str, bytes], list[tuple[int, slice]]](list)
-    for number, (start, stop) in enumerate(pairwise([*starts, table.num_rows])):
-        rows = slice(start, stop)
-        groups[labels[number][-1], time_s[rows].tobytes()].append((number, rows))
-    for holds in groups.values():
-        values = np.stack([value[rows] for _, rows in holds])
-        yield [labels[number] for number, _ in holds], time_s[holds[0][1]], values
+    rows = [slice(*bounds) for bounds in pairwise(starts)]
+    groups = defaultdict[tuple[str, bytes], list[int]](list)
+    for number, label in enumerate(labels):
+        groups[label["unit"], time_s[rows[number]].tobytes()].append(number)
+    for numbers in groups.values():
+        values = np.stack([value[rows[number]] for number in numbers])
+        yield [labels[number] for number in numbers], time_s[rows[numbers[0]]], values
 
 
 # -- recalibrate -----------------------------------------------------------------------------------
