@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 import typer
+from tests.commands import run_palpate
 from tests.other_boards import FLEXITAC, PADS, SendingBoard, SendingClock, line_of, marked
 
-from palpate.cli import build_app, run
 from palpate.clock import RealClock
 from palpate.sensor.array import PressureArray
 from palpate.sensor.flexitac import FlexitacDecoder
@@ -44,7 +44,7 @@ class Desk:
     def run(self, *words: object, status: int = 0) -> str:
         """Run a command on the rig; return its standard output."""
         arguments = [*map(str, words), "--rig", str(self.rig)]
-        assert run(build_app(), arguments, name="palpate") == status
+        assert run_palpate(*arguments) == status
         printed, self.errors = self.capsys.readouterr()
         return printed
 
@@ -105,14 +105,14 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     held = desk.folder / "held.mcap"
     desk.run("record", held, "--duration", "25")
     arguments = ["settle", str(held), "--cutoff", "2.5", "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
+    assert run_palpate(*arguments) == 0
     rows = json.loads(desk.capsys.readouterr().out)["rows"]
     (mean,) = [row for row in rows if (row["channel"], row["method"]) == ("mean", "relaxation")]
     assert mean["low"] < mean["predicted"] < mean["high"]
     # One step of the 8-bit counts is 6 % of a pixel at rest.
     assert abs(mean["error_percent"]) < 15.0
     arguments = ["force", str(held), "--calibration", str(desk.folder / "pad.json"), "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
+    assert run_palpate(*arguments) == 0
     (sensor,) = json.loads(desk.capsys.readouterr().out)["sensors"]
     strongest = max(sensor["contacts"], key=lambda contact: contact["low_n"])
     assert strongest["low_n"] < 5.0 < strongest["high_n"]
