@@ -95,7 +95,7 @@ def live(
             stack.callback(console.line)
         screen = stack.enter_context(Live(console=console, auto_refresh=False, transient=False))
         drawn_s = -math.inf
-        for frame in pace_frames(source, clock=clock):
+        for frame in pace_frames(source):
             if frame is not None:
                 view.add(frame)
             for stream in streams:
