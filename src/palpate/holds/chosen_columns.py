@@ -19,7 +19,7 @@ from palpate.holds.columns import (
     time_unit_of,
 )
 from palpate.holds.moments import is_moment
-from palpate.holds.table import Table, find_runs
+from palpate.holds.table import Table, find_runs, label_text
 from palpate.holds.units import find_multiple
 
 #: Name of the clock made from an interval, and fewest rows from which a column may be a counter.
@@ -230,11 +230,6 @@ def split_recordings(table: Table) -> list[tuple[str, slice]]:
     part = find_recording_column(list(table.columns))
     if part is None:
         return [("", slice(0, table.rows))]
-    labels = np.array([_format_label(cell) for cell in table.columns[part].tolist()], dtype=object)
+    labels = np.array([label_text(cell) for cell in table.columns[part].tolist()], dtype=object)
     runs = find_runs(labels)
     return [(labels[rows.start] if len(runs) > 1 else "", rows) for rows in runs]
-
-
-def _format_label(cell: object) -> str:
-    """Return a label as text; a numeric column stores 1 as 1.0."""
-    return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)

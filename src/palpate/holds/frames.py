@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.columns import names_sensor
-from palpate.holds.table import Table
+from palpate.holds.table import Table, label_text
 
 #: Most sensors in separate rows, and fewest rows of each.
 _MOST_SENSORS, _FEWEST_ROWS = 256, 5
@@ -90,7 +90,7 @@ def split_by_label(
     `labels`, shape (n_rows,): sensor of each row, from the table's `column`.
     Raises `InputError` if the times of one sensor decrease.
     """
-    names = [_plain(label) for label in labels.tolist()]
+    names = [label_text(label) for label in labels.tolist()]
     each = np.array(names, dtype=object)
     order = np.argsort(time_s, kind="stable")
     found: dict[str, NDArray[np.float64]] = {}
@@ -110,10 +110,6 @@ def split_by_label(
         columns=found,
         remarks=[f"the rows belong to {len({*names})} sensors, named in column {column}"],
     )
-
-
-def _plain(label: object) -> str:
-    return f"{label:.0f}" if isinstance(label, float) and label.is_integer() else str(label).strip()
 
 
 def split_frames(
