@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -116,33 +114,3 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     (sensor,) = json.loads(desk.capsys.readouterr().out)["sensors"]
     strongest = max(sensor["contacts"], key=lambda contact: contact["low_n"])
     assert strongest["low_n"] < 5.0 < strongest["high_n"]
-
-
-@pytest.mark.slow
-def test_rig_file_opens_a_text_protocol_board(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The built-in opener on the real clock, while another thread sends."""
-    clock = SendingClock(time.monotonic())
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
-    board.waits = False
-    desk = Desk(board, folder=tmp_path, opener="open_text", capsys=capsys)
-    desk.rig.write_text(
-        'calibration = "pad.json"\n[array]\nopen = "palpate.sensor.text_lines:open_board"\n'
-        f'port = "{board.port}"\nlayout = "4x2"\n'
-    )
-    done = threading.Event()
-
-    def send() -> None:
-        while not done.wait(0.002):
-            clock.sleep_s(time.monotonic() - clock.now_s())
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        desk.run("record", tmp_path / "rest.mcap", "--duration", "0.5")
-    finally:
-        done.set()
-        sender.join()
-        clock.close()
-    assert "palpate:" not in desk.errors
