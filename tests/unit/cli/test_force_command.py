@@ -77,8 +77,10 @@ def test_force_of_a_load_cell_in_its_own_file(palpate: Command, folder: Path) ->
         (("presses.csv", "--adc-bits", 8), "correct --adc-bits"),
         (("presses.csv", "--adc-bits", 10, "--save", "pad.json"), "--save pad.json: .*ohms"),
         (
-            ("presses.csv", "--adc-bits", 10, "--reference-ohm", "10k", "--sensor-leg", "upper")
-            + ("--save", "presses.csv"),
+            (
+                *("presses.csv", "--adc-bits", 10, "--reference-ohm", "10k"),
+                *("--sensor-leg", "upper", "--save", "presses.csv"),
+            ),
             "lost",
         ),
         (("presses.csv", "--adc-bits", 10, "--output", "presses.csv"), "presses.csv"),
