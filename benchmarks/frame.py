@@ -4,17 +4,14 @@
 
 Every frame of the twin is encoded like the firmware's and decoded from its bytes. The runner then
 does the work of a grasp: resistance, force with interval, monitors, controller. The time of the
-twin's physics is measured separately. `--files` lists the files whose code runs on that way, over
-one grasp.
+twin's physics is measured separately.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -32,65 +29,28 @@ from palpate.twin.world import World
 from palpate_studies.board_bytes import encode_message
 
 LEVEL, SEED = "field", 5
-_PACKAGE = "/palpate/"
-
-
-class FilesOnTheWay:
-    """The files of palpate whose code runs between the bytes of a frame and the next command."""
-
-    def __init__(self) -> None:
-        self.files = set[str]()
-        #: Number of files of each frame.
-        self.per_frame: list[int] = []
-        self._of_frame = set[str]()
-
-    def start(self) -> None:
-        """Note the files from now on."""
-        sys.setprofile(self._note)
-
-    def pause(self) -> None:
-        """Note nothing from now on."""
-        sys.setprofile(None)
-
-    def end_frame(self) -> None:
-        """Begin another frame."""
-        self.files |= self._of_frame
-        self.per_frame.append(len(self._of_frame))
-        self._of_frame = set()
-
-    def _note(self, frame: FrameType, event: str, argument: object) -> None:
-        path = frame.f_code.co_filename
-        if event == "call" and _PACKAGE in path:
-            self._of_frame.add(path.split(_PACKAGE)[1])
 
 
 class Stopwatch:
     """Processor time inside the twin, and outside of it per frame."""
 
-    def __init__(self, files: FilesOnTheWay | None = None) -> None:
-        self._files = files
+    def __init__(self) -> None:
         self.twin_s = 0.0
         self.palpate_s: list[float] = []
         self._since_s = time.process_time()
         self._in_twin_s = 0.0
 
     def time_twin(self, act: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
-        if self._files is not None:
-            self._files.pause()
         started_s = time.process_time()
         try:
             return act(*arguments, **named)
         finally:
-            if self._files is not None:
-                self._files.start()
             taken_s = time.process_time() - started_s
             self.twin_s += taken_s
             self._in_twin_s += taken_s
 
     def frame(self) -> None:
         """End the time of one frame."""
-        if self._files is not None:
-            self._files.end_frame()
         now_s = time.process_time()
         self.palpate_s.append(now_s - self._since_s - self._in_twin_s)
         self._since_s, self._in_twin_s = now_s, 0.0
@@ -156,17 +116,15 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=10)
     parser.add_argument("--hand", choices=("rigid", "soft"), default="rigid")
     parser.add_argument("--target-force-n", type=float, help="by default a gentle squeeze")
-    parser.add_argument("--files", action="store_true", help="list files instead of times")
     options = parser.parse_args()
     calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind=options.hand)
     palpate_s, twin_s, simulated_s = list[float](), 0.0, 0.0
-    files = FilesOnTheWay() if options.files else None
-    for number in range(1 if options.files else options.grasps):
+    for number in range(options.grasps):
         obj = draw_object(np.random.default_rng(SEED + number), "strawberry")
         world = World(
             obj, seed=SEED + number, level=LEVEL, gripper=options.hand, frame_rate_hz=options.rate
         )
-        watch = Stopwatch(files)
+        watch = Stopwatch()
         gripper = TimedGripper(TwinGripper(world), watch)
         run_grasp(
             plan_grasp(calibration, gripper=gripper, target_force_n=options.target_force_n),
@@ -178,12 +136,6 @@ def main() -> None:
         palpate_s += watch.palpate_s[1:]
         twin_s += watch.twin_s
         simulated_s += world.clock.now_s()
-    if files is not None:
-        files.pause()
-        of_all, median = sorted(files.files), np.median(files.per_frame)
-        print(f"simulated; {len(of_all)} files from bytes to command, {median:.0f} for a frame")
-        print(*of_all, sep="\n")
-        return
     us = 1e6 * np.array(palpate_s)
     print(
         f"simulated; {len(us)} frames of {calibration.layout.pixels} pixels at "

@@ -21,6 +21,7 @@ from typing import Any
 PAGES = Path(__file__).resolve().parent / "api"
 sys.path.insert(0, str(PAGES.parent))
 from api_examples import EXAMPLES  # noqa: E402
+from generated import update_pages  # noqa: E402
 
 BEGIN, END = "<!-- from the docstring -->", "<!-- end of docstring -->"
 #: A `:::` line with its options, and the text of an earlier run.
@@ -145,16 +146,5 @@ def fill_page(page: str) -> str:
     )
 
 
-def main() -> int:
-    """Write or check every page."""
-    texts = {page: page.read_text(encoding="utf-8") for page in sorted(PAGES.glob("*.md"))}
-    stale = {page: new for page, text in texts.items() if (new := fill_page(text)) != text}
-    if "--check" in sys.argv:
-        return 1 if stale else 0
-    for page, text in stale.items():
-        page.write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(update_pages(PAGES, fill_page))

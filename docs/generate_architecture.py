@@ -12,6 +12,9 @@ import tomllib
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
+sys.path.insert(0, str(DOCS))
+from generated import update_files  # noqa: E402
+
 ROOT = DOCS.parent
 _INK, _GREY, _WHITE = "#1f2933", "#52606d", "#ffffff"
 _CORE, _PACKAGE, _DEVICE = "#dcebf5", "#e3f1e3", "#f6e7d2"
@@ -175,16 +178,7 @@ def _text(
 def main() -> int:
     """Write or check both pictures."""
     pictures = {"distributions.svg": draw_distributions(), "frame.svg": draw_frame()}
-    stale = {
-        path: text
-        for name, text in pictures.items()
-        if not (path := DOCS / "images" / name).exists() or path.read_text() != text
-    }
-    if "--check" in sys.argv:
-        return 1 if stale else 0
-    for path, text in stale.items():
-        path.write_text(text, encoding="utf-8")
-    return 0
+    return update_files({DOCS / "images" / name: text for name, text in pictures.items()})
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
-sys.path.insert(0, str(DOCS.parent))
+sys.path[:0] = [str(DOCS), str(DOCS.parent)]
+from generated import update_pages  # noqa: E402
 from mkdocs_tables import TABLES  # noqa: E402
 
 #: A table on a page, with its begin and end marks.
@@ -29,16 +30,5 @@ def fill_tables(page: str) -> str:
     )
 
 
-def main() -> int:
-    """Write or check every page."""
-    texts = {page: page.read_text(encoding="utf-8") for page in sorted(DOCS.glob("*.md"))}
-    stale = {page: new for page, text in texts.items() if (new := fill_tables(text)) != text}
-    if "--check" in sys.argv:
-        return 1 if stale else 0
-    for page, text in stale.items():
-        page.write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(update_pages(DOCS, fill_tables))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
-from palpate.cli import build_app, run
+from tests.commands import run_palpate
 
 
 def write_closings(folder: Path, *, count: int, melons: int = 0) -> list[str]:
@@ -29,6 +28,6 @@ def write_damage_file(folder: Path, *, count: int = 40, melons: int = 0) -> Path
     """Learn the limit of such kiwis and melons, as a user does."""
     options = write_closings(folder, count=count, melons=melons)
     out = folder / "damage.json"
-    status = run(build_app(), ["calibrate", "damage", *options, "--out", str(out)], name="palpate")
+    status = run_palpate("calibrate", "damage", *options, "--out", str(out))
     assert status == 0
     return out

@@ -22,6 +22,11 @@ class Printed(NamedTuple):
         return json.loads(self.out, parse_constant=pytest.fail)
 
 
+def run_palpate(*words: object) -> int:
+    """Run a command line in this process; return its status."""
+    return run(build_app(), [str(word) for word in words], name="palpate")
+
+
 class Command:
     """The command `palpate`."""
 
@@ -37,7 +42,7 @@ class Command:
     def ended(self, *words: object) -> tuple[Printed, int]:
         """Run a command line; return what it printed and its status."""
         self._capsys.readouterr()
-        status = run(build_app(), [str(word) for word in words], name="palpate")
+        status = run_palpate(*words)
         return Printed(*self._capsys.readouterr()), status
 
     def refused(self, *words: object, status: int = 2) -> str:

@@ -15,8 +15,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from palpate.cli import build_app, run
+from tests.commands import run_palpate
 
 ROOT = Path(__file__).resolve().parents[1]
 #: A comment before a block says that its commands exit otherwise than with 0.
@@ -38,7 +37,7 @@ def run_line(line: str) -> int:
         os.chdir(arguments[0])
         return 0
     if program == "palpate":
-        return run(build_app(), arguments, name="palpate")
+        return run_palpate(*arguments)
     assert program == "python", f"no idea how to run {line!r}"
     sys.argv = arguments
     script = ROOT / arguments[0]

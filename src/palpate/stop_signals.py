@@ -155,11 +155,18 @@ def handle_stop_signals(handler: Handler) -> Iterator[None]:
 
 
 @contextmanager
-def watch_stop_signals() -> Iterator[Callable[[], bool]]:
+def watch_stop_signals(*, interrupts: bool = False) -> Iterator[Callable[[], bool]]:
     """Note the stop signals in the block; yield a function that returns whether one arrived.
 
     Unlike an interrupt, the note can't be lost in a library.
+
+    `interrupts`: whether a signal also interrupts, which ends a wait.
     """
     received = threading.Event()
-    with handle_stop_signals(handle_always(received.set)):
+
+    def note_and_interrupt(number: int, frame: FrameType | None) -> None:
+        received.set()
+        interrupt(number, frame)
+
+    with handle_stop_signals(note_and_interrupt if interrupts else handle_always(received.set)):
         yield received.is_set

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,10 +10,9 @@ import pytest
 from tests.contract.hands import TRAVEL, make_firmware_board, make_world, open_hobby_servo
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
-from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel, open_gripper
+from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.serial_array import SerialArray
-from palpate.twin.devices import TwinArray
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.world import World
 
@@ -128,13 +126,9 @@ def test_hobby_servo_new_driver_keeps_the_finger_position(bench: Bench) -> None:
     ("changes", "message"),
     [
         ({"open_us": 499}, "open_us 499: must be 500 to 2500"),
-        ({"closed_us": 2501}, "closed_us 2501: must be 500 to 2500"),
         ({"open_us": 700.5}, "open_us 700.5: must be a whole number from 500 to 2500"),
-        ({"open_mm": math.inf}, "open_mm inf: must be 0 to 300 mm"),
-        ({"open_mm": 1e9}, "open_mm 1000000000"),
         ({"closed_us": 690}, "are equal"),
         ({"closed_mm": 74.0}, "closed_mm 74: must be at least 0 and below open_mm 74"),
-        ({"closed_mm": -1.0}, "closed_mm -1"),
         ({"open_mm": float("nan")}, "below open_mm nan"),
     ],
 )
@@ -153,9 +147,3 @@ def test_servo_travel_is_linear_in_both_directions(travel: ServoTravel) -> None:
     back_mm = [travel.width_mm(pulse_us) for pulse_us in pulses_us]
     assert np.allclose(back_mm, widths_mm, atol=travel.mm_per_us)
     assert {travel.pulse_us(74.0), travel.pulse_us(5.0)} == {travel.open_us, travel.closed_us}
-
-
-def test_open_hobby_servo_without_a_board_raises() -> None:
-    array = TwinArray(make_world("rigid"))
-    with pytest.raises(InputError, match="a board with palpate's firmware, not TwinArray"):
-        open_gripper(array=array, open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)

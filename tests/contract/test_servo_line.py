@@ -13,6 +13,7 @@ from contextlib import suppress
 
 import pytest
 from tests.contract.hands import BAUD, Servo
+from tests.pty_port import open_elsewhere
 
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper import sts_series as sts
@@ -129,22 +130,13 @@ def test_servo_line_on_the_port_of_a_device_that_never_pauses_times_out() -> Non
     assert took_s < 1.0
 
 
-_OPEN_AS_USER = (
-    "import os, sys\n"
-    "if os.getuid() == 0: os.setuid(65534)\n"
-    "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
-    "except OSError as error: sys.exit(error.errno)\n"
-)
-
-
 def test_servo_line_claims_its_port_until_it_is_closed(dynamixel: Servo) -> None:
     os.chmod(dynamixel.bus.name, 0o666)
     line, status = dynamixel.connect(), []
     with pytest.raises(DeviceError, match=r"is in use by another program; `fuser -v"):
         dynamixel.connect()
     for _ in range(2):
-        command = [sys.executable, "-S", "-c", _OPEN_AS_USER, dynamixel.bus.name]
-        status.append(subprocess.run(command, check=False).returncode)
+        status.append(open_elsewhere(dynamixel.bus.name))
         line.close()
     assert status == [errno.EBUSY, 0]
 

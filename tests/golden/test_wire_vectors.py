@@ -32,7 +32,7 @@ class Core:
         self._host = ctypes.c_void_p(library.host_new(baud))
         library.host_begin(self._host, 1, seed)
         self.decoder = Decoder()
-        self.at_boot = self.take()
+        self.take()
 
     def take(self) -> bytes:
         buffer = ctypes.create_string_buffer(8192)
@@ -189,23 +189,6 @@ def test_firmware_encodes_frame_vectors(vector: dict[str, Any], built_library: c
         assert sent.hex() == vector["bytes"]
 
 
-def test_firmware_sends_identity_at_boot(core: Core) -> None:
-    (identity,) = Decoder().feed(core.at_boot)
-    assert isinstance(identity, wm.BoardIdentity)
-    assert (identity.tag, identity.protocol, identity.board) == (0, wm.PROTOCOL_VERSION, "host")
-    assert (identity.features, identity.full_scale) == (7, 1024)
-
-
-def test_firmware_refuses_rate_above_reported_maximum_also_after_layout_growth(core: Core) -> None:
-    answer = core.ask(wm.SetRate(rate_hz=5000.0))
-    assert isinstance(answer, wm.Ack)
-    assert answer.result == wm.Result.TOO_FAST
-    assert 500 < answer.highest_rate_hz < 1100
-    assert core.result(wm.SetRate(rate_hz=answer.highest_rate_hz)) == wm.Result.OK
-    assert core.result(wm.SetLayout(rows=16, cols=16)) == wm.Result.OK
-    assert core.result(wm.Start()) == wm.Result.TOO_FAST
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -293,56 +276,6 @@ def test_firmware_refuses_servo_moves_beyond_or_without_travel_and_a_change_of_i
     assert core.result(wm.SetServoTravel(open_us=2000, closed_us=1000)) == wm.Result.OK
     core.at_ms(2)
     assert core.servo_us == 1999, "still on its way to the first target"
-
-
-def test_firmware_servo_starts_open_and_ramps(core: Core) -> None:
-    core.at_ms(1000)
-    core.move_servo(1500, rate=1000)
-    core.at_ms(1001)
-    assert core.servo_us == pytest.approx(2000, abs=2)
-    core.at_ms(1250)
-    assert core.servo_us == pytest.approx(1750, abs=2)
-    core.result(wm.SetServo(target_us=0, rate_us_per_s=1000))
-    core.at_ms(1400)
-    assert core.servo_us == pytest.approx(1750, abs=2), "stopped where it was"
-    core.result(wm.SetServo(target_us=1800, rate_us_per_s=100))
-    core.at_ms(1800)
-    assert core.servo_us == pytest.approx(1790, abs=2), "and opens as slowly as asked"
-
-
-def test_firmware_servo_without_heartbeat_holds_position(core: Core) -> None:
-    core.at_ms(1000)
-    core.move_servo(1000, rate=1000)
-    for time_ms in range(1000, 5001, 100):
-        core.at_ms(time_ms)
-    assert core.servo_us == pytest.approx(1500, abs=102), "half a second of the ramp"
-    assert core.safe
-    core.result(wm.Start())
-    (frame,) = core.decoder.feed(core.scan(np.zeros((4, 2)), sequence=0))
-    assert isinstance(frame, wm.FrameMessage)
-    assert frame.status & wm.BoardStatus.HEARTBEAT_LOST
-
-
-def test_firmware_pixel_ceiling_opens_servo_before_power_off(core: Core) -> None:
-    core.at_ms(1000)
-    core.move_servo(1200, rate=2000)
-    core.at_ms(1400)
-    core.result(wm.Start())
-    core.scan(np.full((4, 2), 900), sequence=0)
-    core.at_ms(1401)
-    assert (core.servo_us, core.safe) == (2000, True)
-    move = wm.SetServo(target_us=1500, rate_us_per_s=1000)
-    assert core.result(move) == wm.Result.TRIPPED
-    core.at_ms(1799)
-    assert (core.servo_us, core.safe) == (2000, True)
-    core.at_ms(1802)
-    assert (core.servo_us, core.safe) == (0, False)
-    core.result(wm.SetCeiling(counts=950))
-    core.at_ms(1803)
-    assert (core.servo_us, core.safe) == (0, True), "no pulses until it is moved again"
-    assert core.result(move) == wm.Result.OK
-    core.at_ms(1804)
-    assert core.servo_us == pytest.approx(2000, abs=2)
 
 
 def test_firmware_ignores_and_counts_damaged_commands(core: Core) -> None:

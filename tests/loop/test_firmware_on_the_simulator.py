@@ -187,17 +187,6 @@ def test_firmware_reports_an_absent_load_cell_as_silent_even_after_a_clock_overf
     assert all(frame.status & wm.BoardStatus.LOAD_CELL_SILENT for frame in frames)
 
 
-def test_firmware_ceiling_opens_the_safe_line_without_the_host(any_desk: Desk) -> None:
-    desk = any_desk
-    desk.ask(wm.SetCeiling(counts=900), wm.SetPressure(target_kpa=30.0, slew_kpa_per_s=500.0))
-    desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
-    desk.run(0.1)
-    assert desk.board.safe_line
-    press(desk)
-    desk.run(0.010)
-    assert (desk.board.safe_line, desk.board.output_kpa) == (False, 0.0)
-
-
 def press(desk: Desk) -> None:
     """Press a pixel beyond the ceiling."""
     voltages = np.full((4, 2), 1000.0)
@@ -247,19 +236,6 @@ def test_firmware_servo_pulses_keep_their_width_under_full_load(any_desk: Desk) 
     # simavr simulates a compare match with an error of a few cycles of 62.5 ns.
     assert width_us == pytest.approx(1500, abs=0.5)
     assert np.diff(begin_s) == pytest.approx(0.020, abs=1e-6)
-
-
-def test_firmware_holds_the_servo_position_when_the_host_is_silent(any_desk: Desk) -> None:
-    move_servo(any_desk, target_us=700, rate=1000)
-    any_desk.run(0.4)
-    any_desk.board.read_pulses()
-    frames = any_desk.frames(0.9)
-    begin_s, width_us = any_desk.board.read_pulses()
-    assert len(begin_s) == pytest.approx(45, abs=1)
-    assert width_us[-1] == pytest.approx(2300 - 500, abs=12)
-    assert np.ptp(width_us[10:]) < 0.5
-    assert frames[-1].status & wm.BoardStatus.HEARTBEAT_LOST
-    assert any_desk.board.safe_line
 
 
 def test_firmware_servo_backs_off_at_the_ceiling_and_is_then_switched_off(any_desk: Desk) -> None:

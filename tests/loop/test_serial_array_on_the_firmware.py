@@ -111,19 +111,6 @@ def test_serial_array_refuses_an_impossible_rate_with_the_highest_possible_rate(
     assert rig.array.counters.lost == 0
 
 
-def test_serial_array_after_a_board_reset_has_increasing_sequence_and_time(
-    open_board_rig: Callable[..., Rig],
-) -> None:
-    rig = open_board_rig()
-    before = rig.frames(0.3)
-    rig.board.reset()
-    after = rig.frames(0.6)
-    counters = rig.array.counters
-    assert (counters.restarts, counters.reconnects, counters.corrupt) == (1, 0, 0)
-    _assert_one_gap(before + after, longest_s=0.1)
-    assert rig.clock.now_s() - after[-1].time_s < 0.01
-
-
 def test_serial_array_recovers_after_a_watchdog_reset(open_board_rig: Callable[..., Rig]) -> None:
     rig = open_board_rig(contents=Contents.PRESSURE)
     before = rig.frames(0.2)

@@ -92,16 +92,12 @@ def test_run_failure_while_acting_is_reported_with_its_status(
 @pytest.mark.parametrize(
     ("command", "folder"),
     [
-        ("study table1", "packages/studies"),
         ("bench settling", "packages/studies"),
         ("archive settle archive", "packages/archive"),
-        ("sort --rules rules.toml", "packages/station"),
         ("grasp --item A17", "packages/station"),
         ("live --rig sim-rigid --foxglove", "packages/foxglove"),
-        ("pattern --preset rigid", "packages/pattern"),
         ("export run.mcap --lerobot grasps", "packages/lerobot-dataset"),
         ("export run.mcap --rerun run.rrd", "packages/rerun"),
-        ("live --rig sim-rigid --rerun", "packages/rerun"),
     ],
 )
 def test_missing_package_names_what_to_install(

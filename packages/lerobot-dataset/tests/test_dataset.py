@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from tests.commands import run_palpate as palpate
 from tests.pages import test_commands_of_page_run
 
-from palpate.cli import build_app, run
 from palpate.errors import RecordingError
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
@@ -58,10 +58,6 @@ class RecordingGripper:
         sent = self._gripper.command(wanted)
         self.sent.append((self._gripper.state().time_s, sent))
         return sent
-
-
-def palpate(*arguments: object) -> int:
-    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,10 @@ import importlib.util
 import json
 
 import pytest
+from tests.commands import run_palpate
 
-from palpate.cli import build_app, run
 from palpate_studies.benchmarks.running import Ratio, row
 from palpate_studies.catalogue import BENCHMARKS
-
-
-def bench_with(arguments: list[str]) -> int:
-    return run(build_app(), ["bench", *arguments], name="palpate")
 
 
 @pytest.fixture
@@ -37,7 +33,7 @@ def ratio(**changed: object) -> Ratio:
 def test_bench_without_name_runs_all_and_shows_how_to_install_a_missing_peer(
     tmp_path, capsys
 ) -> None:
-    assert bench_with(["--json", "--out", str(tmp_path)]) == 0
+    assert run_palpate("bench", "--json", "--out", str(tmp_path)) == 0
     document = json.loads(capsys.readouterr().out)
     assert set(document) == {"machine", "full", "benchmarks"}
     [found] = document["benchmarks"]

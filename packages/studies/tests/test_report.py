@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
+from tests.commands import run_palpate
 
-from palpate.cli import build_app, run
 from palpate_studies import environment, table2
 from palpate_studies.report import StudyReport
 
@@ -25,7 +25,7 @@ def test_out_option_naming_a_file_is_refused_before_the_study(
     file = tmp_path / "taken"
     file.write_text("mine")
     out = file / "report" if inside else file
-    assert run(build_app(), ["study", "table2", "--out", str(out)], name="palpate") == 2
+    assert run_palpate("study", "table2", "--out", out) == 2
     error = capsys.readouterr().err
     assert f"{file} is not a folder; give a folder" in error
     assert error.count("\n") == 1
@@ -40,7 +40,7 @@ def test_figures_have_requested_format_and_resolution(
         monkeypatch.setitem(environment.report.__kwdefaults__, size, 1)
     out = ["--out", str(tmp_path / "asked")]
     asked = ["study", "environment", *out, "--format", "png", "--dpi", "50"]
-    assert run(build_app(), asked, name="palpate") == 0
+    assert run_palpate(*asked) == 0
     [picture] = (tmp_path / "asked").glob("figure3*")
     assert picture.suffix == ".png"
     with Image.open(picture) as image:

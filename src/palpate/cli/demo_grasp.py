@@ -13,14 +13,14 @@ from rich.live import Live
 from rich.text import Text
 
 from palpate.cli.grasp_card import print_card
-from palpate.cli.live_view import BLOCKS
+from palpate.cli.live_view import curve_block
 from palpate.cli.output import SIMULATED, make_card
 from palpate.demo.grasp import OBJECT, RIG, SEED, TARGET_N, GraspMoment, run_demo_grasp
 from palpate.files import atomic_path
 from palpate.grasp.phases import Phase
 from palpate.measurement import Measurement
 from palpate.plots.grasp_picture import draw_grasp
-from palpate.plots.pixel_colors import is_dark, pixel_color
+from palpate.plots.pixel_colors import terminal_style
 from palpate.terminal_table import make_console
 
 #: Upper end of the force scale, newtons, and its number of characters.
@@ -104,7 +104,7 @@ class _View:
             _draw_interval(moment.force_n),
             Text(scale, style="dim"),
             None,
-            Text("".join(map(_block, self._curve)), style="dark_orange"),
+            Text("".join(curve_block(n / _SCALE_N) for n in self._curve), style="dark_orange"),
             title=f"[bold]{OBJECT}[/] on {RIG}, to {TARGET_N:g} N",
             subtitle=f"{SIMULATED}, {moment.time_s:.1f} s",
             style="green",
@@ -117,10 +117,10 @@ def _draw_pixels(moment: GraspMoment) -> RenderableType:
     for row in moment.change_percent.tolist():
         line = Text()
         for change in row:
-            red, green, blue = (90, 90, 90) if math.isnan(change) else pixel_color(change)
-            ink = "white" if math.isnan(change) or is_dark(change) else "black"
-            shown = "open" if math.isnan(change) else f"{change:+.0f} %"
-            line.append(f"{shown:^9}", style=f"{ink} on rgb({red},{green},{blue})")
+            shown, style = "open", "white on rgb(90,90,90)"
+            if not math.isnan(change):
+                shown, style = f"{change:+.0f} %", terminal_style(change)
+            line.append(f"{shown:^9}", style=style)
         lines.append(line)
     lines.append(Text(f"{moment.width_mm:.1f} mm between the fingers", style="dim"))
     return Group(*lines)
@@ -142,10 +142,6 @@ def _draw_interval(force: Measurement | None) -> Text:
 
 def _column(force_n: float) -> int:
     return round(_COLUMNS * min(max(force_n / _SCALE_N, 0.0), 1.0))
-
-
-def _block(force_n: float) -> str:
-    return BLOCKS[round(min(force_n / _SCALE_N, 1.0) * (len(BLOCKS) - 1))]
 
 
 def _newtons(force: Measurement | None) -> str:

@@ -10,10 +10,10 @@ import typer
 from palpate.cli.lazy_group import find_entry_point
 from palpate.cli.options import opt
 from palpate.cli.output import print_message
-from palpate.errors import InputError, RecordingError
+from palpate.errors import InputError
 from palpate.files import check_new
-from palpate.recording import RecordingReader, load_recording
-from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
+from palpate.recording import RecordingReader
+from palpate.recording.exporting import cut_file_holds, frame_tables, hold_tables, write_export
 
 ExportForm: TypeAlias = Literal["csv", "parquet"]
 HoldUnit: TypeAlias = Literal["percent", "ohm"]
@@ -77,11 +77,7 @@ def export(
     with RecordingReader(file):  # a file that is not a recording is refused first
         check_new(target)
     if holds:
-        try:
-            cut = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
-        except RecordingError as error:
-            where = "" if str(file) in str(error) else f"{file}: "
-            raise RecordingError(f"{where}{error}") from error
+        cut = cut_file_holds(file, unit=unit)
         rows = write_export(target, hold_tables(cut), to=form)
         number = len({hold.hold_id for hold in cut})
         what = f"{number} hold{'s' * (number != 1)}, "

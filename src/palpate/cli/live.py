@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from types import FrameType
 from typing import Annotated
 
 import typer
@@ -27,7 +25,7 @@ from palpate.force.force_follower import ForceSource
 from palpate.force.of_calibration import force_now
 from palpate.recording import Event
 from palpate.sensor.array import Frame
-from palpate.stop_signals import handle_stop_signals, interrupt
+from palpate.stop_signals import watch_stop_signals
 from palpate.viewer import GROUP, Link, Viewer
 
 #: Viewer -> its default address.
@@ -78,15 +76,9 @@ def live(
     viewers = [name for name, is_chosen in chosen.items() if is_chosen]
     if address is not None and len(viewers) != 1:
         raise InputError(f"{address}: an address belongs to one viewer; add --foxglove or --rerun")
-    clock, received = RealClock(), threading.Event()
-
-    def stop(number: int, stack_frame: FrameType | None) -> None:
-        # A library can lose the interrupt, but not the note.
-        received.set()
-        interrupt(number, stack_frame)
-
+    clock = RealClock()
     with ExitStack() as stack:
-        stack.enter_context(handle_stop_signals(stop))
+        stopped = stack.enter_context(watch_stop_signals(interrupts=True))
         source = stack.enter_context(closing(open_source(rig, port=port)))
         force_tracker = _make_force_tracker(source) if force else None
         reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=force_tracker)
@@ -103,7 +95,7 @@ def live(
             stack.callback(console.line)
         screen = stack.enter_context(Live(console=console, auto_refresh=False, transient=False))
         drawn_s = -math.inf
-        for frame in pace_frames(source, clock=clock):
+        for frame in pace_frames(source):
             if frame is not None:
                 view.add(frame)
             for stream in streams:
@@ -112,7 +104,7 @@ def live(
             if now_s - drawn_s >= 1.0 / DRAW_HZ:
                 drawn_s = now_s
                 screen.update(view.render(console), refresh=True)
-            if received.is_set():
+            if stopped():
                 raise KeyboardInterrupt
             if now_s >= end_s:
                 break

@@ -16,14 +16,14 @@ from palpate.force.force_follower import ForceSource
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.measurement import Measurement
+from palpate.rig.paced_array import PacedArray
 from palpate.sensor.array import Frame
 from palpate.sensor.sample import SampleReader
-from palpate.signal.relative import CONTACT_PERCENT, mean_change
+from palpate.signal.events import ContactState, watch_contact
+from palpate.signal.relative import mean_change
 
 #: Duration of the rest measurement without a calibration, seconds.
 _REST_S = 1.0
-#: Release threshold: fraction of the contact threshold (hysteresis).
-_RELEASE_FRACTION = 0.5
 _SAFETY = SafetyLimits()
 #: Short read timeout, so that the view shows a silent sensor promptly.
 _WAIT_S = 0.2
@@ -47,7 +47,6 @@ class LiveReading:
     `change_percent`, shape (rows, cols): changes relative to rest, NaN for pixels without a
         reading; None before the rest values are known.
     `force_n`: force at the last frame.
-    `touching`: fingers in contact.
     `frames`, `lost`: numbers of received and of lost frames.
     """
 
@@ -64,7 +63,7 @@ class LiveReading:
         self.ohm: FloatArray | None = None
         self.change_percent: FloatArray | None = None
         self.force_n: Measurement | None = None
-        self.touching: frozenset[int] = frozenset()
+        self._contacts = dict.fromkeys(self._layout.finger_of_row, ContactState())
         self.frames = self.lost = 0
         self._reader = SampleReader(source.array.layout, rest_ohm)
         self._clock, self._force = clock, force
@@ -87,13 +86,19 @@ class LiveReading:
             self._collect_rest(self.ohm, frame.time_s)
             return
         self.change_percent = sample.change_percent
-        self.touching = frozenset(
-            finger for finger in set(self._layout.finger_of_row) if self._is_touching(finger)
-        )
+        for finger, state in self._contacts.items():
+            rows = np.array(self._layout.finger_of_row) == finger
+            lowest = float(np.nanmin(self.change_percent[rows], initial=0.0))
+            self._contacts[finger], _ = watch_contact(state, lowest)
         if self._force is not None:
             self.force_n = self._force.step(
                 sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
             )
+
+    @property
+    def touching(self) -> frozenset[int]:
+        """Fingers whose lowest pixel is in contact."""
+        return frozenset(f for f, state in self._contacts.items() if state.is_touching)
 
     @property
     def rate_hz(self) -> float:
@@ -114,13 +119,6 @@ class LiveReading:
         period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
         return not self.age_s <= _SAFETY.stale_after_s(period_s)
 
-    def _is_touching(self, finger: int) -> bool:
-        assert self.change_percent is not None
-        rows = np.array(self._layout.finger_of_row) == finger
-        lowest = np.nanmin(self.change_percent[rows], initial=0.0)
-        fraction = _RELEASE_FRACTION if finger in self.touching else 1.0
-        return bool(lowest <= fraction * CONTACT_PERCENT)
-
     def _collect_rest(self, ohm: FloatArray, time_s: float) -> None:
         self._first.append(ohm)
         if time_s - self._recent[0][0] >= _REST_S:
@@ -128,11 +126,10 @@ class LiveReading:
             self._first.clear()
 
 
-def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
+def pace_frames(source: SensorSource) -> Iterator[Frame | None]:
     """Yield frames as they arrive, and None after each read timeout.
 
-    `source`: an open sensor. A simulated sensor is squeezed, and paced to `clock`.
-    `clock`: real-time clock.
+    `source`: an open sensor. A simulated sensor is squeezed, and paced to real time.
     """
     if source.gripper is None or source.calibration is None:
         while True:
@@ -143,11 +140,9 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
     squeezing = squeeze(source.gripper)
     reader = SampleReader(source.array.layout, source.calibration.rest_ohm)
     next(squeezing)
-    first_s, start_s = None, clock.now_s()
+    array = PacedArray(source.array, speed=1.0)
     while True:
-        frame = source.array.read(timeout_s=1.0)
-        first_s = frame.time_s if first_s is None else first_s
-        clock.sleep_s(start_s + frame.time_s - first_s - clock.now_s())
+        frame = array.read(timeout_s=1.0)
         change = mean_change(reader.read(frame).change_percent)
         squeezing.send((frame.time_s, float(change)))
         yield frame

@@ -13,7 +13,7 @@ from rich.text import Text
 from palpate.arrays import FloatArray
 from palpate.cli.live_reading import LiveReading
 from palpate.cli.output import CARD_FRAME, make_card
-from palpate.plots.pixel_colors import DEEPEST_PERCENT, is_dark, pixel_color
+from palpate.plots.pixel_colors import DEEPEST_PERCENT, terminal_style
 from palpate.sensor.array import Frame
 from palpate.signal.relative import finger_means, mean_change
 
@@ -26,7 +26,7 @@ _HIGHEST_PERCENT = 999
 #: the color is shown.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
 #: Characters of a curve, from the lowest to the highest value.
-BLOCKS = " ▁▂▃▄▅▆▇█"
+_BLOCKS = " ▁▂▃▄▅▆▇█"
 
 
 class LiveView:
@@ -102,9 +102,7 @@ class LiveView:
             style = "bold white on dark_red"
         else:
             words = f"{min(round(value), _HIGHEST_PERCENT):+d} %"
-            red, green, blue = pixel_color(value)
-            ink = "white" if is_dark(value) else "black"
-            style = f"{ink} on rgb({red},{green},{blue})"
+            style = terminal_style(value)
         cols = self._layout.cols
         width = next((w for most, w in _CELL_WIDTHS if cols <= most and cols * w <= self._room), 1)
         blank = " " * width
@@ -115,7 +113,8 @@ class LiveView:
     def _aggregate(self, change: FloatArray) -> RenderableType:
         mean = float(mean_change(change))
         columns = max(1, min(_CURVE_COLUMNS, self._room))
-        curve = "".join(map(_curve_block, self._curve))[-columns:].rjust(columns)
+        blocks = [curve_block(depth / DEEPEST_PERCENT) for depth in self._curve]
+        curve = "".join(blocks[-columns:]).rjust(columns)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {columns * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
@@ -154,9 +153,8 @@ def _percent(mean: float) -> str:
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 
-def _curve_block(depth_percent: float) -> str:
-    """Return the block character for a depth; a space for NaN."""
-    if math.isnan(depth_percent):
+def curve_block(fraction: float) -> str:
+    """Return the character of a curve for a fraction of its height; a space for NaN."""
+    if math.isnan(fraction):
         return " "
-    fraction = min(max(depth_percent / DEEPEST_PERCENT, 0.0), 1.0)
-    return BLOCKS[round(fraction * (len(BLOCKS) - 1))]
+    return _BLOCKS[round(min(max(fraction, 0.0), 1.0) * (len(_BLOCKS) - 1))]

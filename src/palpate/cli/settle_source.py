@@ -11,24 +11,18 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from palpate.cli.output import print_message
-from palpate.errors import InputError, PalpateError, RecordingError
+from palpate.errors import InputError, PalpateError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
 from palpate.holds.formats import MCAP_MAGIC
-from palpate.holds.recordings import read_recordings, relative_readings
+from palpate.holds.recordings import TABLE_ENDINGS, read_recordings
+from palpate.holds.relative_readings import relative_readings
 from palpate.holds.table_files import detect_format, open_parquet, open_table
 from palpate.holds.text import open_text, read_lines
 from palpate.holds.units import Unit
-from palpate.recording import load_recording
-from palpate.recording.exporting import cut_recorded_holds
+from palpate.recording.exporting import cut_file_holds
 from palpate.signal.circuit import Divider
-
-#: File-name endings of recordings; other files in a folder are skipped.
-RECORDING_ENDINGS = (
-    *(".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".lvm", ".jsonl", ".ndjson"),
-    *(".xlsx", ".parquet", ".mcap"),
-)
 
 #: Sampling step above which the times are probably in milliseconds, seconds.
 _MAX_STEP_S = 4.0
@@ -219,7 +213,7 @@ def _recordings_in(folder: Path) -> list[Path]:
         path
         for path in folder.iterdir()
         if path.is_file()
-        and path.suffix.lower() in RECORDING_ENDINGS
+        and path.suffix.lower() in (*TABLE_ENDINGS, ".mcap")
         and not path.name.startswith((".", "~$"))
     )
 
@@ -239,12 +233,7 @@ def _read_mcap_holds(file: Path, reading: ReadingOptions) -> list[Hold]:
             f"{file}: a palpate recording is cut where the gripper was at rest; only --unit "
             "percent or ohm applies to it"
         )
-    unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
-    try:
-        return cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
-    except RecordingError as error:
-        where = "" if str(file) in str(error) else f"{file}: "
-        raise InputError(f"{where}{error}") from error
+    return cut_file_holds(file, unit="ohm" if reading.unit == "ohm" else "percent")
 
 
 def make_divider(

@@ -6,7 +6,7 @@ per reading, in the order of the sensors. Only repeated readings of one sensor m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.columns import names_sensor
+from palpate.holds.table import Table, label_text
 
 #: Most sensors in separate rows, and fewest rows of each.
 _MOST_SENSORS, _FEWEST_ROWS = 256, 5
@@ -27,6 +28,14 @@ _ONE_SIGN, _TIMES_LARGER = 0.9, 3.0
 _DIFFERENT = 0.1
 #: Most sensors whose alternating readings are recognised.
 _MOST_INTERLEAVED = 16
+#: Most lines of a frame that are recognised by the lines between frames, and fewest lines of a file
+#: in half as many frames.
+_MOST_BLOCK_ROWS, _FEWEST_BLOCK_LINES = 64, 20
+#: Rows of one time from which a clock is called coarse.
+_SPREAD_ROWS = 3
+#: A clock restarts if it falls below this fraction of its last value, or to its first value; and
+#: this many rows may be between two restarts at least.
+_RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +90,7 @@ def split_by_label(
     `labels`, shape (n_rows,): sensor of each row, from the table's `column`.
     Raises `InputError` if the times of one sensor decrease.
     """
-    names = [_plain(label) for label in labels.tolist()]
+    names = [label_text(label) for label in labels.tolist()]
     each = np.array(names, dtype=object)
     order = np.argsort(time_s, kind="stable")
     found: dict[str, NDArray[np.float64]] = {}
@@ -101,10 +110,6 @@ def split_by_label(
         columns=found,
         remarks=[f"the rows belong to {len({*names})} sensors, named in column {column}"],
     )
-
-
-def _plain(label: object) -> str:
-    return f"{label:.0f}" if isinstance(label, float) and label.is_integer() else str(label).strip()
 
 
 def split_frames(
@@ -260,3 +265,121 @@ def _differs_within(values: NDArray[np.float64], number: NDArray[np.intp]) -> bo
     spread = np.maximum.reduceat(values, starts) - np.minimum.reduceat(values, starts)
     low, high = np.quantile(values, [0.01, 0.99])
     return bool(high > low and np.median(spread[several]) > _DIFFERENT * (high - low))
+
+
+def split_restarts(
+    time_s: NDArray[np.float64],
+    places: Sequence[str],
+    *,
+    is_date: bool,
+    where: str,
+    remarks: list[str],
+) -> list[tuple[str, slice]]:
+    """Return the name and rows of each stretch between restarts of a clock.
+
+    `is_date`: dates and times of day don't restart.
+    Raises `InputError` if time decreases otherwise.
+    """
+    back = (np.flatnonzero(np.diff(time_s) < 0) + 1).tolist()
+    starts, ends = [0, *back], [*back, time_s.size]
+    for row, start, end in zip(back, starts[:-1], ends[1:], strict=True):
+        before = float(time_s[row - 1])
+        restarts = time_s[row] <= max(_RESTART_FRACTION * before, float(time_s[start]))
+        if is_date or not restarts or min(row - start, end - row) < _FEWEST_PART_ROWS:
+            raise InputError(
+                f"{where} {places[row]}: time decreases ({before:g} s, then {time_s[row]:g} s); "
+                "sort the rows, or save each recording as its own file"
+            )
+    if back:
+        listed = ", ".join(places[row] for row in back[:3])
+        remarks.append(
+            f"the clock restarts at {listed}; the {len(starts)} parts are recordings of their own"
+        )
+    return [
+        (f"part {number}" if back else "", slice(start, end))
+        for number, (start, end) in enumerate(zip(starts, ends, strict=True), start=1)
+    ]
+
+
+def check_blocks(table: Table) -> None:
+    """Raise `InputError` if empty lines separate frames of several lines."""
+    numbers = np.asarray(table.numbers)
+    if table.word != "line" or numbers.size < 2 * _FEWEST_BLOCK_LINES:
+        return
+    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 2) > 1)
+    sizes = np.diff(begins)
+    size = int(np.median(sizes)) if sizes.size else 0
+    if not 2 <= size <= _MOST_BLOCK_ROWS or sizes.size < _FEWEST_BLOCK_LINES // 2:
+        return
+    gaps = np.diff(numbers)[begins[1:] - 1]
+    if (sizes == size).mean() > 0.9 and (gaps == np.median(gaps)).mean() > 0.9:
+        raise InputError(
+            f"{table.name}: other lines separate blocks of {size} lines of readings, like frames; "
+            "write the readings of a frame in one line"
+        )
+
+
+def merge_repeats(
+    frames: Frames, *, remarks: list[str]
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Return distinct times and the readings at each.
+
+    Rows that repeat a time are averaged, or spread over the tick of a coarse clock.
+    """
+    time_s = frames.time_s
+    is_new = np.diff(time_s, prepend=-np.inf) > 0
+    # Sensors in separate rows share a time without repeating it.
+    most = max((_count_most(values, is_new) for values in frames.columns.values()), default=1)
+    if most >= _SPREAD_ROWS:
+        time_s = _spread_over_ticks(time_s, is_new, rows=most)
+        is_new = np.diff(time_s, prepend=-np.inf) > 0
+        remarks.append(
+            f"the clock is coarse: {most} rows have the same time and are spread over its tick"
+        )
+    elif most > 1:
+        remarks.append(
+            f"{int((~is_new).sum())} rows repeat the previous time; their readings were averaged"
+        )
+    order = np.cumsum(is_new) - 1
+    readings = {name: _average_repeats(values, order) for name, values in frames.columns.items()}
+    return time_s[is_new], readings
+
+
+def _count_most(values: NDArray[np.float64], is_new: NDArray[np.bool_]) -> int:
+    """Return how many readings a time has, or 2 if few times repeat."""
+    counts = np.bincount((np.cumsum(is_new) - 1)[~np.isnan(values)])
+    counts = counts[counts > 0]
+    if not counts.size:
+        return 1
+    usual = int(np.median(counts))
+    return usual if usual > 1 else min(2, int(counts.max()))
+
+
+def _spread_over_ticks(
+    time_s: NDArray[np.float64], is_new: NDArray[np.bool_], *, rows: int
+) -> NDArray[np.float64]:
+    """Return times spread over the ticks of a coarse clock.
+
+    The recording begins and ends within a tick: the first rows are at the end of theirs.
+    """
+    starts = np.flatnonzero(is_new)
+    counts = np.diff(starts, append=time_s.size)
+    ticks = time_s[starts]
+    tick_s = float(np.median(np.diff(ticks))) if ticks.size > 1 else 1.0
+    number = np.cumsum(is_new) - 1
+    place = np.arange(time_s.size) - starts[number]
+    in_tick = np.maximum(counts, rows)[number]
+    place = place + np.where(number == 0, in_tick - counts[0], 0)
+    return np.asarray(time_s + tick_s * place / in_tick)
+
+
+def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the mean at each time; infinity or NaN without a finite reading."""
+    use = np.isfinite(column)
+    size = int(order.max(initial=-1)) + 1
+    counts = np.bincount(order[use], minlength=size)
+    sums = np.bincount(order[use], weights=column[use], minlength=size)
+    means = np.full(size, np.nan)
+    means[order[column == np.inf]] = np.inf
+    np.divide(sums, counts, out=means, where=counts > 0)
+    return means

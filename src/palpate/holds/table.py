@@ -66,6 +66,15 @@ def is_usable(numbers: ArrayLike) -> NDArray[np.bool_]:
     return np.asarray(np.abs(numbers) <= LARGEST_NUMBER)
 
 
+def label_text(cell: object) -> str:
+    """Return a label as text; a column of numbers stores 1 as 1.0.
+
+    >>> label_text(1.0), label_text("pad 1 ")
+    ('1', 'pad 1')
+    """
+    return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
+
+
 def find_runs(labels: NDArray[Any]) -> list[slice]:
     """Return slices of consecutive equal labels.
 

@@ -50,6 +50,16 @@ def is_dark(change_percent: float) -> bool:
     return 0.3 * red + 0.6 * green + 0.1 * blue <= 120
 
 
+def terminal_style(percent: float) -> str:
+    """Return the style of a pixel in a terminal: its color, and a readable ink.
+
+    >>> terminal_style(0.0).split()[:2]
+    ['white', 'on']
+    """
+    red, green, blue = pixel_color(percent)
+    return f"{'white' if is_dark(percent) else 'black'} on rgb({red},{green},{blue})"
+
+
 def change_colormap() -> LinearSegmentedColormap:
     """Return the matplotlib colour map, from -80 % (0) to 80 % (1)."""
     from matplotlib.colors import LinearSegmentedColormap

@@ -126,24 +126,6 @@ def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> N
         legend.remove()
 
 
-def letter_panels(figure: Figure) -> None:
-    """Add a letter to each panel, row by row; a single panel gets none."""
-    panels = [axis for axis in figure.axes if axis.get_visible()]
-    if len(panels) < 2:
-        return
-    for number, axis in enumerate(panels):
-        letter = "abcdefghijklmnopqrstuvwxyz"[number]
-        axis.annotate(
-            letter,
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-26, 5),
-            textcoords="offset points",
-            weight="bold",
-            fontsize=10,
-        )
-
-
 def log_axis(axis: Axis) -> None:
     """Make an axis logarithmic, with plain numbers as labels.
 

@@ -20,7 +20,7 @@ from palpate.holds import Hold
 from palpate.holds.contacts import SHORTEST_HOLD_S, find_contacts
 from palpate.holds.table_files import import_pyarrow
 from palpate.recording.contents import Event, GripperTrack, Recording
-from palpate.recording.reader import RecordingReader
+from palpate.recording.reader import RecordingReader, load_recording
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
@@ -221,6 +221,18 @@ def cut_recorded_holds(
             f"no hold found: no contact lasted {SHORTEST_HOLD_S:g} s after a movement"
         )
     return holds
+
+
+def cut_file_holds(file: Path, *, unit: HoldUnit = "percent") -> list[Hold]:
+    """Cut the holds of a recording, as `cut_recorded_holds` does; the file gives them its name.
+
+    Raises `RecordingError`, with the name of the file.
+    """
+    recording = load_recording(file)
+    try:
+        return cut_recorded_holds(recording, unit=unit, name=file.stem)
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from error
 
 
 def measure_rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:

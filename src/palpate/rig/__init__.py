@@ -19,7 +19,8 @@ from palpate.calibration import Calibration
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
-from palpate.gripper.plain import MovedByWidth, NoGripper, PlainGripper
+from palpate.gripper.no_gripper import NoGripper
+from palpate.gripper.plain import MovedByWidth, PlainGripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray, read_waiting
 

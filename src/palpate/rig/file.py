@@ -18,7 +18,8 @@ from palpate.calibration import Calibration
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, DeviceError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
-from palpate.gripper.plain import NoGripper, PlainGripper
+from palpate.gripper.no_gripper import NoGripper
+from palpate.gripper.plain import PlainGripper
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.frame_port import PortArray

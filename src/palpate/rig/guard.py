@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
-from palpate.gripper.plain import NO_GRIPPER, NoGripper
+from palpate.gripper.no_gripper import NO_GRIPPER, NoGripper
 from palpate.measurement import Measurement
 from palpate.rig import Rig
 from palpate.rig.paced_array import PacedArray

@@ -22,7 +22,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
-from palpate.gripper.plain import NO_GRIPPER, NoGripper
+from palpate.gripper.no_gripper import NO_GRIPPER, NoGripper
 from palpate.rig import Rig
 from palpate.rig.recorded import GraspRecorder, record_grasp
 from palpate.sensor.array import PressureArray

@@ -1,1 +1,1 @@
-"""Pixel arrays: frames, the wire, recordings, health and calibration."""
+"""Pixel arrays: frames, samples, the wire, boards and health."""

@@ -1,8 +1,8 @@
 """Samples: a frame's counts as pixel resistance, relative change and excess conductance.
 
-No other module converts frames. Everything that uses frames (grasps, readings of a rig, views,
-calibrations, exports, messages) takes a `Sample`, or the `PixelSignals` of several frames, from a
-`SampleReader`.
+Grasps, readings of a rig, views, calibrations and exports take a `Sample`, or the `PixelSignals` of
+several frames, from a `SampleReader`. Code without a rest value (health checks, frames as a table)
+calls `pixel_resistance_ohm`.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Array functions: counts to ohms, relative change, events and hold windows."""
+"""Array functions: counts to ohms, crosstalk, relative change, events and hold windows."""

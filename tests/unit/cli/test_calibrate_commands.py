@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.commands import Command
+from tests.commands import Command, run_palpate
 
 from palpate.calibrate.rest import replace_rest
 from palpate.calibration import Calibration, ForcePairs, RestValues
-from palpate.cli import build_app, run
 from palpate.cli.calibrate_force import WeightSeries, _iterate_until_tolerance, _prompt_for_loads
 from palpate.force.of_calibration import sheet_law_of
 from palpate.holds import read_holds
@@ -25,7 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrated") / "pad.json"
     arguments = ["calibrate", "force", "--seed", "3", "--out", str(path)]
     arguments += ["--plot", str(path.with_name("pad.png"))]
-    assert run(build_app(), arguments, name="palpate") == 0
+    assert run_palpate(*arguments) == 0
     return path
 
 

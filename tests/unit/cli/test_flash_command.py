@@ -82,13 +82,6 @@ def test_flash_failure_ends_with_a_line_that_names_the_port(
             "the board is an ATmega328P (Arduino Uno, Nano), not an Arduino Mega 2560",
         ),
         ("avrdude: Device signature = 0x000000\n", "the chip returned no signature"),
-        (
-            "avrdude error: timeout\navrdude error: unable to open programmer wiring on port\n",
-            "the bootloader does not answer",
-        ),
-        ("avrdude OS error: cannot open port: Permission denied\n", "usermod -aG dialout"),
-        ("avrdude OS error: cannot open port: Device or resource busy\n", "another program"),
-        ("avrdude error: verification mismatch at byte 0x0010\n", "memory differs"),
         ("avrdude: hello\navrdude error: strange thing\n", "avrdude error: strange"),
         ("", "no reason given"),
     ],

@@ -74,19 +74,16 @@ def test_force_of_a_load_cell_in_its_own_file(palpate: Command, folder: Path) ->
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("new.csv",), "no loads"),
-        (("presses.csv",), "--adc-bits"),
         (("presses.csv", "--adc-bits", 8), "correct --adc-bits"),
-        (("presses.csv", "--adc-bits", 10, "--load-column", "force"), "no column force"),
-        (("log.csv", "--weights", "laid.csv", "--load-cell", "presses.csv"), "not both"),
-        (("presses.csv", "--weights", "laid.csv"), "has loads already"),
         (("presses.csv", "--adc-bits", 10, "--save", "pad.json"), "--save pad.json: .*ohms"),
-        (("presses.csv", "--adc-bits", 10, "--output", "presses.csv"), "presses.csv"),
-        (("new.csv", "--calibration", "none.json"), "none.json"),
         (
-            ("presses.csv", "--adc-bits", 10, "--reference-ohm", "ten"),
-            "ten",
+            (
+                *("presses.csv", "--adc-bits", 10, "--reference-ohm", "10k"),
+                *("--sensor-leg", "upper", "--save", "presses.csv"),
+            ),
+            "lost",
         ),
+        (("presses.csv", "--adc-bits", 10, "--output", "presses.csv"), "presses.csv"),
     ],
 )
 def test_unusable_input_is_refused_in_one_line_and_nothing_is_written(

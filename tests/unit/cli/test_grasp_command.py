@@ -40,18 +40,6 @@ def test_grasp_is_recorded_reproducible_and_labelled_simulated(
 
 
 @pytest.mark.slow
-def test_grasp_card_reports_damaged_object_in_red(
-    palpate: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    options = ["--object", "strawberry", "--seed", "3", *SLOW, "--target-force-n"]
-    card = palpate("grasp", *options, "14", status=3).out
-    assert "\x1b[1;31mThe object was damaged" in card
-    assert card.startswith("\x1b[31m╭")
-    assert palpate("grasp", *options, "2").out.startswith("\x1b[32m╭")
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rig", "options"),
     [("sim-rigid", ["--target-force-n", "2.5"]), ("sim-soft", ["--expect-size", "40"])],

@@ -23,7 +23,6 @@ from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
 REST_COUNTS = np.full((4, 2), 300)
-RED = "\x1b[1;31m"
 
 
 class Screen:
@@ -49,12 +48,9 @@ class Screen:
             self.view.add(frame)
             self.sequence += 1
 
-    def text(self, *, colors: bool = False) -> str:
+    def text(self) -> str:
         file = StringIO()
-        system = "truecolor" if colors else None
-        Console(width=110, file=file, force_terminal=colors, color_system=system).print(
-            self.view.render(Console(width=110))
-        )
+        Console(width=110, file=file).print(self.view.render(Console(width=110)))
         return file.getvalue()
 
 
@@ -86,19 +82,15 @@ def test_live_view_shows_unplugged_sensor_and_reconnects() -> None:
     assert "no pixel" not in screen.text()
 
 
-def test_live_view_shows_stale_and_lost_frames_in_red() -> None:
+def test_live_view_shows_stale_and_lost_frames() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
-    screen.clock.sleep_s(0.05)
-    assert f"{RED}last frame 50 ms ago" not in screen.text(colors=True)
     assert "50.0 Hz" in screen.text()
-    screen.clock.sleep_s(0.3)
-    assert f"{RED}last frame 350 ms ago" in screen.text(colors=True)
+    screen.clock.sleep_s(0.35)
     assert "NO FRAMES" in screen.text()
-    assert f"{RED}0 lost" not in screen.text(colors=True)
     screen.sequence += 3
     screen.feed(REST_COUNTS)
-    assert f"{RED}3 lost" in screen.text(colors=True)
+    assert "3 lost" in screen.text()
 
 
 def test_live_force_is_updated_at_every_frame() -> None:

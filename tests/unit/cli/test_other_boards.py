@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import typer
+from tests.commands import run_palpate
 from tests.other_boards import FLEXITAC, PADS, SendingBoard, SendingClock, line_of, marked
 
-from palpate.cli import build_app, run
 from palpate.clock import RealClock
 from palpate.sensor.array import PressureArray
 from palpate.sensor.flexitac import FlexitacDecoder
@@ -44,7 +42,7 @@ class Desk:
     def run(self, *words: object, status: int = 0) -> str:
         """Run a command on the rig; return its standard output."""
         arguments = [*map(str, words), "--rig", str(self.rig)]
-        assert run(build_app(), arguments, name="palpate") == status
+        assert run_palpate(*arguments) == status
         printed, self.errors = self.capsys.readouterr()
         return printed
 
@@ -105,44 +103,14 @@ def test_other_board_is_calibrated_to_newtons(desk: Desk, monkeypatch: pytest.Mo
     held = desk.folder / "held.mcap"
     desk.run("record", held, "--duration", "25")
     arguments = ["settle", str(held), "--cutoff", "2.5", "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
+    assert run_palpate(*arguments) == 0
     rows = json.loads(desk.capsys.readouterr().out)["rows"]
     (mean,) = [row for row in rows if (row["channel"], row["method"]) == ("mean", "relaxation")]
     assert mean["low"] < mean["predicted"] < mean["high"]
     # One step of the 8-bit counts is 6 % of a pixel at rest.
     assert abs(mean["error_percent"]) < 15.0
     arguments = ["force", str(held), "--calibration", str(desk.folder / "pad.json"), "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
+    assert run_palpate(*arguments) == 0
     (sensor,) = json.loads(desk.capsys.readouterr().out)["sensors"]
     strongest = max(sensor["contacts"], key=lambda contact: contact["low_n"])
     assert strongest["low_n"] < 5.0 < strongest["high_n"]
-
-
-@pytest.mark.slow
-def test_rig_file_opens_a_text_protocol_board(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The built-in opener on the real clock, while another thread sends."""
-    clock = SendingClock(time.monotonic())
-    board = SendingBoard(clock, layout=PADS, encode=line_of)
-    board.waits = False
-    desk = Desk(board, folder=tmp_path, opener="open_text", capsys=capsys)
-    desk.rig.write_text(
-        'calibration = "pad.json"\n[array]\nopen = "palpate.sensor.text_lines:open_board"\n'
-        f'port = "{board.port}"\nlayout = "4x2"\n'
-    )
-    done = threading.Event()
-
-    def send() -> None:
-        while not done.wait(0.002):
-            clock.sleep_s(time.monotonic() - clock.now_s())
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        desk.run("record", tmp_path / "rest.mcap", "--duration", "0.5")
-    finally:
-        done.set()
-        sender.join()
-        clock.close()
-    assert "palpate:" not in desk.errors

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
-import struct
-import threading
-import time
 from pathlib import Path
 
 import pytest
-from tests.commands import Command
+from tests.commands import Command, run_palpate
 from tests.full_disk import file_size_limit
 from tests.recordings import MESSAGES
 
-from palpate.cli import build_app, run
 from palpate.errors import RecordingLostError
-from palpate.plots.style import PAGE_WIDTH_IN
 from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.rig import open_rig
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -101,10 +96,7 @@ def test_what_is_no_recording_is_refused_in_one_line(
 
 def test_inspect_writes_a_plot(recorded: Path, tmp_path: Path, palpate: Command) -> None:
     palpate("inspect", recorded, "--plot", tmp_path / "run.png")
-    png = (tmp_path / "run.png").read_bytes()
-    assert png.startswith(b"\x89PNG")
-    width, _ = struct.unpack(">II", png[16:24])
-    assert width == pytest.approx(300 * PAGE_WIDTH_IN, abs=3), "300 dots per inch"
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
@@ -137,7 +129,7 @@ GRASP = ("grasp", "--rig", "sim-rigid", "--seed", "1", "--rate-hz", "50")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> int:
     """Return the size of the recording of the grasp, bytes."""
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
-    assert run(build_app(), [*GRASP, "--record", str(path), "--json"], name="palpate") == 0
+    assert run_palpate(*GRASP, "--record", str(path), "--json") == 0
     return path.stat().st_size
 
 
@@ -155,24 +147,6 @@ def test_full_disk_during_a_grasp_keeps_the_result(
     assert printed.err.count("\n") == 1
     assert str(path) in printed.err
     palpate("inspect", path)
-
-
-@pytest.mark.slow
-def test_deleted_file_is_noticed_at_the_end(tmp_path: Path, palpate: Command) -> None:
-    path = tmp_path / "run.mcap"
-
-    def delete() -> None:
-        until_s = time.monotonic() + 30
-        while not path.exists() and time.monotonic() < until_s:
-            time.sleep(0.001)
-        path.unlink()
-
-    deleter = threading.Thread(target=delete)
-    deleter.start()
-    printed = palpate(*GRASP, "--record", path, "--json", status=3)
-    deleter.join()
-    assert printed.document["outcome"] == "held"
-    assert "deleted" in printed.err
 
 
 def test_replaced_file_is_not_taken_for_the_recording(tmp_path: Path) -> None:

@@ -126,6 +126,9 @@ def test_decimal_option_decides(
 ) -> None:
     path = write(tmp_path / "log.csv", "time_s;R_ohm\n", line)
     [found] = read_recordings(path, decimal=decimal)
+    if values[0] > 1e5:
+        # The user learns that a mark was taken as that of thousands.
+        assert any("separates thousands" in remark for remark in found.remarks)
     np.testing.assert_allclose(found.columns["R_ohm"], values)
     other: Literal["point", "comma"] = "point" if decimal == "comma" else "comma"
     with pytest.raises(InputError, match="contradicts --decimal"):

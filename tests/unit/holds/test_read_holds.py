@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from palpate.errors import InputError
-from palpate.holds import Hold, iterate_holds, read_holds
+from palpate.holds import Hold, read_holds
 from palpate.holds.table_files import read_table_file
 
 HEADER = "hold_id,time_s,value\n"
@@ -71,34 +71,21 @@ def test_read_holds_separates_interleaved_and_sequential_channels(tmp_path: Path
 
 
 BAD_TEXT = {
-    "empty": ("", "empty"),
-    "no rows": (HEADER, "no rows"),
-    "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
-    "one hold without its name": (
-        "time_s,value\n0,1\n",
-        "line 1: no column hold_id (found: time_s, value)",
-    ),
     "decimal commas between commas": (HEADER + 'a,"0,5",1\n', "line 2: time_s is '0,5'"),
     "thousands": ("hold_id;time_s;value\na;0.5;1\na;1;1,234\n", "line 3: value is '1,234'"),
     "a point after commas": (
         "hold_id;time_s;value\na;0,5;1\na;1,5;1.5\n",
         "line 3: value is '1.5'",
     ),
-    "both marks": ("hold_id;time_s;value\na;0;1.234,5\n", "line 2: value is '1.234,5'"),
     "column twice": ("hold_id,time_s,value,value\na,1,2,3\n", "column value occurs twice"),
-    "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
-    "too large": (HEADER + "a,0,-1.7e308\n", "line 2: value is '-1.7e308', not a finite number up"),
-    "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
-    "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time decreases in hold a"),
     "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time is repeated in hold a"),
-    "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields, but the header has 3"),
+    "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
+    "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time decreases in hold a"),
     "comes back": (
         HEADER + "a,0,1\nb,0,1\na,1,1\n",
         "line 4: the rows of hold a are not contiguous",
     ),
-    "no name": (HEADER + " ,0,1\n", "line 2: hold_id is empty"),
-    "line end in a name": (HEADER + '"a\nb",0,1\n', "line 2: hold_id 'a\\nb'"),
     "unclosed quote": (HEADER + 'a,0,1\n"b,0,1\nb,1,1\n', "line 3: not CSV"),
     "bad after a name of two lines": (HEADER + 'a,0,"\n1"\na,x,1\n', "line 4: time_s is 'x'"),
 }
@@ -116,18 +103,11 @@ def test_read_holds_invalid_text_error_names_line(tmp_path: Path, text: str, mes
 
 BAD_BYTES = {
     "random.csv": (RANDOM_BYTES, "not a text file"),
-    "damaged.csv.gz": (
-        b"\x1f\x8b" + RANDOM_BYTES,
-        "line 1: the gzip data are truncated or damaged",
-    ),
-    "random.parquet": (RANDOM_BYTES, "not a complete Parquet file"),
     "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are truncated"),
-    "signs.csv": (b"\x07\n", "line 1: the header contains unprintable characters"),
     "late.csv": (
         HEADER.encode() + NOISE.encode() + b"caf\xe9,0,1\n",
         "20002: hold_id 'caf\\ufffd'",
     ),
-    "latin_number.csv": (HEADER.encode() + b"a,\xe9,1\n", "line 2: time_s is '\\xe9'"),
     "mine.mcap": (b"\x89MCAP0\r\n", "`palpate export"),
     "book.csv": (
         b"PK\x03\x04" + bytes(26) + b"[Content_Types].xml",
@@ -150,11 +130,6 @@ def test_read_holds_invalid_bytes_are_refused(
     assert str(caught.value).isprintable()
 
 
-def test_read_holds_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a folder"):
-        list(read_holds(tmp_path))
-
-
 def table(**columns: object) -> pa.Table:
     columns_of_holds = {"hold_id": ["a", "a"], "time_s": [0.0, 1.0], "value": [3.0, 2.0]}
     return pa.table(
@@ -165,11 +140,8 @@ def table(**columns: object) -> pa.Table:
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"value": None}, "no column value"),
         ({"time_s": ["0", "1"]}, "column time_s is string; it must be numbers"),
-        ({"hold_id": [1.5, 1.5]}, "column hold_id is double; it must be text"),
         ({"value": [1.0, None]}, "row 2: value is missing"),
-        ({"value": [1.0, float("nan")]}, "row 2: value is nan, not a finite number"),
         ({"time_s": [1.0, 0.0]}, "row 2: time decreases"),
     ],
 )
@@ -221,14 +193,6 @@ def test_read_holds_samples_after_until_s_are_checked_but_dropped(tmp_path: Path
     bad = write_file(tmp_path, "bad.csv", HEADER + rows + "a,9,1\n")
     with pytest.raises(InputError, match="line 12: time is repeated"):
         list(read_holds(bad, until_s=3.5))
-
-
-def test_iterate_holds_progress_ends_at_one(tmp_path: Path) -> None:
-    fractions: list[float] = []
-    path = write_file(tmp_path, "holds.csv", HEADER + NOISE)
-    assert len(list(iterate_holds(path, progress=fractions.append))) == 1
-    assert fractions == sorted(fractions)
-    assert fractions[-1] == 1.0
 
 
 def peak_memory(path: Path) -> int:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.holds.recordings import read_recording, relative_readings
+from palpate.holds.recordings import read_recording
+from palpate.holds.relative_readings import relative_readings
 from palpate.signal.circuit import Divider
 
 TIME_S = np.arange(0, 25, 0.1)

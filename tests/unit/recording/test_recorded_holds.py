@@ -18,7 +18,13 @@ from palpate.gripper.interface import GripperState
 from palpate.holds import read_holds
 from palpate.recording import Event, RecordingInfo, RecordingReader, load_recording
 from palpate.recording.channels import RecordedMessage, decode_info, encode_info
-from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
+from palpate.recording.exporting import (
+    cut_file_holds,
+    cut_recorded_holds,
+    frame_tables,
+    hold_tables,
+    write_export,
+)
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
@@ -56,14 +62,14 @@ def ohm(count: int) -> float:
 
 
 def test_cut_recorded_holds_span_stop_to_next_movement(write: Write) -> None:
-    recording = load_recording(write(grasp_messages()))
-    holds = {hold.channel: hold for hold in cut_recorded_holds(recording, name="run")}
+    path = write(grasp_messages())
+    holds = {hold.channel: hold for hold in cut_file_holds(path)}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
     mean = holds["mean"]
     assert mean.hold_id == "run-1"
     assert (mean.time_s[0], mean.time_s[-1]) == pytest.approx((0.0, 2.96))
     assert mean.values == pytest.approx(100 * (ohm(600) / ohm(300) - 1))
-    in_ohm = cut_recorded_holds(recording, unit="ohm")
+    in_ohm = cut_file_holds(path, unit="ohm")
     assert in_ohm[0].channel == "r0c1"
     assert in_ohm[0].values == pytest.approx(ohm(600))
 

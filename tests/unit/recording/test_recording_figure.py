@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 from tests.pdf_fonts import check_fonts
 
@@ -23,21 +22,7 @@ def test_recording_figure_draws_pixels_width_force_and_events(recording):
     assert {f"R{row} C{col}" for row in range(4) for col in range(2)} <= set(lines)
     first = lines["R0 C0"].get_ydata()
     assert first == pytest.approx(solve_resistance_ohm(recording)[:, 0, 0] / 1000)
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert "width (mm)" in labels
-    assert any("load cell" in label or label == "force (N)" for label in labels)
-    assert [text.get_text() for text in figure.axes[0].texts] == ["note"]
     assert figure.get_suptitle() == "run (twin, simulated)"
-
-
-def test_recording_figure_of_hardware_without_other_data_has_one_panel(recording):
-    nothing = dict.fromkeys(("time_s", "width_mm", "pressure_kpa", "current_ma"), np.empty(0))
-    track = dataclasses.replace(recording.gripper, **nothing, moving=np.empty(0, dtype=bool))
-    info = dataclasses.replace(recording.info, origin="hardware")
-    bare = dataclasses.replace(recording, info=info, gripper=track, load_cells=(), events=())
-    figure = recording_figure(bare, title="run")
-    assert len(figure.axes) == 1
-    assert figure.get_suptitle() == "run (hardware)"
 
 
 @pytest.mark.slow

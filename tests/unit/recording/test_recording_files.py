@@ -226,27 +226,6 @@ def test_writer_full_disk_raises_one_line_and_file_is_recoverable(tmp_path: Path
     assert count_with_strict_readers(path) == len(read)
 
 
-def test_writer_full_device_or_existing_file_is_refused(recorded: Path) -> None:
-    with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
-        RecordingWriter("/dev/full", info=INFO)
-    with pytest.raises(RecordingError, match="already exists"):
-        RecordingWriter(recorded, info=INFO)
-
-
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000), None])
-def test_reader_and_recover_refuse_files_that_are_not_recordings(
-    tmp_path: Path, content: bytes | None
-) -> None:
-    path, out, reason = tmp_path / "other.mcap", tmp_path / "out.mcap", "can't be opened: No such"
-    if content is not None:
-        path.write_bytes(content)
-        reason = "(not an MCAP|an MCAP file, but not)"
-    for read in (RecordingReader, lambda path: recover(path, out)):
-        with pytest.raises(RecordingError, match=rf"other\.mcap: {reason}"):
-            read(path)
-    assert not out.exists()
-
-
 @pytest.mark.parametrize("oversampling", [0, 2**22, True, 1.5, None])
 def test_decode_invalid_oversampling_is_refused(oversampling: object) -> None:
     frame = encode(Frame(time_s=0.0, sequence=0, counts=np.zeros((4, 2)), oversampling=64))

@@ -48,17 +48,6 @@ def test_calibration_save_and_load_roundtrips(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["pad.json"]
 
 
-@pytest.mark.parametrize("content", [b"[1, 2", b"", bytes(range(128, 256))])
-def test_calibration_load_of_a_truncated_or_binary_file_raises(
-    tmp_path: Path, content: bytes
-) -> None:
-    path = tmp_path / "pad.json"
-    path.write_bytes(content or CALIBRATION.as_text().encode()[:500])
-    with pytest.raises(CalibrationError, match=r"pad\.json: incomplete or invalid JSON") as caught:
-        Calibration.load(path)
-    assert "\n" not in str(caught.value)
-
-
 SHAKY = [None, "x", -1, 0, 1e12, float("nan"), 10**400, [], {}, True, [[1.0]]]
 
 
@@ -124,34 +113,12 @@ def set_value(document: Any, place: str, value: object) -> None:
     ("place", "value", "named"),
     [
         ("version", 4, r"file version 4, this one reads up to 3\); update palpate"),
-        ("format", "other", "not a calibration file"),
-        ("rest", None, "lacks rest"),
-        ("colour", "red", "has unknown keys: colour"),
-        ("block.block_cm", [4], "unknown keys: block_cm"),
-        ("block.block_mm", None, "lacks block_mm"),
-        ("block.width_mm.0", "x", "finite number"),
         ("block.width_mm", [3], "unequal length"),
         ("made_at", "yesterday", "made_at is 'yesterday'; it must be a date such as"),
-        ("force.force_n.1", -0.8, r"force\.force_n\[1\] is -0\.8"),
         ("force.force_n.2", 214.0, r"force\.force_n\[2\] is 214"),
-        ("block.force_n.0", 1e6, r"block\.force_n\[0\] is 1e\+06"),
-        ("force.since_move_s.0", -1.0, r"force\.since_move_s\[0\] is -1"),
         ("force.pixel_excess.2", [0.1] * 7, r"force\.pixel_excess\[2\] has 7 pixels"),
-        ("force.pixel_excess", [[0.1] * 6] * 4, r"pixel"),
         ("force.excess.3", 9.1, r"force\.excess\[3\] is 9\.1, but its pixels add up to"),
-        ("rest.ohm", [[1.0]], "values for a layout|rows of"),
-        ("rest.ohm.1", [9e3], r"rest\.ohm: 4 rows of 1 or 2 values"),
-        ("rest.ohm.0.0", 1e12, r"rest\.ohm\[0\] is 1e\+12"),
-        ("rest.ohm.1.1", 0.0, "above 0"),
-        ("rest.spread_percent.0.0", -2.0, r"rest\.spread_percent\[0\] is -2"),
-        ("rest.spread_percent", [[0.1]], r"rest\.spread_percent: 1 rows of 1 values"),
-        ("block.width_mm.0", 4e4, r"block\.width_mm\[0\] is 40000"),
         ("layout.name", "soft-3x2", r"layout\.name is 'soft-3x2', which has 6 x 2 pixels"),
-        ("layout.finger_of_row", [0, 0, 2, 2], "finger_of_row"),
-        ("layout.pitch_mm", 0.0, "pitch_mm is 0"),
-        ("layout.divider.adc_bits", 10**15, "adc_bits is 10{15}; it must be from 1 to 32"),
-        ("layout.divider.reference_ohm", 0, "reference_ohm is 0"),
-        ("origin", "moon", "origin is 'moon'"),
     ],
 )
 def test_invalid_value_is_refused_in_one_line_with_its_place(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 from tests.other_boards import FLEXITAC, SendingBoard, SendingClock, heard_at, marked
 
-from palpate.errors import InputError, WireError
-from palpate.sensor.flexitac import FlexitacDecoder, open_board
+from palpate.errors import WireError
+from palpate.sensor.flexitac import FlexitacDecoder
 
 
 @pytest.fixture
@@ -135,18 +134,3 @@ def test_flexitac_error_names_why_there_is_no_frame(
     with pytest.raises(WireError, match=rf"no frame of 12 x 32 .*{words}") as caught:
         board.array(FlexitacDecoder(rows=12))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"cols": 65}, "cols = 65: a board sends 1 to 64"),
-        ({"wait_s": 0.0}, "wait_s = 0: give more"),
-        ({"reference_ohm": 0.0}, "above 0 ohm"),
-    ],
-)
-def test_open_flexitac_board_with_invalid_options_raises(
-    options: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        open_board(port="/dev/none", **options)

@@ -406,13 +406,8 @@ def test_one_way_array_error_distinguishes_silence_from_a_disconnection(
     [
         ({"columns": [1, 2, 2]}, "8 different positive integers"),
         ({"unit": "ohm", "idle_lines": "held"}, "needs counts"),
-        ({"adc_bits": 40}, "1 to 24 bits"),
         ({"supply_v": 3.3}, "only for volts"),
-        ({"unit": "volt", "supply_v": 0.0}, "supply_v = 0"),
-        ({"wait_s": -1.0}, "wait_s = -1: give more than 0"),
-        ({"line_end": "1"}, "line_end = '1': give text"),
-        ({"reference_ohm": 1e12}, r"reference_ohm is 1e\+12; it must be above 0 and"),
-        *(({"baud": baud}, f"baud {baud}: must be 50 to 12") for baud in (0, -9600, 10**12)),
+        ({"baud": -9600}, "must be 50 to 12"),
         ({"layout": "4x65"}, "from 1x1 to 64x64"),
     ],
 )
@@ -421,16 +416,3 @@ def test_open_board_with_invalid_options_raises_before_opening_the_port(
 ) -> None:
     with pytest.raises(InputError, match=message):
         open_board(**({"port": "/dev/none", "layout": "4x2"} | options))
-
-
-@pytest.mark.parametrize(
-    ("port", "message"),
-    [
-        ("/dev/null", "/dev/null is not a serial port; `palpate ports`"),
-        ("/dev", "/dev is not a serial port; `palpate ports`"),
-        ("/dev/ttyACM99", "no port /dev/ttyACM99; `palpate ports`"),
-    ],
-)
-def test_open_board_on_no_serial_port_says_so(port: str, message: str) -> None:
-    with pytest.raises(DeviceError, match=message):
-        open_board(port=port, layout="4x2")

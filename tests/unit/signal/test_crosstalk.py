@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -135,19 +133,3 @@ def test_unmix_floating_names_bad_pixels_and_solves_the_others(
     others = np.ones(shape, dtype=bool)
     others[bad] = False
     assert unmixed[others] == pytest.approx(pixels[others], rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("solve", "ohm", "message"),
-    [
-        (unmix_floating, [[100.0, -1.0]], "negative or NaN"),
-        (unmix_floating, [[100.0, np.nan]], "negative or NaN"),
-        (unmix_floating, [100.0, 200.0], "shape"),
-        (floating_readings_ohm, [[100.0, 0.0]], "must be positive"),
-    ],
-)
-def test_impossible_resistances_raise(
-    solve: Callable[..., object], ohm: list[object], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        solve(ohm)

@@ -199,7 +199,7 @@ class PalpateCamera(Camera):
         clock = RealClock()
         with closing(source):
             try:
-                for frame in pace_frames(source, clock=clock):
+                for frame in pace_frames(source):
                     if self._ended.is_set():
                         return
                     if frame is not None:

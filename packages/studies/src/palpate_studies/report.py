@@ -20,7 +20,7 @@ import typer
 from palpate.cli.options import JsonOption
 from palpate.errors import InputError
 from palpate.files import atomic_path
-from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
+from palpate.plots.style import PLOT_ENDINGS, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -342,6 +342,24 @@ class StudyReport:
         endings, dpi = FIGURE_FILES.get()
         for stem, draw in self.figures.items():
             figure = draw()
-            letter_panels(figure)
+            _letter_panels(figure)
             for ending in endings:
                 save_figure(figure, out / f"{stem}{ending}", dpi=dpi if ending == ".png" else None)
+
+
+def _letter_panels(figure: Figure) -> None:
+    """Add a letter to each panel, row by row; a single panel gets none."""
+    panels = [axis for axis in figure.axes if axis.get_visible()]
+    if len(panels) < 2:
+        return
+    for number, axis in enumerate(panels):
+        letter = "abcdefghijklmnopqrstuvwxyz"[number]
+        axis.annotate(
+            letter,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-26, 5),
+            textcoords="offset points",
+            weight="bold",
+            fontsize=10,
+        )

@@ -22,7 +22,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperState
-from palpate.gripper.plain import NO_GRIPPER
+from palpate.gripper.no_gripper import NO_GRIPPER
 from palpate.rig import Rig
 from palpate.rig.bench import GuidedBench
 from palpate.rig.job import GraspJob
