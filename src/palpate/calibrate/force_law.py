@@ -10,6 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibration import Calibration
 from palpate.force.force_law import ForceLaw
+from palpate.force.line_law import fit_settled_line
 from palpate.force.of_calibration import (
     DWELL_S,
     HORIZON_S,
@@ -22,12 +23,13 @@ from palpate.force.weights_check import (
     FEWEST_PLACEMENTS,
     REPORTED_N,
     score_held_out_loads,
+    score_line_held_out,
     score_loads,
     score_placements,
 )
 
 
-class HeldOut(NamedTuple):
+class Predictions(NamedTuple):
     """Readings of a calibration, each predicted by the law of the other placements; shape (n,)."""
 
     run: FloatArray
@@ -36,7 +38,7 @@ class HeldOut(NamedTuple):
     since_move_s: FloatArray
 
 
-def predict_held_out(recorded: Calibration) -> HeldOut:
+def predict_held_out(recorded: Calibration) -> Predictions:
     """Predict the forces of each placement, or weight, with the law of all others.
 
     Raises `CalibrationError` as `SheetLaw.fit`.
@@ -47,12 +49,23 @@ def predict_held_out(recorded: Calibration) -> HeldOut:
     others = SheetLaw.fit_others(contacts)
     # The first state is the rest before the placement.
     read = [law.read(states).force_n[1:] for law, (states, _) in zip(others, contacts, strict=True)]
-    return HeldOut(
+    return Predictions(
         run=run[order],
         value_n=np.concatenate(read),
         force_n=np.concatenate([force_n[1:] for _, force_n in contacts]),
         since_move_s=np.array(pairs.since_move_s)[order],
     )
+
+
+def add_line_law(recorded: Calibration) -> Calibration:
+    """Return the calibration with the line of Table 4 and its held-out error.
+
+    Raises `CalibrationError` if the pairs are insufficient for a line.
+    """
+    line = fit_settled_line(recorded.force, horizon_s=HORIZON_S)
+    errors = score_line_held_out(recorded.force, horizon_s=HORIZON_S)
+    held_out = {"of": "settled force by the line", "error_percent": errors}
+    return replace(recorded, force_law=line.as_dict(), held_out=held_out)
 
 
 def add_force_law(recorded: Calibration) -> Calibration:

@@ -19,7 +19,7 @@ from palpate.calibrate.attached_loads import add_cell, add_weights, read_cell
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor, TableOptions
 from palpate.errors import InputError
 from palpate.holds.columns import find_recording_column
-from palpate.holds.formats import MCAP_MAGIC
+from palpate.holds.formats import is_mcap
 from palpate.holds.loads import LoadColumn, find_load_column, read_weights
 from palpate.holds.recordings import ReadingTable, find_clock, read_recordings
 from palpate.holds.split_clock import join_split_clock
@@ -107,7 +107,7 @@ def _read_source(source: Any, options: TableOptions) -> Table:
             )
         return table_of_arrays(source, name="recording")
     path = Path(source)
-    if _is_mcap(path):
+    if is_mcap(path):
         recording = load_recording(path)
         ohm = solve_resistance_ohm(recording)
         pixels = np.ndindex(ohm.shape[1:])
@@ -118,14 +118,6 @@ def _read_source(source: Any, options: TableOptions) -> Table:
     without_clock = options.interval_s is not None
     table = read_table_file(path, sheet=options.sheet, decimal=mark, without_clock=without_clock)
     return table if without_clock else join_split_clock(table)[0]
-
-
-def _is_mcap(path: Path) -> bool:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-    except OSError:
-        return False
 
 
 def _split_sensors(table: Table) -> list[Table]:

@@ -22,7 +22,7 @@ from palpate.calibrate.dead_weights import (
     parse_load,
     read_loads,
 )
-from palpate.calibrate.force_law import add_force_law
+from palpate.calibrate.force_law import add_force_law, add_line_law
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
 from palpate.calibrate.rest import format_now, replace_rest
 from palpate.calibration import Calibration, ForcePairs
@@ -40,7 +40,6 @@ from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
 from palpate.force.of_calibration import DWELL_S, HORIZON_S
-from palpate.grasp.paper_method import with_line_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import measure_mean_counts, require_board
@@ -88,7 +87,7 @@ def calibrate_force(
             rig, loads=loads, out=path, tolerance_percent=tolerance_percent
         )
     if law == "line":
-        calibration = with_line_law(calibration)
+        calibration = add_line_law(calibration)
     calibration.save(path)
     if plot is not None:
         save_figure(force_calibration_figure(calibration), plot)

@@ -15,7 +15,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
-from palpate.holds.formats import MCAP_MAGIC
+from palpate.holds.formats import is_mcap
 from palpate.holds.recordings import TABLE_ENDINGS, read_recordings
 from palpate.holds.relative_readings import relative_readings
 from palpate.holds.table_files import detect_format, open_parquet, open_table
@@ -115,7 +115,7 @@ class HoldSource:
                     yield replace(hold, unit=self.reading.unit or hold.unit)
             return
         try:
-            if _is_mcap(file):
+            if is_mcap(file):
                 holds = _read_mcap_holds(file, self.reading)
             else:
                 holds = [hold for column in self.columns(file) for hold in column.holds]
@@ -128,7 +128,7 @@ class HoldSource:
 
     def recordings(self) -> list[Path]:
         """Return the tables to cut into holds: all files except .mcap and holds files."""
-        return [file for file in self.files() if not (self._is_holds(file) or _is_mcap(file))]
+        return [file for file in self.files() if not (self._is_holds(file) or is_mcap(file))]
 
     def _is_holds(self, file: Path) -> bool:
         return self.reading.has_only_unit() and is_holds_file(file)
@@ -216,14 +216,6 @@ def _recordings_in(folder: Path) -> list[Path]:
         and path.suffix.lower() in (*TABLE_ENDINGS, ".mcap")
         and not path.name.startswith((".", "~$"))
     )
-
-
-def _is_mcap(file: Path) -> bool:
-    try:
-        with file.open("rb") as stream:
-            return stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-    except OSError:
-        return False
 
 
 def _read_mcap_holds(file: Path, reading: ReadingOptions) -> list[Hold]:

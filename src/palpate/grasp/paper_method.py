@@ -13,7 +13,6 @@ from palpate.calibration import Calibration
 from palpate.errors import CalibrationError, InputError
 from palpate.force.line_law import fit_settled_line
 from palpate.force.of_calibration import HORIZON_S
-from palpate.force.weights_check import score_line_held_out
 from palpate.grasp.approach import abort_insensitive, end_attempt, wait_for_retry
 from palpate.grasp.paper import Paper
 from palpate.grasp.phases import Activity, Phase
@@ -56,17 +55,6 @@ def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> P
         step=plan.step if pressure else paper.step_mm,
         epsilon_percent=paper.epsilon_percent,
     )
-
-
-def with_line_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with the line of Table 4 and its held-out error.
-
-    Raises `CalibrationError` if the pairs are insufficient for a line.
-    """
-    line = fit_settled_line(recorded.force, horizon_s=HORIZON_S)
-    errors = score_line_held_out(recorded.force, horizon_s=HORIZON_S)
-    held_out = {"of": "settled force by the line", "error_percent": errors}
-    return replace(recorded, force_law=line.as_dict(), held_out=held_out)
 
 
 def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, TypeAlias
 
 from palpate.errors import InputError
@@ -93,3 +94,12 @@ def name_format(start: bytes, *, name: str) -> FileFormat:
         if start.startswith(mark):
             raise InputError(f"{name}: {what}; {remedy}")
     return "text"
+
+
+def is_mcap(path: Path) -> bool:
+    """Return whether a file starts as an MCAP recording; False if it can't be read."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+    except OSError:
+        return False

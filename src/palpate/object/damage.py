@@ -48,7 +48,7 @@ class RupturePrediction(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
+class DamageScore:
     """Score of a model on closings outside its training set."""
 
     #: Number of closings with a prediction.

@@ -13,7 +13,7 @@ from typing import Any
 
 from palpate.errors import CalibrationError, InputError
 from palpate.files import atomic_path, load_dataclass, load_json
-from palpate.object.damage import DamageModel, HeldOut
+from palpate.object.damage import DamageModel, DamageScore
 from palpate.object.strength import FEWEST_CLOSINGS, Strength
 
 FORMAT, VERSION = "palpate-damage-model", 2
@@ -44,7 +44,7 @@ class DamageFile:
     #: Excluded closings, with the reason.
     left_out: Mapping[str, str] = field(default_factory=dict)
     #: Cross-validation scores, by kind; ``""`` for an unknown kind.
-    held_out: Mapping[str, HeldOut] = field(default_factory=dict)
+    held_out: Mapping[str, DamageScore] = field(default_factory=dict)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -143,7 +143,7 @@ class _StoredKind(Strength):
     """The entry of one kind in the file."""
 
     low_share: float
-    held_out: HeldOut | None
+    held_out: DamageScore | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

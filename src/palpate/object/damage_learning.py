@@ -15,7 +15,7 @@ from palpate.object.damage import (
     FOLDS,
     NOMINAL_RATE,
     DamageModel,
-    HeldOut,
+    DamageScore,
     RupturePrediction,
     fit_damage_model,
     prediction_at_half_load,
@@ -100,7 +100,7 @@ def predict_at_half_load(
     return prediction_at_half_load([model.predict(state, kind=kind) for state in closing.states])
 
 
-def score_held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
+def score_held_out(closings: Sequence[FruitClosing]) -> dict[str, DamageScore]:
     """Cross-validate a damage model, by kind (`""`: kind unknown).
 
     Raises `InputError` if there are too few closings for training.
@@ -124,9 +124,9 @@ def score_held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
     return {kind: _score(predictions[kind]) for kind in sorted(predictions)}
 
 
-def _score(predictions: Iterable[tuple[float, float, float]]) -> HeldOut:
+def _score(predictions: Iterable[tuple[float, float, float]]) -> DamageScore:
     predicted, median, low = np.array(list(predictions)).T
-    return HeldOut(
+    return DamageScore(
         closings=len(predicted),
         error_percent=100 * float(np.mean(np.abs(predicted - 1))),
         median_error_percent=100 * float(np.mean(np.abs(median - 1))),

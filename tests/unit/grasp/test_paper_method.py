@@ -86,7 +86,7 @@ def test_paper_method_refuses_steps_in_mm_of_pressure_driven_fingers(plan: Plan)
         use_paper_method(soft, Paper(extra_mm=1.0), calibration=None)  # type: ignore[arg-type]
 
 
-def test_with_line_law_stores_law_in_calibration(tmp_path: Path, palpate: Command) -> None:
+def test_add_line_law_stores_law_in_calibration(tmp_path: Path, palpate: Command) -> None:
     out = tmp_path / "pad.json"
     command = ("calibrate", "force", "--rig", "sim-rigid", "--law", "line", "--out", out, "--json")
     found = palpate(*command).document
