@@ -411,14 +411,16 @@ function drawPixels() {
 }
 
 // Force over the object's own deformation: the deflection of pads, fingers and servo is taken out, so
-// that the points and the band of the stiffness describe the same thing.
+// that the points and the band of the stiffness describe the same thing. Readings at rest only: while
+// the fingers move, the sheet's force lags behind their width.
+const LAG_S = 0.25;
 function drawPress() {
   const size = doc.measured.values.size_mm, slope = doc.measured.values.stiffness_n_per_mm, box = $("press-box");
-  const points = [];
+  const points = [], isAtRest = (s) => !view.moves.some(([a, b]) => s >= a && s < b + LAG_S);
   let at = 0;
   if (doc.hand?.drive === "width" && size?.value > 0 && doc.source.newtons && view.touched) {
     for (const one of received.pixels) {
-      if (one.time_s < view.zero || one.hand?.value == null || one.hand.own_mm === null || one.hand.open || one.hand.opening) continue;
+      if (one.time_s < view.zero || one.hand?.value == null || one.hand.own_mm === null || one.hand.open || one.hand.opening || !isAtRest(one.time_s - view.zero)) continue;
       while (at < received.curve.length - 1 && received.curve[at][0] < one.time_s) at += 1;
       if (known(received.curve[at]?.[3])) points.push([size.value - one.hand.value - one.hand.own_mm, received.curve[at][3]]);
     }
