@@ -272,6 +272,11 @@ def _check_reading(
 
     `noise`, shape (rows, cols): excess of each pixel that may be the reading at rest.
     """
+    if (reading.by_pixel < -noise).any() and not (reading.by_pixel > noise).any():
+        raise _UnusableReadingError(
+            "raises the resistance; if the board reads the voltage over the other part of the "
+            "divider, correct taxel_leg in the rig file"
+        )
     if reading.excess <= 0 or not (reading.by_pixel > noise).any():
         raise _UnusableReadingError(
             "has the reading at rest; place the weight on the pixels, then repeat it"

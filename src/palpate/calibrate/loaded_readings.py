@@ -18,7 +18,7 @@ from palpate.arrays import FloatArray
 from palpate.calibrate.attached_loads import add_cell, add_weights, read_cell
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor, TableOptions
 from palpate.errors import InputError
-from palpate.holds.columns import find_recording_column
+from palpate.holds.columns import convert_to_seconds, find_recording_column
 from palpate.holds.formats import is_mcap
 from palpate.holds.loads import LoadColumn, find_load_column, read_weights
 from palpate.holds.recordings import ReadingTable, find_clock, read_recordings
@@ -29,6 +29,9 @@ from palpate.holds.units import Unit
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 
+#: Rows with a load that are this far apart are settled readings, not a log, seconds.
+_SETTLED_STEP_S = 5.0
+_DAY_S = 86_400.0
 #: Name of the column of newtons while a table is read.
 _LOAD = "known load [N]"
 #: Beginning of the remark of `read_recordings` about columns that it does not predict.
@@ -70,7 +73,18 @@ def read_loaded(
             f"{table.name}: column {own.name} has loads already; omit the {given}, or remove the "
             "column"
         )
-    clock = options.time_column or find_clock(table)
+    clock, apart = options.time_column or find_clock(table), list[str]()
+    if own is not None and clock is not None and clock != options.time_column:
+        time_s, _ = convert_to_seconds(
+            table.columns[clock], name=clock, unit=options.time_unit, file=table.name
+        )
+        step_s = float(np.nanmedian(np.abs(np.diff(time_s)))) if time_s.size > 1 else np.inf
+        is_date = not (np.diff(time_s) % _DAY_S).any()
+        if step_s >= _SETTLED_STEP_S or is_date:
+            far = "dates without a time of day" if is_date else f"rows {step_s:.3g} s apart"
+            apart.append(f"{clock}: {far}, each row a settled reading")
+            rest = {name: one for name, one in table.columns.items() if name != clock}
+            table, clock = replace(table, columns=rest), None
     is_settled = clock is None and options.interval_s is None
     listed = None if weights is None else read_weights(weights, unit=options.load_unit)
     if is_settled and listed is not None and listed.load_n.size == table.rows:
@@ -92,7 +106,7 @@ def read_loaded(
         sensors = [add_cell(one, cell, where=table.name) for one in sensors]
     if listed is not None:
         sensors = [add_weights(one, listed, table=table, clock=clock) for one in sensors]
-    return [replace(one, taken=[*taken, *one.taken]) for one in sensors]
+    return [replace(one, taken=[*taken, *apart, *one.taken]) for one in sensors]
 
 
 def _read_source(source: Any, options: TableOptions) -> Table:

@@ -157,7 +157,9 @@ def _print(calibration: Calibration, *, path: Path) -> None:
 
 
 def _percent(error: float | None) -> str:
-    return "not measured: out of range" if error is None else f"{error:.0f} %"
+    if error is None:
+        return "not measured: out of range"
+    return f"{error:.0f} %" if error >= 1.0 else "below 1 %"
 
 
 class WeightSeries:

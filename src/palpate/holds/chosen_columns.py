@@ -66,8 +66,13 @@ def find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -
                 "this"
             )
         return increasing[0]
-    if clocks:
+    if clocks and not _is_constant(table.columns[clocks[0]]):
         return clocks[0]
+    if clocks:
+        raise InputError(
+            f"{table.name}: column {clocks[0]} has the same time in every row; give the time "
+            "between rows with --interval, or another clock with --time-column"
+        )
     raise InputError(
         f"{table.name}: no time column recognised; specify it with --time-column (available: "
         f"{available}), or the time between rows with --interval"
@@ -93,6 +98,10 @@ def _check_clock_pairs(table: Table, clocks: Sequence[str]) -> None:
         f"{table.name}: {listed} are clocks of different readings; choose one with --time-column, "
         "and its readings with --value-column"
     )
+
+
+def _is_constant(column: NDArray[Any]) -> bool:
+    return column.size > 1 and bool((column == column[0]).all())
 
 
 def _is_moments(column: NDArray[Any]) -> bool:

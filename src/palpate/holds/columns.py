@@ -65,6 +65,9 @@ _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "loca
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
+#: Scatter of the readings beside them, in a table of means.
+_OTHERS |= {"spread", "std", "sd", "stdev", "stddev", "sigma", "deviation", "uncertainty", "noise"}
+_OTHERS |= {"error", "err", "streuung", "standardabweichung"}
 #: Columns that number or mark rows.
 _INDICES = {"index", "sample", "sequence", "id", "row", "count", "number", "no", "unnamed", "trial"}
 _INDICES |= {"phase", "touch", "label", "moving", "oversampling", "event", "events", "cycle"}

@@ -353,6 +353,11 @@ def _import_opener(where: object, *, place: str) -> Callable[..., Any]:
         raise InputError(f"{place} open = {where!r:.80} is not a module and a function, {_EXAMPLE}")
     try:
         opener = getattr(importlib.import_module(module_name), function)
+    except ModuleNotFoundError as error:
+        found = f"no module {error.name}"
+        if error.name == module_name.partition(".")[0]:
+            found += f"; put {error.name}.py beside the rig file, or install its package"
+        raise InputError(f"{place} open = {where!r:.80}: {found}") from error
     except (Exception, SystemExit) as error:  # the module runs code of its own
         raise InputError(f"{place} open = {where!r:.80}: {_one_line(str(error))}") from error
     if not callable(opener):

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from palpate.errors import InputError, RecordingLostError
+from palpate.errors import CalibrationError, InputError, RecordingLostError
 from palpate.grasp.damage_limit import DamageLimit
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.paper import Paper
@@ -109,6 +109,11 @@ class GraspJob:
             raise InputError("the paper's method does not tighten a grip; omit one of them")
         if isinstance(rig.gripper, NoGripper):
             raise InputError(NO_GRIPPER)
+        if rig.calibration.force.force_n and not rig.calibration.block.force_n:
+            raise CalibrationError(
+                "the compliance of the hand is not calibrated: run `palpate calibrate compliance` "
+                "with a rigid block of known size"
+            )
         self._rig, self._limit, self._record = rig, limit, record
         self._array = rig.array if array is None else array
         plan = plan_grasp(

@@ -175,6 +175,21 @@ def test_measure_loads_same_weight_three_times_is_not_enough() -> None:
         Sheet().measure(4.0, 4.0, 4.0)
 
 
+class UpsideDown(SaturatingArray):
+    """A board that reads the voltage over the other part of the divider."""
+
+    def count(self) -> int:
+        return 800 - round(30 * self.load_n) + self.sent % 2
+
+
+def test_measure_loads_names_the_leg_of_the_divider_if_weights_raise_the_resistance() -> None:
+    array = UpsideDown()
+    with pytest.raises(CalibrationError):
+        array.measure(1.5, 4.0, 9.0)
+    assert all("taxel_leg" in told for told in array.told)
+    assert len(array.told) == 3
+
+
 class NoisySheet(Sheet):
     """A sheet with noise of 4 % on which a light weight has no effect."""
 

@@ -112,3 +112,40 @@ def test_json_of_several_sensors(palpate: Command, folder: Path) -> None:
 def test_text_that_is_no_resistance_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="resistance"):
         parse_ohm(text)
+
+
+#: Six weights of one FSR: newtons, and counts of 12 bits.
+WEIGHED = ((0.2407, 454), (0.49, 600), (0.73, 720), (0.98, 810), (1.23, 880), (1.72, 990))
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("load_n,A0", "{load},{counts}"),
+        # A log of one row for each weight, as people write it down.
+        ("Datum;Last [N];A0", "14.03.2026 10:{minute:02}:00;{load};{counts}"),
+        ("time_s,load_n,A0", "{seconds},{load},{counts}"),
+        # Dates alone are no clock, on one day or several.
+        ("date,load_n,A0", "2026-03-14,{load},{counts}"),
+        ("date,load_n,A0", "2026-03-{day},{load},{counts}"),
+        # The scatter of each reading beside it is not another sensor.
+        ("load_n,A0,A0_std", "{load},{counts},{scatter}"),
+        ("load_n,R_ohm,spread_ohm", "{load},{ohm},{scatter}"),
+    ],
+)
+def test_rows_far_apart_are_settled_readings_of_one_sensor(
+    palpate: Command, tmp_path: Path, head: str, row: str
+) -> None:
+    lines = [
+        row.format(
+            load=load, counts=counts, minute=10 + number, seconds=40 * number, day=14 + number // 2,
+            scatter=3 + number, ohm=round(1e6 / counts),
+        )
+        for number, (load, counts) in enumerate(WEIGHED)
+    ]  # fmt: skip
+    (tmp_path / "weights.csv").write_text("\n".join([head, *lines]) + "\n")
+    bits = () if "ohm" in head else ("--adc-bits", "12")
+    (sensor,) = palpate("force", tmp_path / "weights.csv", *bits, "--json").document["sensors"]
+    known = [one["load_n"] for one in sensor["settled"]]
+    assert known == pytest.approx([load for load, _ in WEIGHED])
+    assert sensor["held_out"]["what"] == "each weight in turn"
