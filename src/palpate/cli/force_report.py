@@ -55,6 +55,11 @@ class ForceReport:
             edges = np.flatnonzero(np.diff(np.r_[False, loaded, False].astype(int)))
             for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
                 peak = begin + int(np.argmax(trace.low_n[begin:end]))
+                # A weight is known for a part of its hold, which may be without the peak.
+                known = trace.load_n[begin:end][np.isfinite(trace.load_n[begin:end])]
+                load_n = float(trace.load_n[peak])
+                if np.isnan(load_n) and known.size:
+                    load_n = float(known.max())
                 found.append(
                     {
                         "recording": trace.name,
@@ -63,7 +68,7 @@ class ForceReport:
                         "peak_n": finite_or_none(float(trace.force_n[peak])),
                         "low_n": finite_or_none(float(trace.low_n[peak])),
                         "high_n": finite_or_none(float(trace.high_n[peak])),
-                        "load_n": finite_or_none(float(trace.load_n[peak])),
+                        "load_n": finite_or_none(load_n),
                     }
                 )
         return found

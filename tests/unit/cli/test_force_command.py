@@ -49,6 +49,9 @@ def test_force_of_a_log_with_weights_in_order_writes_a_table_and_a_plot(
         *("force", "log.csv", "--weights", "laid.csv", "--adc-bits", 10),
         *("--output", "newtons.csv", "--plot", "newtons.png"),
     )
+    document = palpate("force", "log.csv", "--weights", "laid.csv", "--adc-bits", 10, "--json")
+    (sensor,) = document.document["sensors"]
+    assert None not in [contact["load_n"] for contact in sensor["contacts"]]
     with (folder / "newtons.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     known = [row for row in rows if row["load_n"]]
