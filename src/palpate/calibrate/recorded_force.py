@@ -90,11 +90,20 @@ class FittedForce:
     def force(self, source: Any, **options: Any) -> list[ForceTrace]:
         """Return the newtons of other readings of this sensor, with 90 % intervals.
 
-        `source`, `options`: as in `palpate.read_recording`.
+        `source`, `options`: as in `palpate.read_recording`. The columns are those of the fit; a
+            single column of readings may have another name.
         Raises `InputError` if the readings can't be used.
         """
         named = {"value_columns": self.reading.columns, **options}
-        return self.traces(read_readings(source, TableOptions(**named)))
+        try:
+            sensor = read_readings(source, TableOptions(**named))
+        except InputError:
+            if "value_columns" in options or len(self.reading.columns) > 1:
+                raise
+            sensor = read_readings(source, TableOptions(**options))
+            if len(sensor.columns) > 1:
+                raise
+        return self.traces(sensor)
 
     def traces(self, sensor: LoadedSensor) -> list[ForceTrace]:
         """Return the newtons of each recording of this sensor."""

@@ -195,3 +195,11 @@ def test_force_of_real_fsrs_under_a_hand_is_better_than_a_power_law(real_data: P
     assert held_out.power_median_abs_log_error is not None
     assert held_out.median_abs_log_error < 0.9 * held_out.power_median_abs_log_error
     assert held_out.coverage == pytest.approx(0.9, abs=0.05)
+
+
+def test_single_column_of_other_readings_may_have_another_name() -> None:
+    fitted = fit_force({"load_n": LOADS_N, "R_ohm": OHM})
+    (as_fitted,), (renamed,) = fitted.force({"R_ohm": OHM}), fitted.force({"fsr_ohm": OHM})
+    assert renamed.force_n.tolist() == as_fitted.force_n.tolist()
+    with pytest.raises(InputError, match="R_ohm"):
+        fitted.force({"left_ohm": OHM, "right_ohm": OHM})
