@@ -291,6 +291,11 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
 ) -> None:
     live.set_progress(HOLDING)
     session.devices.activity = DeviceActivity.GRASPING
+    # The bin is chosen a moment after the answer.
+    page = page_of(session)
+    assert (page["operator"]["word"], page["operator"]["next"]) == ("Holding", "Wait")
+    assert page["verdict"]["kind"] == "busy"
+    session.devices.is_answered = True
     for again, step, word in (
         (False, "Take the item", "By hand"),
         (True, "Press Release, turn the item", "Turn the item"),

@@ -86,11 +86,21 @@ def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None
     with pytest.raises(InputError, match="take over first"):
         rehearsal.session.order("a", GRASP)
     rehearsal.session.leave("b")
-    with pytest.raises(InputError, match="there is no driver; take over first"):
-        rehearsal.session.order("a", GRASP)
-    rehearsal.session.take_over("a")
     rehearsal.session.order("a", GRASP)
-    assert rehearsal.sent == [GRASP]
+    assert (rehearsal.sent, rehearsal.session.driver) == ([GRASP], "a")
+
+
+def test_who_acts_while_nobody_drives_becomes_the_driver_unless_refused() -> None:
+    session = Rehearsal().session
+    session.join("watcher", role=Role.VIEW)
+    session.join("gateway", leased=True, drives=False)
+    for viewer in ("gateway", "watcher"):
+        # There is no rig yet.
+        with pytest.raises(InputError):
+            session.order(viewer, GRASP)
+        assert session.driver is None
+    assert not session.claim("watcher")
+    assert session.claim("gateway")
 
 
 def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:

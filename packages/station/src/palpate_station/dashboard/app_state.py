@@ -194,8 +194,8 @@ class AppState:
         self.session.renew(driver)
 
     def _join(self, driver: str) -> None:
-        """Join the session as a client that drives while it sends requests."""
-        self.session.join(driver, name=driver, leased=True)
+        """Join the session as a client that drives from its first accepted command on."""
+        self.session.join(driver, name=driver, leased=True, drives=False)
 
     def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
         """Join the session as this driver, and run a command."""

@@ -38,6 +38,8 @@ class GraspForm:
     ordered: GraspOrder | None = None
     #: Whether the name is that of the last grasp, returned by it.
     is_returned: bool = False
+    #: Whether a grasp without a name was refused, so that the last verdict is not its.
+    is_refused: bool = False
 
     @property
     def label_fault(self) -> str:
@@ -52,12 +54,12 @@ class GraspForm:
     def set_item(self, text: str) -> None:
         """Set the name that a user has typed or scanned."""
         if text != self.item_id:
-            self.item_id, self.is_returned = text, False
+            self.item_id, self.is_returned, self.is_refused = text, False, False
 
     def take_item(self, order: GraspOrder) -> None:
         """Take the name for an ordered grasp."""
         self.last_item_id = self.item_id or self.last_item_id
-        self.item_id, self.is_returned, self.ordered = "", False, order
+        self.item_id, self.is_returned, self.is_refused, self.ordered = "", False, False, order
 
     def return_item(self, order: GraspOrder | None, *, again: bool) -> None:
         """Return the name for another grasp of the item, or withdraw it.

@@ -164,7 +164,9 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
     is_over = progress.phase == Phase.DONE.value
     outcome = progress.answer.outcome if is_over else None
     report = Report.OUTCOME if is_over else Report.PHASE
-    if not progress.decided:
+    # The bin is chosen a moment after the answer: until then nothing may look like one.
+    is_open = activity is DeviceActivity.GRASPING and not devices.is_answered and not is_over
+    if not progress.decided or is_open:
         return Headline(report=report, kind="busy", phase=progress.phase, outcome=outcome)
     found = Headline(
         report=report,
@@ -339,7 +341,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
     driver = session.driver_name or None
-    is_scanned = form.item_id != "" and not form.is_returned
+    is_scanned = form.is_refused or (form.item_id != "" and not form.is_returned)
     return {
         "word": _capitalize(_operator_word(session, headline)),
         "detail": _operator_detail(headline, devices, words),
@@ -406,6 +408,8 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.activity is DeviceActivity.IDLE:
         return words("next.no_rig")
     if devices.activity is DeviceActivity.GRASPING:
+        if headline.phase == Phase.HOLD.value and headline.result is None:
+            return words("next.wait")
         if headline.phase == Phase.HOLD.value:
             if headline.no_bin:
                 return words("next.no_bin_held")

@@ -49,8 +49,9 @@ class Monitor:
             found.append("the device process has ended: restart palpate serve")
         elif app_state.session.silence_s is not None:
             found.append("the devices do not respond")
-        elif activity is DeviceActivity.IDLE:
-            found.append("no rig is open")
+        elif activity in (DeviceActivity.IDLE, DeviceActivity.OPENING):
+            is_opening = activity is DeviceActivity.OPENING
+            found.append("the rig is being opened" if is_opening else "no rig is open")
         elif activity is DeviceActivity.WATCHING and not state["fresh"]:
             found.append("no fresh frames")
         return found

@@ -45,8 +45,9 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     form = app_state.session.form
 
     def set_target(force_n: object) -> None:
-        if viewer.is_driver:
-            form.target_force_n = finite_number(force_n)
+        wanted_n = finite_number(force_n)
+        if wanted_n != form.target_force_n and viewer.claim():
+            form.target_force_n = wanted_n
 
     force = ui.number(
         "Target force, N (empty: a gentle squeeze)",
@@ -86,12 +87,13 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
     form, words = app_state.session.form, viewer.words
 
     def set_item(item_id: object) -> None:
-        if viewer.is_driver:
-            form.set_item(item_id.strip() if isinstance(item_id, str) else "")
+        text = item_id.strip() if isinstance(item_id, str) else ""
+        if text != form.item_id and viewer.claim():
+            form.set_item(text)
 
     def refuse_label() -> None:
         """Report a damaged label at the end of a scan."""
-        if form.label_fault and viewer.is_driver:
+        if form.label_fault and viewer.may_act:
             viewer.refuse(form.label_fault)
         viewer.refresh()
 
@@ -121,7 +123,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         item.props["label"] = shown if hint is None else words(hint, label=label)
         same_item.set_text(words("item.same", name=_short_name(form.last_item_id, letters=8)))
         can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
-        same_item.set_visibility(can_repeat and viewer.is_driver)
+        same_item.set_visibility(can_repeat and viewer.may_act)
 
     viewer.on_refresh(show)
 
@@ -130,7 +132,7 @@ def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> Non
     """Add the choice of the kind among the kinds with a learned damage limit."""
 
     def set_kind(kind: str) -> None:
-        if viewer.is_driver:
+        if kind != form.kind and viewer.claim():
             form.kind = kind
 
     options = {"": "not given", **{kind: kind for kind in damage.kinds}}

@@ -161,12 +161,14 @@ class Session:
         name: str = "a page",
         leased: bool = False,
         role: Role = Role.CONFIGURE,
+        drives: bool = True,
     ) -> bool:
         """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
         A page reloaded in the same browser tab retains control. A `leased` viewer drives until
         `LEASE_S` after its last `renew`, because nothing else reveals that it has gone. A viewer
-        whose `role` may only watch never becomes the driver.
+        whose `role` may only watch never becomes the driver, and one that does not want to drive
+        (`drives`) becomes it with its first accepted action.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -182,8 +184,19 @@ class Session:
         self._roles.setdefault(viewer, role)
         if leased:
             self._leases_s[viewer] = self._now_s() + LEASE_S
-        if self._roles[viewer].may_drive and self.driver in (None, before):
+        if drives and self._roles[viewer].may_drive and self.driver in (None, before):
             self._drive(viewer)
+        return self.driver == viewer
+
+    def may_act(self, viewer: str) -> bool:
+        """Return whether a viewer drives, or may because nobody does."""
+        role = self._roles.get(viewer, Role.CONFIGURE)
+        return self.driver == viewer or (self.driver is None and role.may_drive)
+
+    def claim(self, viewer: str) -> bool:
+        """Make a viewer that acts the driver if nobody drives; return whether it is the driver."""
+        if self.driver is None and self.may_act(viewer):
+            self.take_over(viewer)
         return self.driver == viewer
 
     def take_over(self, viewer: str) -> None:
@@ -226,7 +239,7 @@ class Session:
             return words("refusal.gone")
         if self.silence_s is not None:
             return words("refusal.hung")
-        if viewer != self.driver:
+        if not self.may_act(viewer):
             if self.driver is None:
                 return words("refusal.no_driver")
             return words("refusal.other_driver", name=self.driver_name)
@@ -271,7 +284,9 @@ class Session:
         self._check(ACTIONS[type(order)], viewer)
         check_ranges(order)
         if self.requires_item and isinstance(order, GraspOrder) and not order.item_id:
+            self.form.is_refused = True
             raise InputError(self.words("next.name"))
+        self.claim(viewer)
         self.send_order(order)
         item = f" {order.item_id}" if isinstance(order, GraspOrder) and order.item_id else ""
         self._on_event(self.driver_name, f"{ACTIONS[type(order)]}{item}")
@@ -303,6 +318,7 @@ class Session:
         """Send a request to the running job: confirm, speed, seek, pause or release."""
         self._check(ACTIONS[type(request)], viewer)
         check_ranges(request)
+        self.claim(viewer)
         self._send(request)
         if isinstance(request, ReleaseNow):
             self._on_event(self.driver_name, str(Action.RELEASE))

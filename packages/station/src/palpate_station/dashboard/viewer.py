@@ -52,6 +52,15 @@ class Viewer:
         """Whether this viewer is the driver."""
         return self._session.driver == self._id
 
+    @property
+    def may_act(self) -> bool:
+        """Whether this viewer drives, or may because nobody does."""
+        return self._session.may_act(self._id)
+
+    def claim(self) -> bool:
+        """Drive if nobody does, and return whether this viewer is the driver."""
+        return self._session.claim(self._id)
+
     def record_press(self, state: object) -> None:
         """Record stop count and server time of the page at a press.
 
@@ -87,6 +96,7 @@ class Viewer:
             why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
+            self.claim()
             function()
 
         return self._handle_press(run_if_allowed)
@@ -123,8 +133,8 @@ class Viewer:
         self.on_refresh(refresh_button, of=button)
 
     def enable_for_driver(self, field: DisableableElement) -> None:
-        """Enable a field for the driver only; other viewers see its value."""
-        self.on_refresh(lambda: field.set_enabled(self.is_driver), of=field)
+        """Enable a field for the driver, or for all if nobody drives; others see its value."""
+        self.on_refresh(lambda: field.set_enabled(self.may_act), of=field)
 
     def show_with_gripper(self, element: ui.element) -> None:
         """Show an element unless the open rig has no gripper."""

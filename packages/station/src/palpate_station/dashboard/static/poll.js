@@ -45,7 +45,8 @@ const sinceFrame = (s) => (s < 1 ? w("link.ms_ago", { time: fixed(1000 * s, 0) }
 export const handState = (doc) => (doc.hand?.open ? w("force.open") : doc.hand?.opening ? w("force.opens") : "");
 
 // Whether this page may move the gripper; other pages only watch.
-export const isDriver = (doc) => doc.driver_id === document.body.dataset.viewer;
+// Who acts while nobody drives becomes the driver.
+export const isDriver = (doc) => doc.driver_id === document.body.dataset.viewer || doc.driver_id === null;
 
 // Joins numbers and units with non-breaking spaces.
 export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]|$))/g, "$1\u00a0");
