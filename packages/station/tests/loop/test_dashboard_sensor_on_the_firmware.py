@@ -147,7 +147,7 @@ def test_sensor_page_on_the_firmware_shows_pixels_and_forces_but_no_grasp(page: 
     # The page shows no grip, no forecast and no finger movements.
     expect(page.locator("#force-title")).to_have_text("Force, N")
     expect(page.locator("#measure-force_n .name")).to_have_text("Force now")
-    expect(page.locator("#pad-1 .name")).to_have_text(re.compile("^pad 1 "))
+    expect(page.locator("#pad-1 .name")).to_have_text(re.compile("^pad 2"))
     for key in page.locator(".key.of-hand").all():
         expect(key).to_be_hidden()
     # The force card uses the whole row.
