@@ -63,7 +63,7 @@ _RULES = """\
 # Bins. The first rule with enough confidence wins.
 
 default = "by hand"     # items that meet no rule
-confidence = 0.75       # least probability that all conditions of a rule hold
+confidence = 0.8        # least probability that all conditions of a rule hold
 
 [[rule]]
 bin = "sell today"

@@ -161,3 +161,20 @@ def test_ripeness_without_enough_days_labels_or_firmness_raises() -> None:
         learn_rule(Store.open("sqlite://"), kind="mango", drive="width", stages=STAGES)
     with pytest.raises(InputError, match="no grasp measured its firmness"):
         judge_ripeness(firmness_history((), item_id="A18", drive="width"), rule=None, ripe="ripe")
+
+
+@pytest.mark.slow
+def test_rule_depends_neither_on_the_order_of_the_items_nor_on_their_names() -> None:
+    halfway, items = simulate_items(8, seed=1)
+    # Labels of a person near the boundaries, so that the folds decide on the power.
+    labels = [[stage(firmness(half, d) + 0.2 * (-1) ** d) for d in range(6)] for half in halfway]
+    orders = [range(8), [3, 7, 0, 5, 1, 6, 2, 4], range(7, -1, -1)]
+    rules = [
+        RipenessRule.learn(
+            [items[k] for k in order], labels=[labels[k] for k in order], stages=STAGES
+        )
+        for order in orders
+    ]
+    days = softening_days(2.6, range(4))
+    first, *others = (rule.judge(days) for rule in rules)
+    assert others == [first, first]

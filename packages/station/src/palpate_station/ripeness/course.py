@@ -64,7 +64,11 @@ class Course:
 
         Raises `InputError` if there are too few items, or no item softened.
         """
-        useful = [item for item in items if len(item) >= FEWEST_DAYS]
+        # Sorted, so that rounding errors do not depend on the order of the items.
+        useful = sorted(
+            (item for item in items if len(item) >= FEWEST_DAYS),
+            key=lambda item: [(day.day, day.firmness) for day in item],
+        )
         if len(useful) < FEWEST_COURSES:
             raise InputError(
                 f"{len(useful)} items were grasped on {FEWEST_DAYS} days or more, but a course "

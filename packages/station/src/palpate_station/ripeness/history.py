@@ -86,7 +86,9 @@ def learn_rule(
     Raises the errors of `RipenessRule.learn`, and `InputError` if no item has a label.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    newest_first = read_labelled_histories(store, verdicts[::-1], drive=drive)
+    # Of labels given at the same time, the items' names decide, not the random IDs.
+    newest = sorted(verdicts, key=lambda one: (one.given_at, one.item_id), reverse=True)
+    newest_first = read_labelled_histories(store, newest, drive=drive)
     known = list(islice(newest_first, _MOST_ITEMS))
     if not known:
         raise InputError(
@@ -115,7 +117,7 @@ def read_labelled_histories(
         if not history.days:
             continue
         labels: list[str | None] = [None] * len(history.days)
-        for verdict in sorted(given, key=lambda one: one.given_at):
+        for verdict in sorted(given, key=lambda one: (one.given_at, one.text)):
             nearest = history.nearest_day(verdict.given_at)
             distance = history.days[nearest].day - history.day_of(verdict.given_at)
             if abs(distance) <= _MAX_LABEL_DISTANCE_DAYS:
