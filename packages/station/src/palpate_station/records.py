@@ -35,6 +35,9 @@ MEASURED = MappingProxyType(
         "shared_pixels": "pixels",
     }
 )
+#: Columns of exports with the bin of a grasp: name, reason, probability, whether another grasp may
+#: change it, and who decided.
+BIN_COLUMNS = ("bin", "bin_why", "bin_probability", "bin_provisional", "bin_by")
 #: Relative change of each pixel at the answer, in rows; None for a pixel out of use.
 PixelPercent = tuple[tuple[float | None, ...], ...]
 Drive = Literal["width", "pressure"]

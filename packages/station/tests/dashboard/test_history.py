@@ -12,6 +12,7 @@ from tests.full_disk import file_size_limit
 
 from palpate_station.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate_station.dashboard.panel_history import counts_html, entry_html
+from palpate_station.records import BIN_COLUMNS
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -87,10 +88,18 @@ def test_history_csv_has_units_and_no_cell_that_a_spreadsheet_executes(
     history.add(replace(ENTRY, item_id=typed, bin=typed, why=typed, measured={"force_n_low": -1.0}))
     (row,) = rows_of(history)
     shown = typed if start == "odd, " else f"'{typed}"
-    assert {row["item_id"], row["bin"], row["why"]} == {shown}
+    assert {row["item_id"], row["bin"], row["bin_why"]} == {shown}
     assert (row["force_n_low"], row["stiffness_n_per_mm"]) == ("-1.0", "")
     assert row["simulated"] == "True"
     assert history.recent_grasps[0].item_id == typed
+
+
+def test_history_csv_has_the_bin_its_reason_and_who_decided(history: History) -> None:
+    history.add(replace(ENTRY, probability=0.75, again=True))
+    history.add(replace(ENTRY, bin=None, why="the store does not answer"))
+    found, missing = ([row[name] for name in BIN_COLUMNS] for row in rows_of(history))
+    assert found == ["ripe", "ripe: soft", "0.75", "True", "palpate"]
+    assert missing == ["", "the store does not answer", "", "", ""]
 
 
 def test_history_finds_a_grasp_by_the_new_name_of_its_recording(

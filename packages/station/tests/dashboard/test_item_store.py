@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
+import openpyxl
 import pytest
 from packages.station.tests.dashboard.test_live import SOURCE as PAGE_SOURCE
 
@@ -22,10 +24,12 @@ from palpate_station.dashboard.messages import Grasped
 from palpate_station.dashboard.panel_history import item_html, item_label
 from palpate_station.dashboard.panel_html import day_text
 from palpate_station.line.epcis import epcis_document
-from palpate_station.records import About, Item, Source, Verdict
+from palpate_station.records import BIN_COLUMNS, About, Item, Source, Verdict
 from palpate_station.sorting.conditions import OneOf, Within
 from palpate_station.sorting.rules import Rule, RuleBook
 from palpate_station.store import Store
+from palpate_station.store.export import export, find_bins
+from palpate_station.store.labels import add_label
 
 RESULT = GraspResult(
     outcome=Outcome.HELD,
@@ -136,6 +140,30 @@ def test_sort_grasp_of_an_unnamed_item_uses_this_grasp_only(
     assert (None if given is None else (given.name, given.rule)) == found
     unsorted = place_and_add(ItemStore(None), document).to_dict()
     assert unsorted == document.to_dict() | {"stored": False, "not_stored": "no item"}
+
+
+def test_export_has_the_bin_of_each_grasp_as_shown_and_published(tmp_path: Path) -> None:
+    where = tmp_path / "items.sqlite"
+    item_store = ItemStore(str(where), rules=replace(RULES, most_grasps=2))
+    shown = [place_and_add(item_store, sized(size, item_id="A1")) for size in (45.1, 40.0)]
+    place_and_add(item_store, sized(40.0, item_id="A2"))
+    place_and_add(item_store, sized(40.0, Outcome.SLIPPED, item_id="A3"))
+    with Store.open(where) as store:
+        add_label(store, "A2", about=About.BIN, text="large", by="maria")
+        verdicts = store.verdicts(About.BIN)
+        bins = find_bins(verdicts)
+        export(tmp_path / "all.csv", store.grasps(), verdicts, items=store.items(), bins=bins)
+        export(tmp_path / "all.xlsx", store.grasps(), verdicts, items=store.items(), bins=bins)
+    chosen = [one.bin for one in shown if one.bin is not None]
+    assert [one.again for one in chosen] == [True, False]
+    expected = [[b.name, b.why, b.probability, b.again, "palpate"] for b in chosen]
+    expected += [["large", None, None, None, "maria"], [None] * 5]
+    book = openpyxl.load_workbook(tmp_path / "all.xlsx")
+    head, *cells = book["grasps"].iter_rows(values_only=True)
+    assert [[row[head.index(name)] for name in BIN_COLUMNS] for row in cells] == expected
+    with (tmp_path / "all.csv").open(newline="", encoding="utf-8") as file:
+        rows = [[row[name] for name in BIN_COLUMNS] for row in csv.DictReader(file)]
+    assert rows == [["" if cell is None else str(cell) for cell in row] for row in expected]
 
 
 def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(

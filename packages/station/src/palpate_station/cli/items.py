@@ -208,7 +208,7 @@ def _export(
     batch: str | None,
     period: tuple[datetime, datetime] | None,
 ) -> None:
-    from palpate_station.store.export import FORMATS, export
+    from palpate_station.store.export import FORMATS, export, find_bins
 
     if path.suffix not in FORMATS:
         raise InputError(f"--export {path}: the file name must end in {', '.join(FORMATS)}")
@@ -227,9 +227,12 @@ def _export(
             for about in About
             for verdict in store.verdicts(about, kind=kind)
             if verdict.item_id in names
-            and (period is None or period[0] <= verdict.given_at < period[1])
         )
-    written = export(path, grasps, verdicts, items=found)
+    # A bin is given after its grasp, perhaps on the next day.
+    bins = find_bins(verdicts)
+    if item is None and period is not None:
+        verdicts = tuple(one for one in verdicts if period[0] <= one.given_at < period[1])
+    written = export(path, grasps, verdicts, items=found, bins=bins)
     print_message("Written: " + ", ".join(f"{file} ({rows})" for file, rows in written.items()))
 
 

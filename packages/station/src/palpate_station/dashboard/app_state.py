@@ -435,6 +435,7 @@ class AppState:
             entry,
             bin=None if chosen is None else chosen.name,
             again=None if chosen is None else again,
+            probability=None if chosen is None else chosen.probability,
             why=document.no_bin or None if chosen is None else chosen.why,
             stage=None if item is None else item.stage,
             bruised=None if item is None else item.bruised,

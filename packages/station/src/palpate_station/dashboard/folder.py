@@ -32,6 +32,7 @@ from palpate.recording import RecordingReader
 from palpate_station.dashboard.live import Point
 from palpate_station.dashboard.lot import Lot
 from palpate_station.dashboard.messages import Grasped
+from palpate_station.records import BIN_COLUMNS, Source
 
 #: Number of grasps that the page lists.
 LISTED_GRASPS = 50
@@ -70,6 +71,8 @@ class Entry:
     bin: str | None = None
     again: bool | None = None
     why: str | None = None
+    #: Probability that all conditions of the bin's rule are met.
+    probability: float | None = None
     #: Ripeness stage and bruise according to the item's last verdicts; None without verdicts.
     stage: str | None = None
     bruised: bool | None = None
@@ -200,8 +203,8 @@ class History:
 
     def csv_parts(self) -> Iterator[str]:
         """Yield the CSV table of all grasps in chunks; column names end in units."""
-        columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
-        columns += ["stage", "bruised"]
+        columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged"]
+        columns += [*BIN_COLUMNS, "stage", "bruised"]
         columns += [name + end for name in _MEASUREMENTS for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
         text = io.StringIO()
@@ -252,7 +255,14 @@ class History:
 
     def _row(self, entry: Entry) -> dict[str, Any]:
         recording = self._current_names.get(entry.recording, entry.recording)
-        cells = {**asdict(entry), **entry.measured, "recording": recording}
+        by = None if entry.bin is None else str(Source.PALPATE)
+        bin_cells = (entry.bin, entry.why, entry.probability, entry.again, by)
+        cells = {
+            **asdict(entry),
+            **entry.measured,
+            **dict(zip(BIN_COLUMNS, bin_cells, strict=True)),
+            "recording": recording,
+        }
         return {name: escape_csv_cell(value) for name, value in cells.items()}
 
     def _append(self, values: dict[str, Any]) -> None:

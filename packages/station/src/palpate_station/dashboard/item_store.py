@@ -152,7 +152,11 @@ class ItemStore:
                 if batch:
                     store.add_item(Item(item_id=document.item_id, batch=batch))
                 if completed.bin is not None and placement.done is not None:
-                    store.add_verdict(bin_verdict(placement.done, given_at=datetime.now(UTC)))
+                    given = bin_verdict(placement.done, given_at=datetime.now(UTC))
+                    # As on the screens and in the published result.
+                    details = {**given.details, "provisional": completed.bin.again}
+                    shown = replace(given, explanation=completed.bin.why, details=details)
+                    store.add_verdict(shown)
         except (PalpateError, OSError) as error:
             return replace(completed, not_stored=self._report(error))
         self.trouble = ""

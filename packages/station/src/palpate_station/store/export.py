@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import sqlalchemy as sa
@@ -16,7 +17,7 @@ import sqlalchemy as sa
 from palpate.errors import require_extra
 from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.table_files import import_pyarrow
-from palpate_station.records import MEASURED, Grasp, Item, Verdict
+from palpate_station.records import BIN_COLUMNS, MEASURED, About, Grasp, Item, Source, Verdict
 from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000
@@ -24,27 +25,36 @@ _BATCH = 10_000
 _ITEM_COLUMNS = tuple(c.name for c in ITEMS.c if c.name != "first_seen")
 _GRASP_COLUMNS = tuple(c.name for c in GRASPS.c if c.name not in ("number", "item_id", "station"))
 _VERDICT_COLUMNS = tuple(c.name for c in VERDICTS.c if c.name != "details")
-
+_NO_BINS: Mapping[str, Verdict] = MappingProxyType({})
 
 #: Extensions of the files that `export` writes.
 FORMATS = (".parquet", ".csv", ".xlsx")
 
 
 def export(
-    path: Path, grasps: Iterable[Grasp], verdicts: Iterable[Verdict], *, items: Iterable[Item]
+    path: Path,
+    grasps: Iterable[Grasp],
+    verdicts: Iterable[Verdict],
+    *,
+    items: Iterable[Item],
+    bins: Mapping[str, Verdict],
 ) -> dict[str, str]:
     """Write grasps and verdicts; return each file with its numbers of rows.
 
     `path`: Parquet and CSV have the verdicts in a second file, ``NAME.verdicts.csv``, and Excel has
         them in a second sheet. Files are written atomically. CSV and Excel have lists and details
         as JSON text, times in ISO 8601, and no cell that runs as a formula.
+    `bins`: bin of each grasp, from `find_bins`.
     Raises `MissingExtraError` if pyarrow (Parquet) or openpyxl (Excel) is not installed.
     """
     verdicts_path = path.with_suffix(f".verdicts{path.suffix}")
     if path.suffix == ".parquet":
-        found = export_grasps(path, grasps, items=items), export_verdicts(verdicts_path, verdicts)
+        found = (
+            export_grasps(path, grasps, items=items, bins=bins),
+            export_verdicts(verdicts_path, verdicts),
+        )
         return {str(path): f"grasps: {found[0]}", str(verdicts_path): f"verdicts: {found[1]}"}
-    grasp_rows = _grasp_rows(grasps, items=items)
+    grasp_rows = _grasp_rows(grasps, items=items, bins=bins)
     if path.suffix == ".csv":
         found = (
             _write_csv(path, grasp_rows, _grasp_columns()),
@@ -90,8 +100,18 @@ def _cell(value: object) -> object:
     return escape_csv_cell(value)
 
 
+def find_bins(verdicts: Iterable[Verdict]) -> dict[str, Verdict]:
+    """Return the last bin that was given for each grasp, by the grasp's ID."""
+    bins = (one for one in verdicts if one.about is About.BIN and one.grasp_id is not None)
+    return {str(one.grasp_id): one for one in sorted(bins, key=lambda one: one.given_at)}
+
+
 def export_grasps(
-    path: str | os.PathLike[str], grasps: Iterable[Grasp], *, items: Iterable[Item]
+    path: str | os.PathLike[str],
+    grasps: Iterable[Grasp],
+    *,
+    items: Iterable[Item],
+    bins: Mapping[str, Verdict] = _NO_BINS,
 ) -> int:
     """Write grasps with their items' fields to Parquet; return the number of rows.
 
@@ -99,9 +119,10 @@ def export_grasps(
     `grasps`: one row each, in this order. A measurement has four columns: its name for the value,
         and ``..._low``, ``..._high``, ``..._status``.
     `items`: items of the grasps.
+    `bins`: bin of each grasp, from `find_bins`; five columns, empty for a grasp without one.
     Raises `MissingExtraError` if pyarrow is not installed.
     """
-    return _write(path, _grasp_rows(grasps, items=items), _grasp_columns())
+    return _write(path, _grasp_rows(grasps, items=items, bins=bins), _grasp_columns())
 
 
 def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
@@ -112,10 +133,22 @@ def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -
     return _write(path, _verdict_rows(verdicts), _verdict_columns())
 
 
-def _grasp_rows(grasps: Iterable[Grasp], *, items: Iterable[Item]) -> Iterator[dict[str, Any]]:
+def _grasp_rows(
+    grasps: Iterable[Grasp], *, items: Iterable[Item], bins: Mapping[str, Verdict]
+) -> Iterator[dict[str, Any]]:
     known = {item.item_id: item for item in items}
     for grasp in grasps:
-        yield grasp_row(grasp, known.get(grasp.item_id)) | {"station": grasp.station}
+        row = grasp_row(grasp, known.get(grasp.item_id)) | {"station": grasp.station}
+        if (given := bins.get(grasp.grasp_id)) is not None:
+            is_person = given.source is Source.PERSON
+            by = given.details.get("by", "a person") if is_person else str(given.source)
+            provisional = given.details.get("provisional")
+            row |= zip(
+                BIN_COLUMNS,
+                (given.text, given.explanation, given.probability, provisional, by),
+                strict=True,
+            )
+        yield row
 
 
 def _verdict_rows(verdicts: Iterable[Verdict]) -> Iterator[dict[str, Any]]:
@@ -126,7 +159,7 @@ def _verdict_rows(verdicts: Iterable[Verdict]) -> Iterator[dict[str, Any]]:
 
 
 def _grasp_columns() -> list[str]:
-    return [*_grasp_names(), "station"]
+    return [*_grasp_names(), "station", *BIN_COLUMNS]
 
 
 def _verdict_columns() -> list[str]:
@@ -182,6 +215,10 @@ def _column_type(column: str, arrow: Any) -> Any:
     """Return the Arrow type for a column of the tables or a measurement."""
     table = next((one for one in (ITEMS, GRASPS, VERDICTS) if column in one.c), None)
     sql_type = None if table is None else table.c[column].type
+    if column == "bin_provisional":
+        return arrow.bool_()
+    if column in BIN_COLUMNS and column != "bin_probability":
+        return arrow.string()
     if column == "pixel_settled_percent":
         return arrow.list_(arrow.list_(arrow.float64()))
     if column.endswith("_status") or isinstance(sql_type, sa.Text | sa.JSON):
