@@ -409,3 +409,30 @@ def test_line_clients_reconnect_to_a_server_restarted_during_a_grasp(station: St
     asyncio.run(begin_over_modbus(station, lose, timeout=1))
     station.start()
     assert asyncio.run(find()) == [0, 0]
+
+
+def test_item_of_a_grasp_that_a_killed_server_has_cut_off_is_named_over_every_protocol(
+    station: Station,
+) -> None:
+    machine = Machine(station.http)
+    machine.ready()
+    assert machine.ask("POST", "/grasp", {"item_id": "cut-7"})[0] == 202
+    machine.until(lambda at: at["state"] == "execute")
+    station.kill()
+    station.start()
+    machine = Machine(station.http)
+    machine.ready()
+    state = machine.ask("GET", "/state")[1]
+    assert (state["interrupted"]["item_id"], faults("state", state)) == ("cut-7", [])
+
+    async def read() -> tuple[bool, str, int, str]:
+        async with (
+            opcua_driver(station) as hand,
+            AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client,
+        ):
+            (flags,) = await read_registers(client, modbus.FLAGS, 1)
+            text = await read_registers(client, modbus.INTERRUPTED_ITEM, modbus.TEXT_REGISTERS)
+            found = [await hand.value(name) for name in ("Interrupted", "InterruptedItem")]
+            return found[0], found[1], flags >> 5 & 1, modbus.decode_text(text)
+
+    assert asyncio.run(read()) == (True, "cut-7", 1, "cut-7")

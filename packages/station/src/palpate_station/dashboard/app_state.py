@@ -22,6 +22,7 @@ from palpate_station.dashboard.device_client import DeviceClient
 from palpate_station.dashboard.folder import (
     Entry,
     History,
+    Interruption,
     RecordingList,
     delete_recording,
     make_entry,
@@ -29,7 +30,12 @@ from palpate_station.dashboard.folder import (
     rename_recording,
 )
 from palpate_station.dashboard.grasp_form import check_item
-from palpate_station.dashboard.headline import REPEATED_OUTCOMES, outcome_kind, store_note
+from palpate_station.dashboard.headline import (
+    REPEATED_OUTCOMES,
+    interruption_text,
+    outcome_kind,
+    store_note,
+)
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
 from palpate_station.dashboard.messages import (
     DeviceActivity,
@@ -108,6 +114,7 @@ class AppState:
     async def open(self) -> None:
         """Start the device process, wait until it accepts stops, and open the first rig."""
         self.loop = asyncio.get_running_loop()
+        await self._report_interrupted_before()
         settings = self.settings
         self._process = DeviceClient(self.receive_update)
         first = OpenRig(
@@ -126,6 +133,34 @@ class AppState:
         self._is_closing = True
         if self._process is not None:
             self._process.close()
+
+    async def _report_interrupted_before(self) -> None:
+        """Report the grasp that the end of the previous run has cut off, unless it was stored."""
+        found = self.history.running
+        if found is None:
+            return
+        recording = str((self.settings.folder / found.recording).resolve())
+        has_grasp = partial(self.item_store.has_grasp, found.item_id, recording=recording)
+        if await asyncio.get_running_loop().run_in_executor(None, has_grasp):
+            self._cancel_grasp()
+        else:
+            self._report_interrupted(found)
+
+    def _report_interrupted(self, found: Interruption) -> None:
+        """Show on every screen and note in the audit that nothing of a grasp was stored."""
+        devices, words = self.session.devices, self.session.words
+        devices.interrupted = found
+        devices.add_alarm(interruption_text(found, words))
+        item = found.item_id or "no item"
+        what = f"grasp of {item} interrupted, not stored (recording {found.recording})"
+        record_event("palpate serve", what, level=logging.WARNING)
+
+    def _cancel_grasp(self) -> None:
+        """Note that a grasp ended without a result."""
+        try:
+            self.history.cancel_grasp()
+        except OSError as error:
+            self._report_history("grasp", error)
 
     def state(self) -> Mapping[str, Any]:
         """Return the state document."""
@@ -462,6 +497,11 @@ class AppState:
         self.session.devices.add_alarm(self.session.words("badge.history"))
 
     def _send(self, message: Order | Request) -> None:
+        if isinstance(message, GraspOrder):
+            try:
+                self.history.begin_grasp(message.recording.name, item_id=message.item_id)
+            except OSError as error:
+                self._report_history(message.recording.name, error)
         if self._process is not None:
             self._process.send(message)
 
@@ -481,10 +521,15 @@ class AppState:
             loop.call_soon_threadsafe(self._apply_update, update)
 
     def _apply_update(self, update: Update | DevicesLost) -> None:
-        self.session.devices.apply_update(update)
+        devices = self.session.devices
+        is_cut = isinstance(update, DevicesLost) and devices.grasped is None
+        devices.apply_update(update)
+        if is_cut and not self._is_closing and self.history.running is not None:
+            self._report_interrupted(self.history.running)
         for note in update.notes if isinstance(update, Update) else ():
             match note:
                 case OrderEnded(order=GraspOrder() as order, found=None):
+                    self._cancel_grasp()
                     # The hand has not measured the item, which is to be grasped again.
                     self.session.form.return_item(order, again=True)
 

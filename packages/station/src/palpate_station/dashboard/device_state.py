@@ -10,6 +10,7 @@ from pathlib import Path
 
 from palpate.grasp.document import GraspDocument
 from palpate.sensor.health import Health
+from palpate_station.dashboard.folder import Interruption
 from palpate_station.dashboard.live import Live
 from palpate_station.dashboard.messages import (
     ACTIVITIES,
@@ -95,6 +96,8 @@ class DeviceState:
         self.item_id = ""
         #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
         self.not_stored = ""
+        #: The grasp that was cut off by the end of a process; None after the next grasp has begun.
+        self.interrupted: Interruption | None = None
         self.calibrated: CalibrationRenewed | None = None
         self.health: Health | None = None
         #: Failure of the last order, if it was a calibration.
@@ -194,6 +197,8 @@ class DeviceState:
             self.rig_open = False
         if isinstance(order, OpenHand):
             self.live.released = True
+        if isinstance(order, GraspOrder):
+            self.interrupted = None
         if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped, self.placed, self.is_answered = None, None, False
             self.evidence, self.is_released_alone = "", False

@@ -93,11 +93,23 @@ class GraspSummary(NamedTuple):
     simulated: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interruption:
+    """A grasp that began and was cut off by the end of a process, so that nothing was stored."""
+
+    #: Name of the item; empty without a name.
+    item_id: str
+    #: Name of the recording, which ends with the interruption.
+    recording: str
+    #: Start of the grasp in UTC.
+    began_at: str
+
+
 class History:
     """The history of grasps: all in a file, the newest in memory.
 
-    The file is append-only. Each grasp, each renaming of a recording and each start of a lot is
-    one line.
+    The file is append-only. Each start and each end of a grasp, each renaming of a recording and
+    each start of a lot is one line.
 
     Parameters
     ----------
@@ -117,11 +129,21 @@ class History:
         self._recent = deque[Entry](maxlen=LISTED_GRASPS)
         #: The last day with grasps, and the number of its grasps by outcome.
         self._day, self._of_day = date.min, Counter[str]()
+        #: The grasp that has begun and not ended; at the start, one that was interrupted.
+        self.running: Interruption | None = None
         for values in self._read_lines():
             if "renamed" in values:
                 self._apply_rename(str(values["recording"]), str(values["renamed"]))
             elif "lot" in values:
                 self._lot = Lot(str(values["lot"]), default_bin=default_bin)
+            elif "began_at" in values:
+                self.running = Interruption(
+                    item_id=str(values.get("item_id", "")),
+                    recording=str(values.get("recording", "")),
+                    began_at=str(values["began_at"]),
+                )
+            elif "cancelled" in values:
+                self.running = None
             elif (entry := _parse_entry(values)) is not None:
                 self._count_entry(entry)
         #: Number of this run's grasps by outcome and by bin, and the start of the run.
@@ -169,6 +191,30 @@ class History:
         """
         self._lot = Lot(name, default_bin=self._default_bin)
         self._append({"lot": name})
+
+    def begin_grasp(self, recording: str, *, item_id: str) -> None:
+        """Note that a grasp begins, so that its interruption is known after a restart.
+
+        Raises
+        ------
+        OSError
+            If the file can't be written.
+        """
+        began_at = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self.running = Interruption(item_id=item_id, recording=recording, began_at=began_at)
+        self._append(asdict(self.running))
+
+    def cancel_grasp(self) -> None:
+        """Note that the running grasp ended without a result.
+
+        Raises
+        ------
+        OSError
+            If the file can't be written.
+        """
+        if self.running is not None:
+            cancelled, self.running = self.running.recording, None
+            self._append({"cancelled": cancelled})
 
     def add(self, entry: Entry) -> None:
         """Add a grasp to the history.
@@ -220,6 +266,7 @@ class History:
             table.writerows(self._row(entry) for entry in islice(entries, _CSV_CHUNK_ROWS))
 
     def _count_entry(self, entry: Entry) -> None:
+        self.running = None
         self._recent.append(entry)
         day = datetime.fromisoformat(entry.ended_at).astimezone().date()
         if day != self._day:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
@@ -15,6 +16,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.device_state import DeviceState
+from palpate_station.dashboard.folder import Interruption
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
@@ -54,6 +56,8 @@ class Report(StrEnum):
     SENSOR_BACK = "sensor_back"
     #: A rig that waits: with an open or a closed gripper, or without one.
     READY = "ready"
+    #: A grasp was cut off by the end of a process: nothing was stored.
+    INTERRUPTED = "interrupted"
     CLOSED = "closed"
     PADS = "pads"
     CONTACT = "contact"
@@ -67,6 +71,8 @@ class Report(StrEnum):
 
 #: Faults of the devices, which hide every verdict.
 _FAULTS = (Report.SILENT, Report.UNREADABLE)
+#: Reports with the item of an interrupted grasp.
+_INTERRUPTED = (Report.INTERRUPTED, Report.GONE)
 _CALIBRATION = (Report.CALIBRATION_STOPPED, Report.CALIBRATION_FAILED)
 
 
@@ -156,6 +162,8 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
     progress = devices.live.progress
     if devices.stopped_early and activity is DeviceActivity.WATCHING:
         return Headline(report=Report.OUTCOME, kind="bad", outcome=Outcome.STOPPED)
+    if devices.interrupted is not None and activity is DeviceActivity.WATCHING:
+        return Headline(report=Report.INTERRUPTED, kind="bad")
     if progress is None and activity is DeviceActivity.GRASPING:
         return Headline(report=Report.PHASE, kind="busy", phase="sweep")
     if progress is None:
@@ -315,6 +323,8 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
         source = session.devices.live.source
         is_calibrated = source is not None and source.rest_ohm is not None
         return text, words(f"why.calibration_{'kept' if is_calibrated else 'none'}")
+    if report in _INTERRUPTED and (interrupted := session.devices.interrupted) is not None:
+        return text, interruption_text(interrupted, words)
     if report is Report.DAMAGED:
         return text, words(f"outcome_full.{headline.outcome}")
     if headline.bin is not None:
@@ -349,7 +359,11 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         "is_bin": headline.bin is not None and not headline.bin.again,
         "next": _capitalize(_next_step(session, headline)),
         "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
-        "badge": "" if headline.result is None else store_note(devices, words),
+        "badge": words("badge.interrupted")
+        if devices.interrupted is not None and headline.report in _INTERRUPTED
+        else ""
+        if headline.result is None
+        else store_note(devices, words),
         "opens": _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
@@ -383,6 +397,8 @@ def _operator_word(session: Session, headline: Headline) -> str:
 def _operator_detail(headline: Headline, devices: DeviceState, words: Words) -> str:
     """Return what the word above does not say."""
     texts = []
+    if devices.interrupted is not None and headline.report in _INTERRUPTED:
+        texts.append(interruption_text(devices.interrupted, words))
     if headline.report is Report.OUTCOME and headline.outcome is Outcome.HELD:
         hold_s = f"{HOLD_S:g}"
         is_alone = devices.is_released_alone
@@ -431,6 +447,9 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.name")
     if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):
         return words("next.again")
+    if report is Report.INTERRUPTED and devices.interrupted is not None:
+        item_id = devices.interrupted.item_id
+        return words("next.interrupted" if item_id else "next.again", item=item_id)
     if report is Report.DAMAGED:
         return words("next.aside")
     if headline.no_bin:
@@ -439,6 +458,13 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.turn")
     is_ended = report is Report.OUTCOME and headline.outcome is not None
     return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
+
+
+def interruption_text(interrupted: Interruption, words: Words) -> str:
+    """Return which item was in the hand when a grasp was cut off, and when."""
+    at = datetime.fromisoformat(interrupted.began_at).astimezone()
+    item = interrupted.item_id
+    return words("interrupted" if item else "interrupted.unnamed", item=item, at=f"{at:%H:%M}")
 
 
 def store_note(devices: DeviceState, words: Words) -> str:

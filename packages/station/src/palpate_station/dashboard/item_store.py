@@ -235,6 +235,17 @@ class ItemStore:
         drawn["Ripening"] = self._read(lambda store: _ripening(store, page)) or ""
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
+    def has_grasp(self, item_id: str, *, recording: str) -> bool:
+        """Return whether the store has the grasp of a recording; False if it can't be read."""
+
+        def find(store: Store) -> bool:
+            return any(one.recording == recording for one in store.grasps_of(item_id))
+
+        try:
+            return bool(self._read(find))
+        except PalpateError:
+            return False
+
     def check_usable(self) -> None:
         """Raise `PalpateError` if the store can't be used; it may be missing."""
         self._read(lambda store: None)

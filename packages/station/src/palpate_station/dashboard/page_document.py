@@ -37,7 +37,7 @@ _MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
 def state_document(session: Session) -> dict[str, object]:
     """Return the state document of a session."""
     live, source = session.devices.live, session.devices.live.source
-    placed = session.devices.placed
+    placed, interrupted = session.devices.placed, session.devices.interrupted
     # Until the devices start the grasp, the progress belongs to the previous grasp.
     is_grasping = (
         session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
@@ -57,6 +57,7 @@ def state_document(session: Session) -> dict[str, object]:
         "trouble": session.devices.trouble,
         "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
+        "interrupted": None if interrupted is None else asdict(interrupted),
         "held": None,
     }
     state = line_state(found)

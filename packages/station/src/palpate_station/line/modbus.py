@@ -29,9 +29,9 @@ _CLIENT = ContextVar("_CLIENT", default="Modbus")
 STATE, FLAGS, STOPS, RESULTS, OUTCOME, STORAGE, VALUES = 0, 1, 2, 4, 6, 7, 8
 AGAIN, HELD_AGAIN, HELD_VALUES, REFERENCE, HELD_REFERENCE = 38, 39, 40, 70, 76
 ITEM, BIN, REFUSAL, HELD_BIN, DRIVER = 100, 140, 180, 220, 260
-COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM = 300, 301, 302, 310
+COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM, INTERRUPTED_ITEM = 300, 301, 302, 310, 350
 #: Number of registers of a text (two bytes of UTF-8 each, zero-padded) and of the whole map.
-TEXT_REGISTERS, REGISTER_COUNT = 40, 350
+TEXT_REGISTERS, REGISTER_COUNT = 40, 390
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
 #: Values of the register `STORAGE`; 0 means no grasp yet.
@@ -64,7 +64,7 @@ class ModbusStation:
     def __init__(self, machine: Machine) -> None:
         self._machine, self._refusal = machine, ""
         self._server: ModbusTcpServer | None = None
-        self._written = [0] * (REGISTER_COUNT - COMMAND)
+        self._written = [0] * (INTERRUPTED_ITEM - COMMAND)
         self._written[KNOWN_STOPS - COMMAND : KNOWN_STOPS - COMMAND + 2] = [0xFFFF, 0xFFFF]
 
     async def start(self, host: str, port: int) -> int:
@@ -98,7 +98,7 @@ class ModbusStation:
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
-        if not (address >= COMMAND and address + count <= REGISTER_COUNT):
+        if not (address >= COMMAND and address + count <= INTERRUPTED_ITEM):
             return ExcCodes.ILLEGAL_ADDRESS
         self._written[address - COMMAND : address - COMMAND + count] = list(set_values)
         if address > COMMAND:
@@ -163,6 +163,9 @@ class ModbusStation:
             packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
             found[place : place + len(packed)] = packed
         texts = {REFUSAL: self._refusal, DRIVER: state["driver_name"] or ""}
+        if (interrupted := state["interrupted"]) is not None:
+            found[FLAGS] |= 1 << 5
+            texts[INTERRUPTED_ITEM] = interrupted["item_id"]
         if held is not None:
             found[HELD_AGAIN] = int(held["again"])
             texts[HELD_BIN] = held["bin"] or ""
@@ -174,7 +177,7 @@ class ModbusStation:
             texts |= {ITEM: result.item_id, BIN: result.bin_name}
         for place, text in texts.items():
             found[place : place + TEXT_REGISTERS] = encode_text(text)
-        found[COMMAND:REGISTER_COUNT] = self._written
+        found[COMMAND:INTERRUPTED_ITEM] = self._written
         return found
 
 

@@ -72,6 +72,11 @@ _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Simulated": (ua.VariantType.Boolean, lambda state: bool(state["simulated"])),
     "Stops": (ua.VariantType.Int64, lambda state: int(state["stops"])),
     "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
+    "Interrupted": (ua.VariantType.Boolean, lambda state: state["interrupted"] is not None),
+    "InterruptedItem": (
+        ua.VariantType.String,
+        lambda state: (state["interrupted"] or {}).get("item_id", ""),
+    ),
 }
 #: Variable of the held object -> type and function of `held` of the state document (None before the
 #: answer and after the release).
