@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from packages.station.tests.dashboard.test_live import SOURCE, frames
+from packages.station.tests.dashboard.test_live import SOURCE as UNCALIBRATED
+from packages.station.tests.dashboard.test_live import frames
 
 from palpate.errors import InputError
+from palpate.force.force_law import ForceLaw
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
 from palpate_station.dashboard.grasp_form import GraspForm
@@ -41,6 +43,7 @@ from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.users import Role
 
+SOURCE = replace(UNCALIBRATED, law=ForceLaw())
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
 HELD = Grasped(document=GraspDocument(result=GraspResult(outcome=Outcome.HELD)))
@@ -110,11 +113,34 @@ def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:
     assert not session.join("screen", name="screen", role=Role.VIEW)
     session.take_over("screen")
     assert session.driver is None
+    with pytest.raises(InputError, match="^screen may only watch and stop$"):
+        session.order("screen", GRASP)
     assert session.join("m", name="maria", role=Role.OPERATE)
     session.order("m", GRASP)
     rehearsal.receive(OrderEnded(order=GRASP))
     with pytest.raises(InputError, match="maria may not open a rig: it needs the role configure"):
         session.order("m", OpenRig(name="sim-rigid"))
+
+
+def test_page_says_in_one_line_what_is_guarded_and_why_the_rig_is_not_ready(
+    rehearsal: Rehearsal,
+) -> None:
+    limits = "a grasp ends above 15 N · force checked 15 times a second"
+    assert rehearsal.page()["guard"] == f"Ready · {limits}"
+    rehearsal.session.form.kind = "kiwi"
+    assert "15 N · or at the damage limit of kiwi" in rehearsal.page()["guard"]
+    rehearsal.session.form.kind = ""
+    rehearsal.receive(width_mm=40.0)
+    why = "the gripper is not open: release first"
+    assert rehearsal.page()["guard"] == f"Not ready: {why} · {limits}"
+    rehearsal.receive(UNCALIBRATED)
+    with pytest.raises(InputError, match="has no calibration"):
+        rehearsal.session.order("a", GRASP)
+    assert rehearsal.page()["guard"] == (
+        "Not ready: the sensor has no calibration of rest and force: calibrate first"
+    )
+    rehearsal.receive(replace(UNCALIBRATED, gripper=None))
+    assert rehearsal.page()["guard"] == "No gripper: no force is limited"
 
 
 def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:

@@ -4,13 +4,53 @@ from __future__ import annotations
 
 import math
 from threading import Thread
+from types import SimpleNamespace
 
 import pytest
 from nicegui import ui
 
-from palpate_station.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
+from palpate_station.dashboard.messages import (
+    Examine,
+    OpenRig,
+    Order,
+    Request,
+    SetSpeed,
+    StopNow,
+)
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.viewer import Viewer, finite_number
+
+
+def record_notifications(monkeypatch: pytest.MonkeyPatch, shown: list[str]) -> list[str]:
+    """Record the notifications in `shown`; return the list of those that are visible."""
+    visible: list[str] = []
+
+    def notify(text: str, **options: object) -> SimpleNamespace:
+        shown.append(text)
+        visible.append(text)
+        return SimpleNamespace(is_deleted=False, dismiss=lambda: visible.remove(text))
+
+    monkeypatch.setattr(ui, "notification", notify)
+    return visible
+
+
+def test_refusal_is_shown_only_while_its_reason_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    visible = record_notifications(monkeypatch, [])
+    session = Session(send=lambda message: None)
+    session.join("a")
+    session.join("b", name="the page at 10.0.0.7")
+    viewer = Viewer(session, viewer_id="b")
+    viewer.request(SetSpeed(2.0))
+    viewer.refresh()
+    assert visible == ["a page drives; take over first"]
+    session.leave("a")
+    viewer.refresh()
+    assert visible == []
+    viewer.refuse("an event without a state")
+    viewer.take_over()
+    assert visible == ["an event without a state"]
+    viewer.request(SetSpeed(2.0))
+    assert visible == []
 
 
 def test_viewer_refuses_a_late_press_that_would_move_the_hand(
@@ -19,7 +59,7 @@ def test_viewer_refuses_a_late_press_that_would_move_the_hand(
     """After a network failure, buffered presses arrive when a movement is unexpected."""
     sent: list[object] = []
     refused: list[str] = []
-    monkeypatch.setattr(ui, "notify", lambda text, **options: refused.append(text))
+    record_notifications(monkeypatch, refused)
     now_s = [100.0]
     session = Session(send=sent.append)
     session.join("a")
@@ -67,7 +107,7 @@ def test_value_of_a_browser_that_is_not_a_finite_number_is_dropped(
     assert finite_number(value) is None
     # A press without a usable time retains the last one, which is late here.
     refused: list[str] = []
-    monkeypatch.setattr(ui, "notify", lambda text, **options: refused.append(text))
+    record_notifications(monkeypatch, refused)
     viewer = Viewer(Session(send=print), viewer_id="a", now_s=lambda: 100.0)
     viewer.record_press({"stops": 0, "at_s": 50.0})
     viewer.record_press({"stops": 0, "at_s": value})

@@ -110,7 +110,8 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     role = Role.CONFIGURE if user is None else user.role
     client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name, role=role))
     client.on_delete(lambda: session.leave(client.id))
-    ui.query("body").props(f"data-viewer={client.id}")
+    may_drive = str(role.may_drive).lower()
+    ui.query("body").props(f"data-viewer={client.id} data-may-drive={may_drive}")
     viewer = Viewer(session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.record_press(event.args))
     return viewer
@@ -153,15 +154,21 @@ def _add_header(
         """Show the driver, the number of watchers and the button to take over."""
         is_driver = viewer.is_driver
         if was_driver[0] and not is_driver:
-            ui.notify(words("who.taken"), type="warning")
+            viewer.show_note(
+                words("who.taken"),
+                position="bottom",
+                holds=lambda: not viewer.is_driver and app_state.session.driver is not None,
+            )
         was_driver[0] = is_driver
         others = len(app_state.session.viewers) - 1 if is_driver else 0
         texts = [words("who.driver"), *([words("who.watches", n=others)] if others else [])]
         if not is_driver:
             is_free = app_state.session.driver is None
             texts = [words("who.nobody" if is_free else "who.watcher")]
+            if not viewer.may_drive:
+                texts = [words("who.view")]
         driver.set_text(" · ".join(texts))
-        take_over.set_visibility(not is_driver)
+        take_over.set_visibility(viewer.may_drive and not is_driver)
 
     viewer.on_refresh(show_driver)
 

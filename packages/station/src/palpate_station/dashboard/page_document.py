@@ -16,6 +16,7 @@ from palpate.measurement import Measurement
 from palpate.object.firmness import firmness_text, is_determined
 from palpate.sensor.health import Health
 from palpate_station.dashboard.grasp_progress import GraspProgress
+from palpate_station.dashboard.guard import guard_text
 from palpate_station.dashboard.headline import (
     activity_text,
     find_headline,
@@ -128,6 +129,7 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         ],
         "alarm_count": session.devices.alarm_count,
         "driver_id": session.driver,
+        "guard": guard_text(session),
         "activity_text": activity_text(session.devices.activity, session.words),
         "verdict": verdict_document(session, headline),
         "operator": operator_document(session, headline),

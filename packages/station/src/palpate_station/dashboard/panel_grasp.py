@@ -93,8 +93,9 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
 
     def refuse_label() -> None:
         """Report a damaged label at the end of a scan."""
-        if form.label_fault and viewer.may_act:
-            viewer.refuse(form.label_fault)
+        fault = form.label_fault
+        if fault and viewer.may_act:
+            viewer.refuse(fault, holds=lambda: form.label_fault == fault)
         viewer.refresh()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
@@ -151,12 +152,15 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
 
     def grasp() -> None:
         """Order a grasp with the settings of the form, or show a refusal."""
+        asked = (form.target_force_n, form.item_id, form.kind)
         try:
             order = app_state.grasp_order(
                 target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind
             )
         except InputError as error:
-            viewer.refuse(error)
+            viewer.refuse(
+                error, holds=lambda: asked == (form.target_force_n, form.item_id, form.kind)
+            )
             return
         if viewer.order(order):
             form.take_item(order)

@@ -59,10 +59,11 @@ def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
         weights: tuple[float, ...] = ()
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
+            typed = loads.value
             try:
-                weights = tuple(check_loads(_parse_numbers(loads.value), where="loads"))
+                weights = tuple(check_loads(_parse_numbers(typed), where="loads"))
             except InputError as error:
-                viewer.refuse(error)
+                viewer.refuse(error, holds=lambda: loads.value == typed)
                 return
         viewer.order(CalibrateForce(file=app_state.calibration_file(), loads_n=weights))
 

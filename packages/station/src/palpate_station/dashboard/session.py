@@ -190,8 +190,11 @@ class Session:
 
     def may_act(self, viewer: str) -> bool:
         """Return whether a viewer drives, or may because nobody does."""
-        role = self._roles.get(viewer, Role.CONFIGURE)
-        return self.driver == viewer or (self.driver is None and role.may_drive)
+        return self.driver == viewer or (self.driver is None and self.may_drive(viewer))
+
+    def may_drive(self, viewer: str) -> bool:
+        """Return whether the role of a viewer may move the hand."""
+        return self._roles.get(viewer, Role.CONFIGURE).may_drive
 
     def claim(self, viewer: str) -> bool:
         """Make a viewer that acts the driver if nobody drives; return whether it is the driver."""
@@ -232,13 +235,26 @@ class Session:
         silent_s = self._silent_s()
         return silent_s if silent_s > _MAX_SILENCE_S else None
 
+    @property
+    def not_ready(self) -> str:
+        """Why no grasp can start now, whoever orders it; empty if one can."""
+        activity = self.devices.activity
+        if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
+            return self.words(f"activity.{activity.name.lower()}")
+        return self._devices_refusal() or self._rig_refusal(Action.GRASP)
+
+    def _devices_refusal(self) -> str:
+        if self.devices.activity is DeviceActivity.GONE:
+            return self.words("refusal.gone")
+        return "" if self.silence_s is None else self.words("refusal.hung")
+
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why an action is refused now; empty if it is allowed."""
         activity, guide, words = self.devices.activity, self.devices.guide, self.words
-        if activity is DeviceActivity.GONE:
-            return words("refusal.gone")
-        if self.silence_s is not None:
-            return words("refusal.hung")
+        if why := self._devices_refusal():
+            return why
+        if not self.may_drive(viewer):
+            return words("refusal.view", name=self._names[viewer])
         if not self.may_act(viewer):
             if self.driver is None:
                 return words("refusal.no_driver")
@@ -274,6 +290,9 @@ class Session:
             return words("refusal.no_frames")
         if action in _NEEDS_OPEN_HAND and devices.live.is_hand_open is False:
             return words("refusal.closed")
+        source = devices.live.source
+        if action is Action.GRASP and source is not None and source.law is None:
+            return words("refusal.no_calibration")
         return ""
 
     # -- actions --------------------------------------------------------------------------------

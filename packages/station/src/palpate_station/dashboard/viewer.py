@@ -7,13 +7,13 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
 from palpate.errors import InputError
-from palpate_station.dashboard.messages import Action, Order, Request
+from palpate_station.dashboard.messages import ACTIONS, Action, Order, Request
 from palpate_station.dashboard.session import Session
 
 _Value = TypeVar("_Value")
@@ -46,6 +46,8 @@ class Viewer:
         self._known_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []
+        #: The shown notification, and whether its reason still holds.
+        self._note: tuple[ui.notification, Callable[[], bool]] | None = None
 
     @property
     def is_driver(self) -> bool:
@@ -56,6 +58,11 @@ class Viewer:
     def may_act(self) -> bool:
         """Whether this viewer drives, or may because nobody does."""
         return self._session.may_act(self._id)
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether the role of this viewer may move the hand."""
+        return self._session.may_drive(self._id)
 
     def claim(self) -> bool:
         """Drive if nobody does, and return whether this viewer is the driver."""
@@ -73,15 +80,23 @@ class Viewer:
 
     def order(self, order: Order) -> bool:
         """Send an order and return whether it was accepted; a refusal is shown."""
-        return self._handle_press(lambda: self._session.order(self._id, order), is_movement=True)
+        return self._handle_press(
+            lambda: self._session.order(self._id, order),
+            action=ACTIONS[type(order)],
+            is_movement=True,
+        )
 
     def release(self) -> None:
         """Release the object or open the hand."""
-        self._handle_press(lambda: self._session.release(self._id), is_movement=True)
+        self._handle_press(
+            lambda: self._session.release(self._id), action=Action.RELEASE, is_movement=True
+        )
 
     def request(self, request: Request) -> None:
         """Send a request to the running job, as `Session.request`."""
-        self._handle_press(lambda: self._session.request(self._id, request))
+        self._handle_press(
+            lambda: self._session.request(self._id, request), action=ACTIONS[type(request)]
+        )
 
     def take_over(self) -> None:
         """Make this viewer the driver."""
@@ -99,7 +114,7 @@ class Viewer:
             self.claim()
             function()
 
-        return self._handle_press(run_if_allowed)
+        return self._handle_press(run_if_allowed, action=action)
 
     def button(
         self,
@@ -169,9 +184,14 @@ class Viewer:
         ]
         for refresher, _ in self._refreshers:
             refresher()
+        if self._note is not None and not self._note[1]():
+            self._end_note()
 
-    def _handle_press(self, function: Callable[[], None], *, is_movement: bool = False) -> bool:
+    def _handle_press(
+        self, function: Callable[[], None], *, action: Action, is_movement: bool = False
+    ) -> bool:
         is_done = False
+        self._end_note()
         try:
             # The lock orders the button press strictly before or after a stop.
             with self._session.stop_lock if is_movement else nullcontext():
@@ -180,7 +200,7 @@ class Viewer:
                 function()
             is_done = True
         except InputError as error:
-            self.refuse(error)
+            self.refuse(error, holds=self._refusal_holds(str(error), action))
         self.refresh()
         return is_done
 
@@ -192,9 +212,31 @@ class Viewer:
         if not age_s <= _MAX_PRESS_AGE_S:
             raise InputError(self.words("refusal.late", age=f"{age_s:.0f}"))
 
-    def refuse(self, why: Exception | str) -> None:
+    def _refusal_holds(self, why: str, action: Action) -> Callable[[], bool]:
+        """Return a function that returns whether a press would be refused for the same reason."""
+        session, form = self._session, self._session.form
+        if session.refusal(action, viewer=self._id) == why:
+            return lambda: session.refusal(action, viewer=self._id) == why
+        if form.is_refused:
+            return lambda: form.is_refused
+        return lambda: True
+
+    def refuse(self, why: Exception | str, *, holds: Callable[[], bool] = lambda: True) -> None:
         """Show the reason of a refusal as a notification, above the fields and buttons."""
-        ui.notify(str(why), type="warning", position="top")
+        self.show_note(str(why), position="top", holds=holds)
+
+    def show_note(
+        self, text: str, *, position: Literal["top", "bottom"], holds: Callable[[], bool]
+    ) -> None:
+        """Show a notification in place of the last one, for 5 s or while its reason `holds`."""
+        self._end_note()
+        self._note = ui.notification(text, type="warning", position=position), holds
+
+    def _end_note(self) -> None:
+        """Remove the notification before its time is over."""
+        if self._note is not None and not self._note[0].is_deleted:
+            self._note[0].dismiss()
+        self._note = None
 
 
 def finite_number(value: object) -> float | None:

@@ -1,5 +1,5 @@
 // The operator's page: verdict, next step and force, readable from two metres.
-import { $, esc, fit, follow, handState, headline, isDriver, joined, setText, reasons } from "/static/poll.js";
+import { $, esc, fit, follow, handState, headline, isDriver, joined, mayDrive, setText, reasons } from "/static/poll.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, w } from "/static/words.js";
 
@@ -14,7 +14,7 @@ function draw(doc) {
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
   setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
-  setText($("next-text"), isDriver(doc) ? operator.next : operator.watch);
+  setText($("next-text"), isDriver(doc) ? operator.next : mayDrive() || doc.driver_id !== null ? operator.watch : w("watch.view"));
   $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
@@ -29,7 +29,6 @@ function draw(doc) {
 
 // The line of the lot, and the alarms, which open as a list.
 function drawStrip({ lot, alarms }) {
-  $("strip").classList.toggle("hidden", !lot && !alarms.length);
   setText($("lot"), lot);
   $("alarms").classList.toggle("hidden", !alarms.length);
   setText($("alarms-title"), w("alarms", { n: alarms.length }));

@@ -44,9 +44,10 @@ const sinceFrame = (s) => (s < 1 ? w("link.ms_ago", { time: fixed(1000 * s, 0) }
 // Text in place of the force while the hand is open or opens.
 export const handState = (doc) => (doc.hand?.open ? w("force.open") : doc.hand?.opening ? w("force.opens") : "");
 
-// Whether this page may move the gripper; other pages only watch.
+// Whether the role of this page's user may move the gripper, and whether the page may now.
 // Who acts while nobody drives becomes the driver.
-export const isDriver = (doc) => doc.driver_id === document.body.dataset.viewer || doc.driver_id === null;
+export const mayDrive = () => document.body.dataset.mayDrive === "true";
+export const isDriver = (doc) => mayDrive() && (doc.driver_id === document.body.dataset.viewer || doc.driver_id === null);
 
 // Joins numbers and units with non-breaking spaces.
 export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]|$))/g, "$1\u00a0");
@@ -87,6 +88,7 @@ function drawHead(doc) {
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble);
   setText($("trouble-text"), doc.trouble);
+  setText($("guard"), doc.guard);
 }
 
 // Time since the framework's socket was lost. Presses use this socket, responses do not.
