@@ -24,6 +24,7 @@ def start_grasp(address: str, item_id: str) -> Machine:
 def expect_interrupted(page: Page, word: str) -> None:
     expect(page.locator("#verdict-text")).to_have_text(word)
     expect(page.locator("#badge")).to_have_text("NOT STORED: interrupted")
+    expect(page.locator("#badge")).to_be_visible()
     expect(page.locator("#verdict-why")).to_contain_text("A17 was in the gripper")
 
 
@@ -41,7 +42,7 @@ def test_page_names_the_item_of_a_grasp_that_a_killed_server_has_cut_off(
         with visit(browser, f"{address}operate") as page:
             expect_interrupted(page, "Interrupted")
             drive(page)
-            expect(page.locator("#next-text")).to_contain_text("Scan A17 again")
+            expect(page.locator("#next-text")).to_contain_text("Scan the item again")
             expect(page.locator("#alarms-title")).to_have_text("Alarms: 1")
             press_grasp(page)
             expect(page.locator("#badge")).not_to_contain_text("interrupted")

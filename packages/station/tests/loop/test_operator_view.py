@@ -169,6 +169,7 @@ def test_operator_page_fits_every_possible_text_at_every_size(
     nexts = [text for key, text in texts.items() if key.startswith("next.")]
     nexts += [texts["watch"].format(name="operator's page at 192.168.100.200")]
     details = [text for key, text in texts.items() if key.startswith("detail.")]
+    details.append(texts["interrupted"].format(item=name, at="14:05"))
     held = [f"{name} · within the target of 12.5 N · answer 12.7 s after contact"]
     measured = "firmness 100 of 100, 137 mm"
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]

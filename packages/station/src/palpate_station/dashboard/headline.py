@@ -350,7 +350,6 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         measured.insert(0, words("bin.so_far", bin=headline.bin.name))
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
-    driver = session.driver_name or None
     is_scanned = form.is_refused or (form.item_id != "" and not form.is_returned)
     return {
         "word": _capitalize(_operator_word(session, headline)),
@@ -358,7 +357,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         "measured": ", ".join(measured),
         "is_bin": headline.bin is not None and not headline.bin.again,
         "next": _capitalize(_next_step(session, headline)),
-        "watch": words("watch.nobody") if driver is None else words("watch", name=driver),
+        "watch": _watch_text(session, headline),
         "badge": words("badge.interrupted")
         if devices.interrupted is not None and headline.report in _INTERRUPTED
         else ""
@@ -449,7 +448,7 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.again")
     if report is Report.INTERRUPTED and devices.interrupted is not None:
         item_id = devices.interrupted.item_id
-        return words("next.interrupted" if item_id else "next.again", item=item_id)
+        return words("next.interrupted" if item_id else "next.again")
     if report is Report.DAMAGED:
         return words("next.aside")
     if headline.no_bin:
@@ -465,6 +464,15 @@ def interruption_text(interrupted: Interruption, words: Words) -> str:
     at = datetime.fromisoformat(interrupted.began_at).astimezone()
     item = interrupted.item_id
     return words("interrupted" if item else "interrupted.unnamed", item=item, at=f"{at:%H:%M}")
+
+
+def _watch_text(session: Session, headline: Headline) -> str:
+    """Return the text in place of the next step on a screen that does not control."""
+    if headline.report is Report.GONE or session.silence_s is not None:
+        # What everybody may do.
+        return _next_step(session, headline)
+    driver = session.driver_name
+    return session.words("watch", name=driver) if driver else session.words("watch.nobody")
 
 
 def store_note(devices: DeviceState, words: Words) -> str:

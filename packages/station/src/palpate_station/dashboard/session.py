@@ -231,17 +231,20 @@ class Session:
 
     @property
     def silence_s(self) -> float | None:
-        """Time without a message of a hung device process, seconds; None while it reports."""
-        silent_s = self._silent_s()
-        return silent_s if silent_s > _MAX_SILENCE_S else None
+        """Time without a message of a hung device process, seconds.
+
+        None while it reports, and after its end.
+        """
+        silent_s, is_gone = self._silent_s(), self.devices.activity is DeviceActivity.GONE
+        return silent_s if silent_s > _MAX_SILENCE_S and not is_gone else None
 
     @property
     def not_ready(self) -> str:
-        """Why no grasp can start now, whoever orders it; empty if one can."""
-        activity = self.devices.activity
-        if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
-            return self.words(f"activity.{activity.name.lower()}")
-        return self._devices_refusal() or self._rig_refusal(Action.GRASP)
+        """Why the rig can't grasp, whoever orders it; empty if it can, or during a job."""
+        if why := self._devices_refusal():
+            return why
+        is_waiting = self.devices.activity in (DeviceActivity.WATCHING, DeviceActivity.IDLE)
+        return self._rig_refusal(Action.GRASP) if is_waiting else ""
 
     def _devices_refusal(self) -> str:
         if self.devices.activity is DeviceActivity.GONE:

@@ -14,7 +14,7 @@ function draw(doc) {
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
   setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
-  setText($("next-text"), isDriver(doc) ? operator.next : mayDrive() || doc.driver_id !== null ? operator.watch : w("watch.view"));
+  setText($("next-text"), isDriver(doc) ? operator.next : mayDrive() || operator.watch !== w("watch.nobody") ? operator.watch : w("watch.view"));
   $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which

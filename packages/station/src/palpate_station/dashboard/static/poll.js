@@ -26,7 +26,7 @@ export function fit(card) {
     const fits = (scale) => {
       card.style.setProperty("--fit", scale);
       const isInside = (part) => part.getBoundingClientRect().top >= box.top + 4 && part.getBoundingClientRect().bottom <= box.bottom - 4;
-      return [...card.children].every(isInside) && word.scrollWidth <= word.clientWidth;
+      return [...card.children].filter((part) => part.checkVisibility()).every(isInside) && word.scrollWidth <= word.clientWidth;
     };
     if (fits(1)) return;
     let [low, high] = [0.15, 1];
