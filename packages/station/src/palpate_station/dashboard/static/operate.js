@@ -21,7 +21,7 @@ function draw(doc) {
   // is open for a moment when a grasp starts.
   const now = measured.force_now, state = now || (isGrasping && doc.hand?.open) ? "" : handState(doc);
   setText($("force-now"), state || fixed(now?.value, 1));
-  setText($("force-title"), w(now && doc.link.stale ? "force.last" : "force.now"));
+  setText($("force-title"), w(doc.link.stale ? "force.last" : "force.now"));
   setText($("force-unit"), state ? "" : "N");
   $("force-now").classList.toggle("words", Boolean(state));
   setText($("force-target"), doc.hand !== null ? w("target", operator) : now ? w("force.range", { low: fixed(now.low, 1), high: fixed(now.high, 1) }) : "");

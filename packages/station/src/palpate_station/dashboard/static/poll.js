@@ -79,8 +79,8 @@ function drawHead(doc) {
   const age = link.age_s === null ? w("link.none_yet") : w("link.last", { ago: sinceFrame(link.age_s + (performance.now() - received.askedAt) / 1000) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
   const counted = [link.stale ? w("link.silent") : rate, w("link.lost", link), link.corrupt ? w("link.corrupt", link) : ""].filter(Boolean).join(" · ");
-  const counts = !replayed && !link.waiting;
-  $("link-text").textContent = counts ? counted : replayed ? w("link.replay") : doc.activity_text;
+  const isGone = doc.activity === "gone", counts = !replayed && !link.waiting && !isGone;
+  $("link-text").textContent = counts ? counted : isGone ? w("lost.pill_devices") : replayed ? w("link.replay") : doc.activity_text;
   $("link-age").textContent = counts ? age : "";
   pill.title = w("link.counts", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
   setText($("link-state"), replayed ? w("link.replay") : link.stale ? w("link.stopped") : link.waiting ? doc.activity_text : w("link.arrive"));
