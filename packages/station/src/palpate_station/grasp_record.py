@@ -52,9 +52,6 @@ def make_grasp_record(
     """
     # The store holds values only, no bounds.
     measured = {name: one for name, one in list_answers(result).items() if one.has_value}
-    at_n = result.firmness_force_n
-    if at_n is not None:
-        measured["firmness_force_n"] = Measurement(value=at_n, low=at_n, high=at_n, unit="n")
     measured |= {**hold_measurements(observations, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,
@@ -68,6 +65,7 @@ def make_grasp_record(
         pixel_settled_percent=answer_pixel_percent(observations, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
+        firmness_force_n=result.firmness_force_n,
         angle_deg=angle_deg,
         station=station,
         calibration_id=calibration_id_of(calibration),

@@ -28,7 +28,6 @@ MEASURED = MappingProxyType(
         "force_n": "n",
         "stiffness_n_per_mm": "n_per_mm",
         "firmness": "index",
-        "firmness_force_n": "n",
         "width_mm": "mm",
         "pressure_kpa": "kpa",
         "contact_mm": "mm",
@@ -49,6 +48,7 @@ _NUMBERS = (
     "height_mm",
     "temperature_c",
     "humidity_percent",
+    "firmness_force_n",
 )
 
 _LONGEST = 200
@@ -147,6 +147,8 @@ class Grasp:
     #: Ambient temperature and humidity; None if unknown.
     temperature_c: float | None = None
     humidity_percent: float | None = None
+    #: Force at which the firmness counts; None in records before it was chosen.
+    firmness_force_n: float | None = None
     #: ID returned by `Store.add_calibration`.
     calibration_id: str | None = None
     #: File of the raw frames.

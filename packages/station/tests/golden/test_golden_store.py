@@ -77,6 +77,27 @@ def test_station_of_a_grasp_is_read_since_schema_3_and_unknown_before(tmp_path: 
             assert [grasp.station for grasp in store.grasps()] == [station]
 
 
+@pytest.mark.parametrize("schema", [1, 2, 3])
+def test_force_of_the_firmness_of_an_old_store_becomes_a_number(
+    schema: int, tmp_path: Path
+) -> None:
+    path = restored(schema, tmp_path)
+    with sqlite3.connect(path) as connection:
+        connection.execute(
+            "INSERT INTO measurements VALUES (1, 'firmness_force_n', 2.0, 2.0, 2.0, 0.9, 'ok')"
+        )
+    connection.close()
+
+    with Store.open(path) as store:
+        (grasp,) = store.grasps_of("A17")
+    assert grasp.firmness_force_n == 2.0
+    assert "firmness_force_n" not in grasp.measurements
+    with sqlite3.connect(path) as connection:
+        names = connection.execute("SELECT name FROM measurements").fetchall()
+    connection.close()
+    assert ("firmness_force_n",) not in names
+
+
 @pytest.mark.parametrize("schema", SCHEMAS)
 def test_old_store_migrates_to_current_schema(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -86,6 +87,11 @@ def test_firmness_of_round_body_is_independent_of_force() -> None:
     # Hertz: with eight times the force, the same fruit is twice as stiff.
     soft, pressed = grasp("a", 2.0, force_n=5.0), grasp("a", 4.0, force_n=40.0)
     assert firmness_of(soft) == pytest.approx(firmness_of(pressed))
+
+
+def test_firmness_of_grasp_counts_at_its_own_force_and_not_at_the_grip_force() -> None:
+    squeezed = replace(grasp("a", 2.0, force_n=40.0), firmness_force_n=5.0)
+    assert firmness_of(squeezed) == pytest.approx(firmness_of(grasp("a", 2.0, force_n=5.0)))
 
 
 def test_firmness_of_unloaded_or_slipped_grasp_is_none() -> None:

@@ -180,18 +180,22 @@ def test_server_restart_loses_no_record_and_preserves_order(
 
 @pytest.mark.slow
 @pytest.mark.system
-def test_server_of_schema_1_is_migrated_with_its_grasps(postgresql_url: str) -> None:
+@pytest.mark.parametrize("version", [1, 2])
+def test_older_server_is_migrated_with_its_grasps(version: int, postgresql_url: str) -> None:
     with Store.open(postgresql_url) as store:
         store.add_grasps([make_grasp("A17")])
         store.send()
     engine = sa.create_engine(postgresql_url.replace("postgresql:", "postgresql+psycopg:"))
     with engine.begin() as connection:
-        connection.execute(sa.text("ALTER TABLE grasps DROP COLUMN station"))
-        connection.execute(sa.text("UPDATE palpate_schema SET version = 1"))
+        for column in ("firmness_force_n", *(["station"] if version == 1 else [])):
+            connection.execute(sa.text(f"ALTER TABLE grasps DROP COLUMN {column}"))
+        row = "(1, 'firmness_force_n', 2.0, 2.0, 2.0, 0.9, 'ok')"
+        connection.execute(sa.text(f"INSERT INTO measurements VALUES {row}"))
+        connection.execute(sa.text(f"UPDATE palpate_schema SET version = {version}"))
     engine.dispose()
     with Store.open(postgresql_url) as store:
         store.add_grasps([replace(make_grasp("A18"), station="line 1")])
         assert store.send() == 1
-        found = {one.item_id: one.station for one in store.grasps()}
-        assert found == {"A17": None, "A18": "line 1"}
+        found = {one.item_id: (one.station, one.firmness_force_n) for one in store.grasps()}
+        assert found == {"A17": (None, 2.0), "A18": ("line 1", None)}
         assert store.away is None

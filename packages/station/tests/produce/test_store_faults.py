@@ -151,12 +151,16 @@ def test_read_only_store_of_older_schema_is_readable(without_root: Path) -> None
     path = without_root / "items.sqlite"
     with closing(sqlite3.connect(path)) as connection:
         connection.executescript(SCHEMA_1.read_text())
+        connection.execute(
+            "INSERT INTO measurements VALUES (1, 'firmness_force_n', 2.0, 2.0, 2.0, 0.9, 'ok')"
+        )
+        connection.commit()
     path.chmod(0o444)
     without_root.chmod(0o555)
     with open_store(str(path)) as store:
         assert [item.item_id for item in store.items()] == ["A17"]
         assert list(store.grasps()) == list(store.grasps_of("A17"))
-        assert [grasp.station for grasp in store.grasps()] == [None]
+        assert [(one.station, one.firmness_force_n) for one in store.grasps()] == [(None, 2.0)]
 
 
 def test_open_read_only_with_leftover_wal_file_raises(without_root: Path) -> None:

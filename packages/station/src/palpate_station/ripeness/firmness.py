@@ -82,11 +82,13 @@ def firmness_of(grasp: Grasp) -> float | None:
         if shared is not None:
             return -math.log(shared.middle)
         return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
-    index, measured = grasp.measurements.get("firmness"), grasp.measurements
-    force = measured.get("firmness_force_n", measured.get("force_n"))
-    if index is None or force is None or force.middle <= 0:
+    index, force = grasp.measurements.get("firmness"), grasp.measurements.get("force_n")
+    at_n = grasp.firmness_force_n
+    if at_n is None and force is not None:
+        at_n = force.middle
+    if index is None or at_n is None or at_n <= 0:
         return None
-    return math.log(index_stiffness(index.middle)) - math.log(force.middle / RIPENESS_N) / 3.0
+    return math.log(index_stiffness(index.middle)) - math.log(at_n / RIPENESS_N) / 3.0
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:

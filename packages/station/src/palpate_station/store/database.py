@@ -274,7 +274,9 @@ class Store(StoreReader):
                 # An older store on a read-only medium remains readable without migration.
                 if create or before == 0:
                     raise
-                self._is_current = False
+                with self._reading.connect() as connection:
+                    found = sa.inspect(connection).get_columns(GRASPS.name)
+                self._missing = frozenset(GRASPS.c.keys()) - {one["name"] for one in found}
 
 
 def _local_file(server: sa.URL) -> Path:

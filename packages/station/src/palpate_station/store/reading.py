@@ -13,7 +13,14 @@ from palpate.errors import InputError, PalpateError, StoreAwayError
 from palpate.measurement import Measurement, Status
 from palpate_station.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate_station.store.engine import damage_error, translate_errors
-from palpate_station.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
+from palpate_station.store.schema import (
+    CALIBRATIONS,
+    GRASPS,
+    ITEMS,
+    MEASUREMENTS,
+    OLD_FIRMNESS_FORCE_N,
+    VERDICTS,
+)
 
 _Read = TypeVar("_Read")
 _Value = TypeVar("_Value")
@@ -23,7 +30,7 @@ _MOST_VALUES = 500
 #: Number of grasps per query when reading all grasps.
 _BATCH = 5000
 #: Measurements in stores of older versions, ignored here.
-_RETIRED = ("firmness_n_per_mm", "sheet_gain")
+_RETIRED = ("firmness_n_per_mm", "sheet_gain", "firmness_force_n")
 _IN_TIME = (GRASPS.c.taken_at, GRASPS.c.number)
 
 
@@ -101,8 +108,8 @@ class StoreReader:
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
         self._reading = engine
-        #: Whether grasps have all columns; an older store on a read-only medium has not.
-        self._is_current = True
+        #: Columns of grasps that an older store on a read-only medium lacks.
+        self._missing: frozenset[str] = frozenset()
         self.name = self.local_name = name
         #: Error of the shared store, after which only local records are read; None without error.
         self.away: StoreAwayError | None = None
@@ -230,7 +237,10 @@ class StoreReader:
     def _grasp_query(self) -> sa.Select[Any]:
         """Return a query over all grasps."""
         # A shared store is migrated when it is opened.
-        return sa.select(*(c for c in GRASPS.c if self._is_current or c.name != "station"))
+        columns: list[sa.ColumnElement[Any]] = [c for c in GRASPS.c if c.name not in self._missing]
+        if (name := GRASPS.c.firmness_force_n.name) in self._missing:
+            columns.append(OLD_FIRMNESS_FORCE_N.label(name))
+        return sa.select(*columns)
 
     def _verdicts(
         self, query: sa.Select[Any], *, about: About | None, source: Source | None

@@ -1,7 +1,8 @@
 """Tables of the store, and their migration.
 
 Schema 2 added the outbox to the local SQLite file, which a PostgreSQL server does not have.
-Schema 3 (on a server, 2) added the station of a grasp.
+Schema 3 (on a server, 2) added the station of a grasp. Schema 4 (on a server, 3) gave the force of
+the firmness a column; before, it was a measurement without width.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from palpate.errors import StoreError
 
 #: Newest schema version of each kind of database.
-NEWEST: Mapping[str, int] = {"sqlite": 3, "postgresql": 2}
+NEWEST: Mapping[str, int] = {"sqlite": 4, "postgresql": 3}
 #: Key of the PostgreSQL advisory lock for migrations.
 _LOCK = 0x70616C70
 
@@ -99,6 +100,7 @@ GRASPS = sa.Table(
     sa.Column("recording", sa.Text),
     sa.Column("pixel_settled_percent", sa.JSON(none_as_null=True)),
     sa.Column("station", sa.Text),
+    sa.Column("firmness_force_n", _REAL),
     sa.Index("grasps_by_item", "item_id", "taken_at"),
     sa.Index("grasps_by_time", "taken_at"),
 )
@@ -113,6 +115,15 @@ MEASUREMENTS = sa.Table(
     sa.Column("level", _REAL, nullable=False),
     sa.Column("status", sa.Text, nullable=False),
     sqlite_with_rowid=False,
+)
+#: Force of the firmness of a grasp where it is still a measurement.
+OLD_FIRMNESS_FORCE_N = (
+    sa.select(MEASUREMENTS.c.value)
+    .where(
+        MEASUREMENTS.c.grasp_number == GRASPS.c.number,
+        MEASUREMENTS.c.name == GRASPS.c.firmness_force_n.name,
+    )
+    .scalar_subquery()
 )
 VERDICTS = sa.Table(
     "verdicts",
@@ -168,7 +179,16 @@ def migrate(connection: sa.Connection, *, where: str) -> None:
     else:
         if database == "sqlite" and version < 2:
             OUTBOX.create(connection)
-        connection.execute(sa.text("ALTER TABLE grasps ADD COLUMN station TEXT"))
+        present = {c["name"] for c in sa.inspect(connection).get_columns(GRASPS.name)}
+        if "station" not in present:
+            connection.execute(sa.text("ALTER TABLE grasps ADD COLUMN station TEXT"))
+        connection.execute(
+            sa.text("ALTER TABLE grasps ADD COLUMN firmness_force_n DOUBLE PRECISION")
+        )
+        connection.execute(GRASPS.update().values(firmness_force_n=OLD_FIRMNESS_FORCE_N))
+        connection.execute(
+            MEASUREMENTS.delete().where(MEASUREMENTS.c.name == GRASPS.c.firmness_force_n.name)
+        )
     connection.execute(
         VERSIONS.insert().values(version=NEWEST[database], applied_at=datetime.now(UTC))
     )
