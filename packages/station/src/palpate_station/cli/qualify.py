@@ -30,11 +30,7 @@ from palpate_station.qualify.agreement import (
 )
 from palpate_station.qualify.conversion import CONVERTIBLE, Conversion
 from palpate_station.qualify.readings import read_pairs, read_pairs_with_store
-from palpate_station.qualify.scatter import estimate_scatter
-
-#: Default tolerance without repeated reference readings, as a fraction of the scatter between
-#: items (guess).
-_TOLERANCE_FRACTION = 0.5
+from palpate_station.qualify.scatter import default_tolerance, estimate_scatter
 
 
 def qualify(
@@ -129,10 +125,7 @@ def qualify(
         if np.ptp(values[pairs.has_both]) == 0:
             raise InputError(f"{readings}: all readings of the {name} are equal")
     if tolerance is None:
-        scatter = estimate_scatter(pairs.reference, pairs.item)
-        tolerance = scatter.within
-        if not tolerance > 0:
-            tolerance = _TOLERANCE_FRACTION * scatter.between
+        tolerance = default_tolerance(estimate_scatter(pairs.reference, pairs.item))
     demand = Demand(
         tolerance=tolerance, limits=limits, level=level, cost_high=cost_high, cost_low=cost_low
     )
@@ -144,17 +137,8 @@ def qualify(
     if save is not None and measurement is not None:
         if not found.is_related:
             raise InputError(f"--save {save}: {relation_text(document)}")
-        taken = pairs.grasp[pairs.has_both]
-        Conversion(
-            measurement=measurement,
-            unit=unit,
-            slope=found.slope,
-            offset=found.offset,
-            half_width=found.figures["limit_of_agreement"].value,
-            lowest=float(taken.min()),
-            highest=float(taken.max()),
-            items=pairs.items,
-            simulated=simulated,
+        Conversion.from_agreement(
+            found, pairs, measurement=measurement, unit=unit, simulated=simulated
         ).save(save)
         print_message(f"Written: {save}")
     if report is not None:
@@ -163,17 +147,7 @@ def qualify(
     if as_json:
         print_json(document)
         return
-    console = make_console()
-    console.print(f"{document['items']} items, {document['pairs']} paired readings")
-    if not found.is_related:
-        console.print(relation_text(document))
-    columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
-    print_table(columns, figure_rows(document), console=console)
-    if document["confusion"]:
-        console.print()
-        print_table(*grade_table(document), console=console)
-    console.print()
-    print_table(("effort", ">answer"), effort_rows(document), console=console)
+    print_qualification(document)
 
 
 #: As `qualification_document` returns it.
@@ -216,6 +190,21 @@ def qualification_document(
         "items_per_hour": effort.items_per_hour,
         "items_to_test": effort.items_to_test,
     }
+
+
+def print_qualification(document: Document) -> None:
+    """Print a qualification as tables: agreement, grades, effort."""
+    console = make_console()
+    console.print(f"{document['items']} items, {document['pairs']} paired readings")
+    if not document["related"]:
+        console.print(relation_text(document))
+    columns = ("agreement", ">value", f">{100 * document['level']:.0f} % interval")
+    print_table(columns, figure_rows(document), console=console)
+    if document["confusion"]:
+        console.print()
+        print_table(*grade_table(document), console=console)
+    console.print()
+    print_table(("effort", ">answer"), effort_rows(document), console=console)
 
 
 def relation_text(document: Document) -> str:

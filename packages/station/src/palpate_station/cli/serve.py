@@ -181,7 +181,7 @@ def serve(
         keep_days=keep_days,
     )
     ItemStore(store).check_usable()
-    existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    existing = settings.existing_folder
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"--folder {folder}: {existing} is not a writable folder; choose another")
     serve_page(

@@ -94,6 +94,4 @@ class Monitor:
         return "\n".join(lines) + "\n"
 
     def _free_bytes(self) -> int:
-        folder = self._app_state.settings.folder.absolute()
-        existing = next(one for one in (folder, *folder.parents) if one.exists())
-        return shutil.disk_usage(existing).free
+        return shutil.disk_usage(self._app_state.settings.existing_folder).free

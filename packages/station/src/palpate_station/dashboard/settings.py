@@ -45,3 +45,9 @@ class Settings:
     station: str | None = None
     #: Days after which recordings of grasps are deleted; None to keep them.
     keep_days: float | None = None
+
+    @property
+    def existing_folder(self) -> Path:
+        """The folder, or while it does not exist its nearest parent that does."""
+        folder = self.folder.absolute()
+        return next(one for one in (folder, *folder.parents) if one.exists())

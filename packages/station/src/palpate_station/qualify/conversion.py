@@ -6,9 +6,14 @@ import json
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.files import atomic_path, load_json
+
+if TYPE_CHECKING:
+    from palpate_station.qualify.agreement import Agreement
+    from palpate_station.qualify.readings import PairedReadings
 
 #: Measurements of a grasp that can be converted.
 CONVERTIBLE = ("firmness", "stiffness_n_per_mm", "settled_percent", "size_mm", "force_n")
@@ -44,6 +49,33 @@ class Conversion:
     items: int
     #: Whether any of its grasps was simulated.
     simulated: bool
+
+    @classmethod
+    def from_agreement(
+        cls,
+        agreement: Agreement,
+        pairs: PairedReadings,
+        *,
+        measurement: str,
+        unit: str,
+        simulated: bool,
+    ) -> Conversion:
+        """Return the line of an agreement, for the range of its grasps.
+
+        `pairs`: the readings of the agreement, whose grasps are this `measurement`.
+        """
+        taken = pairs.grasp[pairs.has_both]
+        return cls(
+            measurement=measurement,
+            unit=unit,
+            slope=agreement.slope,
+            offset=agreement.offset,
+            half_width=agreement.figures["limit_of_agreement"].value,
+            lowest=float(taken.min()),
+            highest=float(taken.max()),
+            items=pairs.items,
+            simulated=simulated,
+        )
 
     def convert(self, value: float | None) -> dict[str, object]:
         """Return a measurement in the unit of the reference, as `reference` in the JSON of a grasp.

@@ -123,3 +123,18 @@ def deming_lines(
     # For equal items or uncorrelated readings the slope is 0.
     slope = np.where(np.isfinite(slope), slope, 0.0)
     return slope, (sy - slope * sx) / n
+
+
+#: Default tolerance without repeated readings, as a fraction of the scatter between items (guess).
+_TOLERANCE_FRACTION = 0.5
+
+
+def default_tolerance(reference: Scatter) -> float:
+    """Return the tolerance for a buyer who names none: the scatter of the reference itself.
+
+    >>> default_tolerance(Scatter(between=3.0, within=0.5))
+    0.5
+    >>> default_tolerance(Scatter(between=3.0, within=math.nan))
+    1.5
+    """
+    return reference.within if reference.within > 0 else _TOLERANCE_FRACTION * reference.between
