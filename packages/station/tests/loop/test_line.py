@@ -416,6 +416,7 @@ def test_item_of_a_grasp_that_a_killed_server_has_cut_off_is_named_over_every_pr
 ) -> None:
     machine = Machine(station.http)
     machine.ready()
+    machine.ask("PUT", "/driver")
     assert machine.ask("POST", "/grasp", {"item_id": "cut-7"})[0] == 202
     machine.until(lambda at: at["state"] == "execute")
     station.kill()
