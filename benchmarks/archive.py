@@ -25,14 +25,16 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import dask
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from distributed import Client, LocalCluster
 
 from palpate.recording import RecordingReader
 from palpate_archive.adding import add_recordings
 from palpate_archive.catalogue import Catalogue, Part
-from palpate_archive.engine import perform
+from palpate_archive.engine import LOCAL_CONFIG, perform
 from palpate_archive.evaluating import Task, plan_tasks
 from palpate_archive.folders import Folder
 from palpate_archive.jobs import Job, create_recalibrate_job, create_settle_job
@@ -110,6 +112,7 @@ def run_on_workers(tasks: list[Task], *, workers: int) -> tuple[float, float, fl
     """Perform tasks on a scheduler; return the same, for all workers and for the largest one."""
     with (
         suppress(TimeoutError),  # of the end of a worker on a busy machine
+        dask.config.set(LOCAL_CONFIG),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -134,24 +137,55 @@ def measure_peak_gb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
-def hash_results(results: Path) -> str:
-    """Return a hash of the bytes of all results."""
-    files = sorted(results.rglob("*.parquet"))
-    found = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
-    return hashlib.sha256("".join(found).encode()).hexdigest()
+def hash_results(results: Path) -> dict[str, str]:
+    """Return place -> hash of the bytes of each file."""
+    return {
+        file.relative_to(results).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(results.rglob("*.parquet"))
+    }
+
+
+def describe_difference(one: Path, two: Path) -> str:
+    """Return the first difference between the results of two runs; empty if there is none."""
+    hashes, others = hash_results(one), hash_results(two)
+    if only := sorted(hashes.keys() ^ others.keys()):
+        return f"only one run has {only[0]}"
+    differing = [place for place in hashes if hashes[place] != others[place]]
+    if not differing:
+        return ""
+    text = f"{len(differing)} of {len(hashes)} files differ; {differing[0]}"
+    tables = [pq.read_table(folder / differing[0], partitioning=None) for folder in (one, two)]
+    frames = [table.to_pandas() for table in tables]
+    if frames[0].shape != frames[1].shape:
+        return f"{text}: shapes {frames[0].shape} and {frames[1].shape}"
+    for column in frames[0]:
+        first, second = (frame[column] for frame in frames)
+        unequal = np.flatnonzero((first != second) & ~(first.isna() & second.isna()))
+        if unequal.size:
+            row = unequal[0]
+            pair = f"{first[row]!r} and {second[row]!r}"
+            return f"{text}: {unequal.size} rows of {column}, row {row}: {pair}"
+    return (
+        f"{text}: equal values, metadata {tables[0].schema.metadata} and "
+        f"{tables[1].schema.metadata}"
+    )
 
 
 def compare(job: Job, archive: Folder, folder: Path, *, count: int, unit: str, rounds: int) -> bool:
-    """Print the rates of a job; return whether all results are identical."""
-    prints = set()
+    """Print the rates of a job; return whether all results are identical.
+
+    Results that differ from those of the first plain loop stay in the folder.
+    """
+    is_same, reference = True, folder / f"{job.name}-0-0"
     for number in range(rounds):
         seconds = {}
         for workers in (0, 1, 2):
             results = folder / f"{job.name}-{number}-{workers}"
+            # Of an interrupted run, which would be skipped now.
+            shutil.rmtree(results, ignore_errors=True)
             tasks = plan_tasks(job, archive, to=Folder.open(results))
             run = run_on_workers(tasks, workers=workers) if workers else run_plainly(tasks)
             seconds[workers], used_s, peak_gb = run
-            prints.add(hash_results(results))
             name = f"{workers} worker(s)" if workers else "plain loop"
             print(
                 f"{job.name}, {name}: {seconds[workers]:.1f} s, {used_s:.1f} s of processors, "
@@ -160,8 +194,14 @@ def compare(job: Job, archive: Folder, folder: Path, *, count: int, unit: str, r
                 f"load of the machine {os.getloadavg()[0]:.1f}",
                 flush=True,
             )
-            shutil.rmtree(results)
-    return len(prints) == 1
+            if difference := describe_difference(reference, results):
+                is_same = False
+                print(f"DIFFERENT: {results.name}: {difference}", flush=True)
+            elif results != reference:
+                shutil.rmtree(results)
+    if is_same:
+        shutil.rmtree(reference)
+    return is_same
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import dask
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
@@ -17,6 +18,8 @@ from palpate_archive.evaluating import Task
 
 #: Waiting for a scheduler and its first worker; longer after a restart.
 _FIRST_WAIT_S, _RESTART_WAIT_S = 30.0, 300.0
+#: Of workers on this computer. Their profiler stops a task 100 times a second to read its stack.
+LOCAL_CONFIG = {"distributed.worker.profile.enabled": False}
 
 
 def perform(
@@ -78,7 +81,8 @@ def _connect(options: dict[str, Any], *, wait_s: float) -> Iterator[Client]:
     client = None
     try:
         try:
-            client = Client(timeout=wait_s, **options)
+            with dask.config.set(LOCAL_CONFIG):
+                client = Client(timeout=wait_s, **options)
             client.wait_for_workers(1, timeout=wait_s)
         except ValueError as fault:
             raise InputError(

@@ -67,7 +67,9 @@ def create_settle_job(*, method: str, horizon_s: float) -> Job:
 def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
     """Yield one table: a row for each hold, channel and cut-off."""
     names = [*_LABELS, "time_s", "value"]
-    table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
+    table = pa.parquet.read_table(
+        path, columns=names, read_dictionary=_LABELS, partitioning=None, use_threads=False
+    )
     rows = [
         row
         for alike in _group_holds(table)
@@ -114,11 +116,16 @@ def _build_settled_rows(
 
 
 def _group_holds(table: Any) -> Iterator[tuple[list[dict[str, str]], FloatArray, FloatArray]]:
-    """Yield groups of holds with one unit and sampling: labels, times, values (holds, times)."""
-    columns = [column.combine_chunks() for column in table.select(_LABELS).columns]
-    changes = reduce(pc.or_, (pc.not_equal(column[1:], column[:-1]) for column in columns))
+    """Yield groups of holds with one unit and sampling: labels, times, values (holds, times).
+
+    `table`: its labels are dictionary arrays.
+    """
+    names = table.select(_LABELS)
+    # Within a column equal strings have one index; null has none.
+    indices = [column.combine_chunks().indices.fill_null(-1) for column in names.columns]
+    changes = reduce(pc.or_, (pc.not_equal(column[1:], column[:-1]) for column in indices))
     starts = [0, *(np.flatnonzero(changes) + 1).tolist(), table.num_rows]
-    labels = table.select(_LABELS).take(starts[:-1]).to_pylist()
+    labels = names.take(starts[:-1]).to_pylist()
     time_s, value = (table[name].to_numpy() for name in ("time_s", "value"))
     rows = [slice(*bounds) for bounds in pairwise(starts)]
     groups = defaultdict[tuple[str, bytes], list[int]](list)
