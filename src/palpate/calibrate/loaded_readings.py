@@ -17,6 +17,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibrate.attached_loads import add_cell, add_weights, read_cell
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor, TableOptions
+from palpate.calibrate.settled_rows import explain_rows
 from palpate.errors import InputError
 from palpate.holds.columns import convert_to_seconds, find_recording_column
 from palpate.holds.formats import is_mcap
@@ -29,9 +30,6 @@ from palpate.holds.units import Unit
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 
-#: Rows with a load that are this far apart are settled readings, not a log, seconds.
-_SETTLED_STEP_S = 5.0
-_DAY_S = 86_400.0
 #: Name of the column of newtons while a table is read.
 _LOAD = "known load [N]"
 #: Beginning of the remark of `read_recordings` about columns that it does not predict.
@@ -75,16 +73,23 @@ def read_loaded(
         )
     clock, apart = options.time_column or find_clock(table), list[str]()
     if own is not None and clock is not None and clock != options.time_column:
-        time_s, _ = convert_to_seconds(
-            table.columns[clock], name=clock, unit=options.time_unit, file=table.name
-        )
-        step_s = float(np.nanmedian(np.abs(np.diff(time_s)))) if time_s.size > 1 else np.inf
-        is_date = not (np.diff(time_s) % _DAY_S).any()
-        if step_s >= _SETTLED_STEP_S or is_date:
-            far = "dates without a time of day" if is_date else f"rows {step_s:.3g} s apart"
-            apart.append(f"{clock}: {far}, each row a settled reading")
-            rest = {name: one for name, one in table.columns.items() if name != clock}
-            table, clock = replace(table, columns=rest), None
+        column = table.columns[clock]
+        time_s, _ = convert_to_seconds(column, name=clock, unit=options.time_unit, file=table.name)
+        rows = explain_rows(time_s, own.load_n, is_calendar=column.dtype != np.float64)
+        if rows is not None:
+            are_settled, why = rows
+            if are_settled:
+                rest = {name: one for name, one in table.columns.items() if name != clock}
+                apart.append(
+                    f"{clock}: {why}: each row is a settled reading under a weight "
+                    f"(of a log: --time-column {clock})"
+                )
+                table, clock = replace(table, columns=rest), None
+            else:
+                apart.append(
+                    f"{clock}: {why}: the log of a load cell (of settled readings: remove "
+                    "this column)"
+                )
     is_settled = clock is None and options.interval_s is None
     listed = None if weights is None else read_weights(weights, unit=options.load_unit)
     if is_settled and listed is not None and listed.load_n.size == table.rows:

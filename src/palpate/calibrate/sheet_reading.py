@@ -177,6 +177,17 @@ def is_unloaded(load_n: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(load_n <= max(_NO_LOAD_N, _NO_LOAD_FRACTION * most))
 
 
+def is_weight(load_n: FloatArray) -> NDArray[np.bool_]:
+    """Return which loads of settled readings are weights, shape (n,); False where unknown.
+
+    A load cell that also reads below 0 is that far from 0 without a load, to either side.
+
+    >>> is_weight(np.array([-0.01, 0.015, 0.05, 1.0])).tolist()
+    [False, False, True, True]
+    """
+    return np.asarray(load_n > max(0.0, -2.0 * float(np.nanmin(load_n, initial=0.0))))
+
+
 def _rest_values(
     sensor: LoadedSensor, *, rest_s: tuple[float, float] | None
 ) -> tuple[FloatArray | None, str]:
@@ -192,9 +203,10 @@ def _rest_values(
     found = list[FloatArray]()
     for part in sensor.parts:
         if sensor.is_settled:
-            empty = part.load_n == 0
+            weighed = is_weight(part.load_n)
+            empty = np.isfinite(part.load_n) & ~weighed
             # A sheet recovers slowly from a load, so that a later row is not at rest.
-            before = empty & (np.cumsum(part.load_n > 0) == 0)
+            before = empty & (np.cumsum(weighed) == 0)
             found.append(part.values[before if before.any() else empty])
         elif part.weighed:
             found.append(part.values[_is_before_weights(part)])

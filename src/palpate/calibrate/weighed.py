@@ -7,7 +7,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibrate.held_out import FEWEST_HELD_OUT, HeldOut, log_error, predict_power
 from palpate.calibrate.loaded_sensor import LoadedSensor
-from palpate.calibrate.sheet_reading import SheetReading
+from palpate.calibrate.sheet_reading import SheetReading, is_weight
 from palpate.errors import CalibrationError
 from palpate.force.force_law import ForceLaw
 from palpate.force.line_law import MIN_PAIRS
@@ -22,10 +22,9 @@ def pair_weights(
         total = reading.total(part.values)
         usable = np.isfinite(total)
         if sensor.is_settled:
-            for value, load_n in zip(total.tolist(), part.load_n.tolist(), strict=True):
-                if load_n > 0:
-                    found.append(value)
-                    loads.append(load_n)
+            weights = is_weight(part.load_n)
+            found += total[weights].tolist()
+            loads += part.load_n[weights].tolist()
         for begin_s, end_s, load_n in part.weighed:
             inside = (part.time_s >= begin_s) & (part.time_s <= end_s) & usable
             if load_n > 0:

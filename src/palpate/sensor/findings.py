@@ -19,7 +19,8 @@ CHECKS: dict[str, str] = {
     "to its wire or multiplexer channel, every pixel to the supply, the reference resistor or a "
     "multiplexer's enable pin",
     "short": "look for copper that touches through a hole or at the edge of the Velostat, and for "
-    "solder bridges; every pixel points to a missing reference resistor",
+    "solder bridges; every pixel points to a missing reference resistor, or to the "
+    "wrong `taxel_leg` in the rig file",
     "loose": "move the wire and the connector while `palpate live` runs; solder the joint that "
     "makes it jump",
     "stuck": "press that pixel in `palpate live`; if its reading does not change, look for a "
@@ -33,6 +34,8 @@ CHECKS: dict[str, str] = {
     "changed": "the pixel has aged or was damaged since the calibration: run `palpate calibrate "
     "rest`, and replace the sheet if it keeps changing",
     "unrest": "open the fingers, remove any object from the sensor, wait a minute and repeat",
+    "leg": "press a pixel in `palpate live`: if its resistance rises, enter the other part of the "
+    "divider in the rig file (`taxel_leg`), and calibrate again",
     "resistor": "replace the reference resistor, enter the new value in the rig file, and "
     "calibrate again",
     "swapped": "exchange the two wires, or their pins at the multiplexer",

@@ -1,7 +1,7 @@
 """Health check of a sensor: findings from recorded frames, without I/O.
 
-The check of the pixels uses frames at rest, and the check of the link uses all frames. The check of
-the reference resistor uses the resistance range under load, or an assumed range without load.
+The check of the pixels uses frames at rest, and the check of the link uses all frames. The checks
+of the divider use the resistances under load, or an assumed range without load.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.sensor.array import ArrayLayout, LinkCounters
+from palpate.sensor.divider_leg import find_wrong_leg
 from palpate.sensor.findings import Finding, Severity
 from palpate.sensor.frame_columns import FrameColumns
 from palpate.sensor.health_pixels import (
@@ -25,6 +26,7 @@ from palpate.sensor.health_pixels import (
 )
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
 from palpate.sensor.rest_baseline import rest_baseline
+from palpate.sensor.sample import relative_change_percent
 
 #: Minimum number of frames for an estimate of the noise.
 MIN_FRAMES = 30
@@ -139,7 +141,14 @@ def check_health(
     resistor, measured = _fit_resistor(
         pixels.rest_ohm[sound], all_frames, sound=sound, layout=layout
     )
-    if resistor is not None and not resistor.is_adequate:
+    change = relative_change_percent(
+        all_frames.ohm(layout=layout)[:, sound], rest_ohm=pixels.rest_ohm[sound]
+    )
+    leg = find_wrong_leg(change, fit=resistor, layout=layout)
+    if leg is not None:
+        findings.insert(0, leg)
+    is_known = leg is None or leg.severity is Severity.ADVICE
+    if is_known and resistor is not None and not resistor.is_adequate:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
     link = _measure_link(all_frames, counters=counters or LinkCounters())
     findings += [*extra_findings, *_link_findings(link, requested_hz=requested_hz)]

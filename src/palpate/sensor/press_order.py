@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
+from palpate.sensor.divider_leg import is_risen
 from palpate.sensor.findings import Finding, pixel_name
 from palpate.sensor.sample import relative_change_percent
 
@@ -60,6 +61,9 @@ class PressMonitor:
         self._leader_since_s = 0.0
         self._depth = 0.0
         self._released_s: float | None = None
+        self._risen_s: float | None = None
+        #: Whether the first press raised the resistance, so that none can be recognised.
+        self.has_risen = False
 
     @property
     def next_pixel(self) -> PixelIndex | None:
@@ -84,6 +88,9 @@ class PressMonitor:
         self._since_s = time_s if self._since_s is None else self._since_s
         change = relative_change_percent(ohm, rest_ohm=self._base_ohm)
         change = np.where(np.isnan(change), 0.0, change)
+        # Later rises may be the recovery from a press.
+        if not self._presses:
+            self._follow_rise(time_s, change)
         if self._depth < 0.0:
             self._await_release(time_s, change, ohm)
         else:
@@ -93,6 +100,13 @@ class PressMonitor:
         """Record the remaining pixels as unresponsive; call after the last frame."""
         self._presses += [Press(expected=pixel, answered=None) for pixel in self._remaining]
         self._remaining.clear()
+
+    def _follow_rise(self, time_s: float, change: FloatArray) -> None:
+        if not is_risen(change):
+            self._risen_s = None
+            return
+        self._risen_s = time_s if self._risen_s is None else self._risen_s
+        self.has_risen |= time_s - self._risen_s >= _HELD_S
 
     def _await_press(self, time_s: float, change: FloatArray) -> None:
         row, col = divmod(int(change.argmin()), change.shape[1])

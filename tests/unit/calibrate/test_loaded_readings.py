@@ -116,3 +116,54 @@ def test_table_of_several_sensors_is_split_by_their_names() -> None:
         "R_ohm": np.linspace(900, 100, 9),
     }
     assert [sensor.parts[0].load_n.size for sensor in read_loaded(table)] == [4, 5]
+
+
+#: A falling staircase in newtons, as a load cell reads it every 20 s.
+CELL_N = [0.004, -0.003, 7.91, 7.93, 7.90, 5.21, 5.19, 5.22, 2.6, 2.62, 2.61, 0.002]
+
+
+def rows_of(load_n: list[float], *, times: list[float] | list[str]) -> dict[str, Any]:
+    return {
+        "time_s" if isinstance(times[0], float) else "Zeit": times,
+        "load_n": load_n,
+        "R_ohm": [5e4 / (1.0 + max(one, 0.0)) for one in load_n],
+    }
+
+
+@pytest.mark.parametrize(
+    ("load_n", "times", "is_settled"),
+    [
+        (CELL_N, [20.0 * row for row in range(12)], False),
+        (CELL_N, [f"14:{row:02}:30" for row in range(12)], False),
+        # A load that always moves, as of a slow testing machine and of a hand.
+        ([0.07 * row for row in range(90)], [6.0 * row for row in range(90)], False),
+        (
+            [0.0, *np.random.default_rng(8).uniform(0.5, 9.0, 70)],
+            [30.0 * row for row in range(71)],
+            False,
+        ),
+        # Weights: one by one, three times each, at any time, and there and back.
+        ([0.0, 0.7, 1.9, 3.3, 6.0], [45.0 * row for row in range(5)], True),
+        ([0.0, 2.0, 2.0, 2.0, 5.0, 5.0, 5.0], [15.0 * row for row in range(7)], True),
+        (CELL_N, [float(9 * row * row) for row in range(12)], True),
+        ([0.0, 2.0, 4.0, 8.0, 4.0, 2.0, 0.0], [f"9:{5 * row:02}" for row in range(7)], True),
+    ],
+)
+def test_slow_rows_are_weights_or_the_log_of_a_load_cell(
+    load_n: list[float], times: list[float] | list[str], is_settled: bool
+) -> None:
+    (sensor,) = read_loaded(rows_of(load_n, times=times))
+    assert sensor.is_settled is is_settled
+    assert sum("settled reading" in text for text in sensor.taken) == 1
+
+
+def test_a_chosen_clock_makes_slow_rows_a_log() -> None:
+    table = rows_of([0.0, 0.7, 1.9, 3.3], times=[60.0, 120.0, 180.0, 240.0])
+    (sensor,) = read_loaded(table, options=TableOptions(time_column="time_s"))
+    assert not sensor.is_settled
+
+
+def test_a_row_without_a_date_does_not_make_the_others_a_log() -> None:
+    days = ["2026-03-14", "2026-03-14", "", "2026-03-15"]
+    (sensor,) = read_loaded(rows_of([0.0, 1.0, 2.0, 4.0], times=days))
+    assert sensor.is_settled

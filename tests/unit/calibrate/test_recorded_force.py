@@ -203,3 +203,13 @@ def test_single_column_of_other_readings_may_have_another_name() -> None:
     assert renamed.force_n.tolist() == as_fitted.force_n.tolist()
     with pytest.raises(InputError, match="R_ohm"):
         fitted.force({"left_ohm": OHM, "right_ohm": OHM})
+
+
+def test_rows_without_a_weight_on_a_scale_that_drifts_below_0_are_no_weights() -> None:
+    drift_n = np.array([-0.008, 0.006, -0.005, 0.011])
+    loads = np.r_[drift_n, LOADS_N[1:]]
+    ohm = np.r_[20e3, 19.9e3, 20.1e3, 20e3, OHM[1:]]
+    fitted = fit_force({"load_n": loads, "R_ohm": ohm})
+    np.testing.assert_allclose(np.sort(fitted.force_n), LOADS_N[1:])
+    (trace,) = fitted.force({"R_ohm": OHM[1:]})
+    np.testing.assert_allclose(trace.force_n, LOADS_N[1:], rtol=0.12)

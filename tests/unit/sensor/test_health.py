@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -196,3 +197,44 @@ def test_health_check_of_healthy_twins_reports_no_fault(level: str) -> None:
         if found.severity is Severity.FAULT
     ]
     assert faults == []
+
+
+def read_with(actual: Divider, ohm: np.ndarray, *, seed: int = 6) -> FrameColumns:
+    """Return frames of pixels with these resistances, shape (frames, 1, 2), and noise."""
+    noise = np.random.default_rng(seed).normal(0.0, 0.6, ohm.shape)
+    counts = volts_to_counts(ohm_to_volts(ohm, divider=actual), divider=actual, noise_counts=noise)
+    number = np.arange(len(ohm))
+    return FrameColumns(time_s=number / 30.0, sequence=number, counts=counts)
+
+
+@pytest.mark.parametrize(("actual", "stated"), [("lower", "upper"), ("upper", "lower")])
+@pytest.mark.parametrize("rest_ohm", [18e3, 6e3])
+def test_health_check_names_the_leg_of_the_divider_before_the_resistor(
+    actual: Literal["upper", "lower"], stated: Literal["upper", "lower"], rest_ohm: float
+) -> None:
+    right = Divider(reference_ohm=3.3e3, taxel_leg=actual)
+    layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,), divider=right)
+    wrong = replace(layout, divider=replace(right, taxel_leg=stated))
+    ohm = np.full((120, 1, 2), rest_ohm)
+    ohm[70:100, 0, 1] /= 6.0
+    pressed = read_with(right, ohm)
+    rest = replace(
+        pressed,
+        **{name: getattr(pressed, name)[:60] for name in ("time_s", "sequence", "counts")},
+    )
+    found = check_health(rest, layout=wrong, all_frames=pressed)
+    assert {code for code, _ in codes(found)} == {"leg"}
+    assert not found.is_healthy
+    assert "leg" not in dict(codes(check_health(rest, layout=layout, all_frames=pressed)))
+    assert check_health(rest, layout=layout, all_frames=pressed).is_healthy
+
+
+@pytest.mark.parametrize(("actual", "first"), [("lower", "leg"), ("upper", None)])
+def test_health_check_at_rest_suspects_the_leg_first_if_the_resistor_suits_the_other(
+    actual: Literal["upper", "lower"], first: str | None
+) -> None:
+    right = Divider(reference_ohm=4.7e3, taxel_leg=actual)
+    layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
+    health = check_health(read_with(right, np.full((90, 1, 2), 21e3)), layout=layout)
+    assert next((code for code, _ in codes(health)), None) == first
+    assert health.is_healthy  # A press would tell.

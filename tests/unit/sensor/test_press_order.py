@@ -80,3 +80,12 @@ def test_press_check_reports_an_unresponsive_pixel_as_silent() -> None:
     assert summarize(press_all(lambda pixel: pixel, unresponsive=(2, 1))) == [
         ("silent", "R2 C1", "did not respond when pressed")
     ]
+
+
+def test_press_that_raises_the_resistance_ends_the_check_at_once() -> None:
+    monitor = PressMonitor(np.full((2, 1), 3e3), timeout_s=5.0)
+    for number in range(40):
+        pressed = 12e3 if number >= 20 else 3e3
+        monitor.add_frame(0.05 * number, np.array([[3e3], [pressed]]))
+    assert monitor.has_risen
+    assert not monitor.presses
