@@ -2,6 +2,7 @@
 
 from palpate.calibrate.recorded_force import FittedForce as FittedForce
 from palpate.calibrate.recorded_force import fit_force as fit_force
+from palpate.dataframe import to_dataframe as to_dataframe
 from palpate.errors import InputError as InputError
 from palpate.errors import PalpateError as PalpateError
 from palpate.force.force_law import ForceLaw as ForceLaw

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.errors import require_extra
+from palpate.dataframe import to_dataframe
 from palpate.holds import Hold
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.predict import find_method
@@ -67,9 +67,7 @@ class ScoreTable:
 
         Raises `MissingExtraError` if pandas is not installed.
         """
-        with require_extra("a data frame", extra="data"):
-            import pandas as pd
-        return pd.DataFrame(self.summary())
+        return to_dataframe(self)
 
     def __len__(self) -> int:
         """Return the number of methods and cut-offs."""
