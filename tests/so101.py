@@ -27,7 +27,7 @@ def run_so101(folder: Path) -> Iterator[Path]:
     ) as demo:
         try:
             assert demo.stdout is not None
-            assert "SIMULATED" in demo.stdout.readline()
+            assert any("SIMULATED" in line for line in iter(demo.stdout.readline, ""))
             yield folder / "demo-so101"
         finally:
             demo.send_signal(signal.SIGTERM)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor
@@ -18,6 +19,8 @@ from palpate.holds.table import Table
 #: lifted, because a hand on the weight changes the reading (a second of the 20 s that a sheet needs
 #: to settle; `contacts.OPENING_S`).
 _WINDOW_S, _LIFTING_S = 1.0, 0.1
+#: A time that a person notes is this near to the hold, seconds.
+_NOTED_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,8 +91,12 @@ def add_weights(
     (part,) = sensor.parts
     if listed.clock is not None:
         time_s = align_times_s(listed.table, listed.clock, to=table, to_clock=clock)
-        ends = time_s
-        how = f"the second up to its time in column {listed.clock}"
+        in_holds = _find_noted_ends(sensor, part, time_s, is_laid=listed.load_n > 0)
+        ends = time_s if in_holds is None else in_holds
+        noted = f"its time in column {listed.clock}"
+        how = f"the second up to {noted}"
+        if in_holds is not None:
+            how = f"the last second of the hold at {noted}"
     else:
         ends = _find_hold_ends(sensor, part)
         loads = listed.load_n[listed.load_n > 0]
@@ -117,13 +124,36 @@ def add_weights(
     )
 
 
+def _find_noted_ends(
+    sensor: LoadedSensor, part: LoadedPart, time_s: FloatArray, *, is_laid: NDArray[np.bool_]
+) -> FloatArray | None:
+    """Return the ends of the holds at noted times; None unless each weight has a hold of its own.
+
+    A time is noted when a weight is laid, read or lifted.
+    """
+    spans, ends = np.array(_find_spans(sensor, part)).reshape(-1, 2), time_s.copy()
+    used = set[int]()
+    for row in np.flatnonzero(is_laid):
+        away_s = np.maximum(spans[:, 0] - time_s[row], time_s[row] - spans[:, 1])
+        nearest = int(np.argmin(away_s)) if away_s.size else -1
+        if nearest in {*used, -1} or away_s[nearest] > _NOTED_S:
+            return None
+        used.add(nearest)
+        ends[row] = spans[nearest, 1] - _LIFTING_S
+    return ends
+
+
 def _find_hold_ends(sensor: LoadedSensor, part: LoadedPart) -> FloatArray:
-    """Return the time before the end of each hold of the column with the most holds, seconds."""
+    """Return the time before the end of each hold, seconds."""
+    return np.array([end_s - _LIFTING_S for _, end_s in _find_spans(sensor, part)])
+
+
+def _find_spans(sensor: LoadedSensor, part: LoadedPart) -> list[tuple[float, float]]:
+    """Return begin and end of each hold of the column with the most holds, seconds."""
     recorded = ReadingTable(
         name=part.name,
         time_s=part.time_s,
         columns={name: part.values[:, at] for at, name in enumerate(sensor.columns)},
         units=dict.fromkeys(sensor.columns, sensor.unit),
     )
-    spans = max((one.spans for one in cut_columns(recorded)), key=len)
-    return np.array([end_s - _LIFTING_S for _, end_s in spans])
+    return max((one.spans for one in cut_columns(recorded)), key=len)

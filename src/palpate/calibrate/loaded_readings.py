@@ -30,6 +30,8 @@ from palpate.holds.units import Unit
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 
+#: Resolution to which voltages are converted.
+_VOLT_BITS = 16
 #: Name of the column of newtons while a table is read.
 _LOAD = "known load [N]"
 #: Beginning of the remark of `read_recordings` about columns that it does not predict.
@@ -178,20 +180,29 @@ def _read_sensor(table: Table, options: TableOptions, *, is_settled: bool) -> Lo
     if _LOAD in table.columns:
         loads = read_recordings(table, value_columns=[_LOAD], **given)
     columns, unit = _check_columns(found, where=table.name)
+    divider, adc_bits, scale = options.divider, options.adc_bits, 1.0
+    if options.supply_v is not None:
+        if unit not in (None, "volt"):
+            raise InputError(f"{table.name}: --supply-v is for readings in volts, not {unit}")
+        adc_bits = divider.adc_bits if divider is not None else adc_bits or _VOLT_BITS
+        scale, unit = 2**adc_bits / options.supply_v, "counts"
     parts = []
     for one, load in zip(found, loads, strict=True):
         load_n = np.full(one.time_s.size, np.nan)
         if load is not None:
             load_n = _at_times(one.time_s, load)
-        values = np.column_stack([one.columns[name] for name in columns])
+        values = scale * np.column_stack([one.columns[name] for name in columns])
+        if options.supply_v is not None:
+            # Noise at the ends of the range.
+            values = np.clip(values, 0.0, scale * options.supply_v - 1.0)
         parts.append(LoadedPart(name=one.name, time_s=one.time_s, values=values, load_n=load_n))
     remarks = [text for one in found for text in one.remarks if not text.startswith(_UNUSED)]
     return LoadedSensor(
         name=table.name,
         columns=columns,
         unit=unit,
-        divider=options.divider if unit in (None, "counts") else None,
-        adc_bits=options.adc_bits if unit in (None, "counts") else None,
+        divider=divider if unit in (None, "counts") else None,
+        adc_bits=adc_bits if unit in (None, "counts") else None,
         parts=tuple(parts),
         is_settled=is_settled,
         remarks=remarks,

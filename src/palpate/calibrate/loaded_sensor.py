@@ -24,6 +24,8 @@ class TableOptions:
     divider: Divider | None = None
     #: Resolution of counts whose reference resistor is unknown.
     adc_bits: int | None = None
+    #: Supply of the divider of readings in volts.
+    supply_v: float | None = None
     interval_s: float | None = None
     sheet: str | None = None
     decimal: Literal["point", "comma"] | None = None

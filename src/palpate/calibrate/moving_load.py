@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.calibrate.held_out import FEWEST_HELD_OUT, LEVEL, HeldOut, predict_power
 from palpate.calibrate.loaded_sensor import LoadedSensor
+from palpate.calibrate.settled_rows import SLOW_STEP_S
 from palpate.calibrate.sheet_reading import OPEN_OHM, SheetReading
 from palpate.errors import CalibrationError
 from palpate.force.force_law import ForceLaw
 from palpate.measurement import find_spread, half_width_sds
 
 #: A contact is a stretch of larger loads, newtons and fraction of the largest. Shorter pauses,
-#: seconds, belong to it, and fewer readings are none.
+#: seconds, belong to it, and fewer readings are none, unless a log is slow.
 _CONTACT_N, _CONTACT_FRACTION, _PAUSE_S, _FEWEST_READINGS = 0.3, 0.03, 0.15, 3
 #: Most readings of a contact, and contacts, in a fit: its duration rises with their product. More
 #: readings of a contact are correlated with these.
@@ -93,10 +94,12 @@ def _find_contacts(
         rows = np.flatnonzero(np.isfinite(total))
         time_s, load_n = part.time_s[rows], part.load_n[rows]
         inputs = law.trace(time_s, total[rows])
+        slow = rows.size > 1 and float(np.median(np.diff(time_s))) >= SLOW_STEP_S
+        fewest = 1 if slow else _FEWEST_READINGS
         touched = np.nan_to_num(load_n) > max(_CONTACT_N, _CONTACT_FRACTION * most)
         for begin, end in _find_stretches(time_s, touched):
             inside = np.flatnonzero(touched[begin:end]) + begin
-            if inside.size < _FEWEST_READINGS:
+            if inside.size < fewest:
                 continue
             few = min(inside.size, _MOST_READINGS)
             yield _Contact(

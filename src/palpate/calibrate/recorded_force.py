@@ -111,7 +111,7 @@ class FittedForce:
 
     def trace(self, part: LoadedPart, *, is_settled: bool) -> ForceTrace:
         """Return the newtons of one recording, or of settled readings."""
-        excess = self.reading.excess(part.values)
+        excess = self.reading.quieted(self.reading.excess(part.values))
         if not is_settled:
             follower = follow_force(self.law)
             pairs = zip(part.time_s.tolist(), excess, strict=True)

@@ -58,7 +58,7 @@ def explain_rows(
     is_same, is_near = before == after, np.abs(np.log(after / before)) < np.log(_OTHER_LOAD_RATIO)
     if is_same.any() and (is_same == is_near).all():
         return True, f"{rows}, whose loads repeat exactly"
-    if is_near.sum() > loaded.sum() / 2:
+    if is_near.any() and is_near.sum() >= loaded.sum() / 2:
         return False, f"{rows}, whose loads stay about the same from row to row"
     different = np.unique(load_n[loaded]).size
     if different > _MOST_WEIGHTS:

@@ -29,6 +29,10 @@ _TOPS = {2**bits - 1: bits for bits in range(8, 17)}
 #: A load up to this, newtons, or this fraction of the largest, counts as none: a load cell drifts
 #: by less, and its digit may be large (on a force plate 0.5 N of 30 N).
 _NO_LOAD_N, _NO_LOAD_FRACTION = 0.1, 0.02
+#: A pixel that is open without load is loaded from this multiple of that quantile of its noise.
+_IDLE_RATIO, _IDLE_QUANTILE = 2.0, 0.95
+#: A pixel is open without load if more than this fraction of these readings is.
+_OPEN_FRACTION = 0.1
 #: Fewest readings without load of a recording.
 _FEWEST_REST = 3
 
@@ -65,6 +69,8 @@ class SheetReading:
     knows_ohm: bool
     rest_spread_percent: tuple[float, ...] = ()
     rest_readings: int = 0
+    #: Excess of a pixel that is open without load up to which it is noise.
+    idle_excess: float = 0.0
 
     def resistances(self, values: FloatArray) -> FloatArray:
         """Return columns as resistances, infinite if open, shape (n, columns)."""
@@ -90,6 +96,11 @@ class SheetReading:
         # An open pixel counts as unloaded: one that is open at rest has its value at rest.
         unloaded = np.where(rest < OPEN_OHM, np.nan, 0.0)
         return np.where(np.isposinf(ohm), unloaded, excess)
+
+    def quieted(self, excess: FloatArray) -> FloatArray:
+        """Return the excess, shape (n, columns), with 0 for the noise of open pixels."""
+        is_open = np.array(self.rest) >= OPEN_OHM
+        return np.where(is_open & (excess <= self.idle_excess), 0.0, excess)
 
     def total(self, values: FloatArray) -> FloatArray:
         """Return the excess summed over pixels, shape (n,).
@@ -139,7 +150,10 @@ def learn_reading(
     else:
         rest = np.full(len(sensor.columns), np.inf)
         if values is not None:
-            rest = _medians(reading.resistances(values))
+            ohm = reading.resistances(values)
+            # One count of noise is not a resistance at rest.
+            mostly_open = np.isposinf(ohm).mean(axis=0) > _OPEN_FRACTION
+            rest = np.where(mostly_open, np.inf, _medians(ohm))
         is_open = ~(np.isfinite(rest) & (rest > 0))
         unit = " ohm" if reading.knows_ohm else " times the reference resistor"
         if is_open.any():
@@ -152,8 +166,13 @@ def learn_reading(
     if form == "resistance" and values is not None and rest.max() < OPEN_OHM:
         ohm = reading.resistances(values)
         spread = 100.0 * np.nanstd(np.where(np.isfinite(ohm), ohm, np.nan), axis=0) / rest
+    idle = 0.0
+    if form == "resistance" and values is not None and rest.max() >= OPEN_OHM:
+        excess = replace(reading, rest=tuple(rest.tolist())).excess(values)
+        idle = _IDLE_RATIO * float(np.nanquantile(excess, _IDLE_QUANTILE))
     return replace(
         reading,
+        idle_excess=idle,
         rest=tuple(rest.tolist()),
         rest_spread_percent=tuple(np.minimum(spread, 100.0).tolist()),
         rest_readings=0 if values is None else len(values),
@@ -293,14 +312,17 @@ def _find_form(sensor: LoadedSensor, *, rises: bool) -> tuple[Form, Divider | No
             "resistance",
             divider,
             (
-                f"{names}: counts of {bits} bits, because they reach {top:g}; they "
+                f"{names}: counts of {bits} bits, because they reach {top:.6g}; they "
                 f"{'rise' if rises else 'fall'} with the load"
             ),
         )
     if sensor.unit is None and not rises:
         return "resistance", None, f"{names}: resistances, because they fall with the load"
     moves = "rises" if rises else "falls"
-    return "signal", None, f"{names}: a signal that {moves} with the load; its change is used"
+    text = f"{names}: a signal that {moves} with the load; its change is used"
+    if sensor.unit == "volt":
+        text += " (of a voltage divider: give --supply-v, such as 3.3)"
+    return "signal", None, text
 
 
 def count_divider(adc_bits: int, *, rises: bool) -> Divider:

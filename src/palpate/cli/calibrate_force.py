@@ -44,7 +44,11 @@ from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import measure_mean_counts, require_board
 from palpate.rig.file import read_load_cells
+from palpate.rig.guard_limit import explain_stop, find_stop
 from palpate.sensor.array import ArrayLayout
+
+#: Limit of a guard whose stop is reported as an example, newtons.
+_GUARD_N = 3.0
 
 
 def calibrate_force(
@@ -154,6 +158,9 @@ def _print(calibration: Calibration, *, path: Path) -> None:
     for force, error in calibration.held_out["error_percent"].items():
         soon = f", {_percent(early[force])} shortly after a movement" if force in early else ""
         print(f"  {force.removesuffix('_n'):>4} N  {_percent(error)}{soon}")
+    stop = find_stop(calibration, limit_n=_GUARD_N)
+    if text := explain_stop(stop, limit_n=_GUARD_N, calibration=calibration):
+        print(text)
 
 
 def _percent(error: float | None) -> str:

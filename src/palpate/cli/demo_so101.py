@@ -15,6 +15,11 @@ def run_so101(folder: Path, commands: Sequence[str]) -> None:
     Raises `InputError` on a system without pseudo-terminals.
     """
     if sys.platform != "win32":
+        # The imports and the calibration take seconds.
+        print(
+            "Starting a simulated SO-101: 5 s to calibrate its sensor, longer on a busy computer",
+            flush=True,
+        )
         from palpate.demo.so101 import simulate_so101
 
         with simulate_so101(folder) as robot:

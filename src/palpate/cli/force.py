@@ -95,6 +95,10 @@ def force(
     adc_bits: Annotated[
         int | None, opt("--adc-bits N", "Resolution of the converter of counts.", min=1, max=32)
     ] = None,
+    supply_v: Annotated[
+        float | None,
+        opt("--supply-v VOLTS", "Supply of the voltage divider of readings in volts.", min=0.1),
+    ] = None,
     reference_ohm: option.ReferenceOhmOption = None,
     sensor_leg: option.SensorLegOption = None,
     as_json: JsonOption = False,
@@ -118,8 +122,11 @@ def force(
         time_unit=time_unit,
         value_columns=tuple(value_column or ()),
         unit=unit,
-        divider=_find_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
+        divider=_find_divider(
+            adc_bits or (None if supply_v is None else 16), reference_ohm, sensor_leg, unit=unit
+        ),
         adc_bits=adc_bits,
+        supply_v=supply_v,
         interval_s=interval,
         sheet=sheet,
         decimal=decimal,

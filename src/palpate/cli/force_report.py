@@ -51,15 +51,18 @@ class ForceReport:
         """Return the largest force of each stretch whose interval is above 0."""
         found = []
         for trace in self.traces:
-            loaded = np.nan_to_num(trace.low_n) > 0
+            known = np.isfinite(trace.high_n) | (np.nan_to_num(trace.low_n) > 0)
+            # A missing reading neither begins nor ends a contact.
+            newest = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
+            loaded = np.nan_to_num(trace.low_n)[newest] > 0
             edges = np.flatnonzero(np.diff(np.r_[False, loaded, False].astype(int)))
             for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-                peak = begin + int(np.argmax(trace.low_n[begin:end]))
+                peak = begin + int(np.nanargmax(trace.low_n[begin:end]))
                 # A weight is known for a part of its hold, which may be without the peak.
-                known = trace.load_n[begin:end][np.isfinite(trace.load_n[begin:end])]
+                loads = trace.load_n[begin:end][np.isfinite(trace.load_n[begin:end])]
                 load_n = float(trace.load_n[peak])
-                if np.isnan(load_n) and known.size:
-                    load_n = float(known.max())
+                if np.isnan(load_n) and loads.size:
+                    load_n = float(loads.max())
                 found.append(
                     {
                         "recording": trace.name,

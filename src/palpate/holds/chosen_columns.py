@@ -15,6 +15,7 @@ from palpate.holds.columns import (
     find_readings,
     find_recording_column,
     is_index,
+    match_name,
     names_sensor,
     time_unit_of,
 )
@@ -34,13 +35,14 @@ _RESTART_FRACTION = 0.5
 def find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -> str:
     available = ", ".join(table.columns)[:120]
     if wanted is not None:
-        if wanted not in table.columns:
+        found = match_name(table.columns, wanted)
+        if found is None:
             raise InputError(f"{table.name}: no column {wanted} (available: {available})")
-        return wanted
+        return found
     moments = [
         name
         for name, column in table.columns.items()
-        if column.dtype.kind in "mM" or (column.dtype == object and _is_moments(column))
+        if column.dtype.kind in "mM" or (column.dtype == object and has_moments(column))
     ]
     named = [
         name
@@ -104,7 +106,8 @@ def _is_constant(column: NDArray[Any]) -> bool:
     return column.size > 1 and bool((column == column[0]).all())
 
 
-def _is_moments(column: NDArray[Any]) -> bool:
+def has_moments(column: NDArray[Any]) -> bool:
+    """Return whether most texts of a column are dates or times of day."""
     filled = [str(text) for text in column[:50].tolist() if str(text).strip()]
     return bool(filled) and sum(map(is_moment, filled)) > 0.5 * len(filled)
 
@@ -175,13 +178,16 @@ def find_value_columns(
     table: Table, clock: str, wanted: Sequence[str], *, remarks: list[str]
 ) -> list[str]:
     available = ", ".join(name for name in table.columns if name not in (clock, COUNTED))[:120]
-    for name in wanted:
-        if name not in table.columns:
-            raise InputError(f"{table.name}: no column {name} (available: {available})")
+    chosen = list[str]()
+    for one in wanted:
+        name = match_name([n for n in table.columns if n not in (clock, COUNTED)], one)
+        if name is None:
+            raise InputError(f"{table.name}: no column {one} (available: {available})")
         if name not in table.numeric():
             raise InputError(f"{table.name}: column {name} contains no numbers; choose another")
-    if wanted:
-        return list(dict.fromkeys(wanted))
+        chosen.append(name)
+    if chosen:
+        return list(dict.fromkeys(chosen))
     numeric = [
         name
         for name in table.numeric()

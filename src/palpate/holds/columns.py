@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -64,6 +64,7 @@ _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "curre
 _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "location"}
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
+_OTHERS |= {"batterie", "akku", "vbat", "vbatt", "bat", "supply", "vcc", "temperatur", "feuchte"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
 #: Scatter of the readings beside them, in a table of means.
 _OTHERS |= {"spread", "std", "sd", "stdev", "stddev", "sigma", "deviation", "uncertainty", "noise"}
@@ -232,6 +233,23 @@ def _is_other(name: str) -> bool:
     known = find_bracketed_unit(name)
     others = bool(_OTHERS & {*split_words(name)})
     return others or (known is not None and known.quantity is None)
+
+
+def match_name(names: Iterable[str], wanted: str) -> str | None:
+    """Return a column of a name, also without its unit or in another case if that is unique.
+
+    >>> match_name(["Time [ms]", "FSR [LSB]"], "fsr"), match_name(["R (1)", "R (2)"], "R")
+    ('FSR [LSB]', None)
+    """
+    names = [*names]
+    if wanted in names:
+        return wanted
+    plain = [name for name in names if _plain_name(name) == _plain_name(wanted)]
+    return plain[0] if len(plain) == 1 else None
+
+
+def _plain_name(name: str) -> str:
+    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name).strip().lower()
 
 
 def find_readings(names: Sequence[str]) -> list[str]:

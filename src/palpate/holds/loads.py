@@ -12,17 +12,19 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
+from palpate.holds.chosen_columns import has_moments
 from palpate.holds.columns import (
     convert_to_seconds,
     find_clocks,
     is_index,
     is_load,
+    match_name,
     scale_of,
     unit_of,
 )
 from palpate.holds.moments import parse_moments
 from palpate.holds.table import Table
-from palpate.holds.table_files import read_table_file, table_of_arrays
+from palpate.holds.table_files import list_sheets, read_table_file, table_of_arrays
 from palpate.holds.units import UNITS
 
 LoadUnit: TypeAlias = Literal["N", "g", "kg"]
@@ -84,10 +86,11 @@ def find_load_column(
     [0.0, 0.981]
     """
     if wanted is not None:
-        if wanted not in table.columns:
+        known = match_name(table.columns, wanted)
+        if known is None:
             available = ", ".join(table.columns)[:120]
             raise InputError(f"{table.name}: no column {wanted} (available: {available})")
-        found = [wanted]
+        found = [known]
     else:
         found = [
             name
@@ -124,7 +127,7 @@ def read_weights(
     [0.49, 0.981]
     """
     if isinstance(source, str | os.PathLike):
-        table = read_table_file(Path(source), sheet=sheet, without_clock=True)
+        table = _read_weights_file(Path(source), sheet=sheet)
     elif isinstance(source, Mapping) or hasattr(source, "columns"):
         table = table_of_arrays(source, name="weights")
     else:
@@ -142,6 +145,11 @@ def read_weights(
     if (found.load_n[known] < 0).any():
         raise InputError(f"{table.name}: column {found.name} has a weight below 0; correct it")
     clocks = [name for name in find_clocks([*table.columns]) if name != found.name]
+    # Of begin and end of each weight, the end.
+    texts = [name for name, cells in table.columns.items() if cells.dtype == object]
+    clocks += [
+        name for name in texts[::-1] if name not in clocks and has_moments(table.columns[name])
+    ]
     return Weights(
         load_n=found.load_n[known],
         clock=clocks[0] if clocks else None,
@@ -152,6 +160,20 @@ def read_weights(
             numbers=np.asarray(table.numbers)[known].tolist(),
         ),
     )
+
+
+def _read_weights_file(path: Path, *, sheet: str | None) -> Table:
+    """Return the table of a file; of a workbook without a named sheet, the first with loads."""
+    table = read_table_file(path, sheet=sheet, without_clock=True)
+    if sheet is None and find_load_column(table, unit="N") is None:
+        for name in list_sheets(path):
+            try:
+                other = read_table_file(path, sheet=name, without_clock=True)
+            except InputError:
+                continue  # A sheet of notes.
+            if find_load_column(other, unit="N") is not None:
+                return replace(other, name=f"{path} sheet {name}")
+    return table
 
 
 def align_times_s(table: Table, clock: str, *, to: Table, to_clock: str | None) -> FloatArray:

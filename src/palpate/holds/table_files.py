@@ -209,6 +209,16 @@ def _read_spreadsheet(path: Path, wanted: str | None, *, without_clock: bool) ->
     return replace(found, name=name, omissions=[remark, *found.omissions])
 
 
+def list_sheets(path: Path) -> list[str]:
+    """Return the names of a workbook's sheets; none of another file."""
+    if path.suffix.lower() not in (".xlsx", ".xlsm"):
+        return []
+    with require_extra(f"{path}: Excel", extra="data"):
+        from python_calamine import load_workbook
+    with load_workbook(path) as book:
+        return list(book.sheet_names)
+
+
 def _has_clock(found: Table) -> bool:
     dates = any(
         column.dtype == object and is_moment(str(column[0])) for column in found.columns.values()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from dataclasses import replace
 from types import TracebackType
@@ -11,6 +12,7 @@ from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.no_gripper import NO_GRIPPER, NoGripper
 from palpate.measurement import Measurement
 from palpate.rig import Rig
+from palpate.rig.guard_limit import explain_stop, find_stop, is_early
 from palpate.rig.paced_array import PacedArray
 from palpate.rig.reading import Reading
 
@@ -35,6 +37,8 @@ class ForceGuard:
     - the upper limit of the force's interval exceeds `limit_n`, or is unknown (a saturated pixel);
     - no pixel has a reading;
     - no frame has arrived for `stale_s`, or the sensor is lost.
+
+    The wider the interval, the earlier it stops: `print(guard)` says where.
 
     The sensor must not be read elsewhere meanwhile: `reading` is the newest one. The guard does not
     prevent a later command; ask `is_tripped` before each. `stop()` is called from the guard's
@@ -99,6 +103,9 @@ class ForceGuard:
                 "the calibration has no force law, so there is no force to guard; run `palpate "
                 "calibrate force`"
             )
+        known, stop = source.calibration, find_stop(source.calibration, limit_n=limit_n)
+        self._expectation = explain_stop(stop, limit_n=limit_n, calibration=known)
+        self._is_early = is_early(stop, limit_n=limit_n)
         self.reading: Reading | None = None
         self.reason = ""
         self.tripped_s: float | None = None
@@ -111,8 +118,13 @@ class ForceGuard:
         """Whether the gripper was stopped."""
         return self.reason != ""
 
+    def __repr__(self) -> str:
+        return f"ForceGuard({self.reason or self._expectation or f'limit {self._limit_n:g} N'})"
+
     def __enter__(self) -> Self:
-        """Start to guard."""
+        """Start to guard; log a warning if the guard will stop far below its limit."""
+        if self._is_early:
+            logging.getLogger(__name__).warning("%s", self._expectation)
         self._thread.start()
         return self
 
@@ -185,7 +197,10 @@ class ForceGuard:
         if high is None:
             return f"a pixel is at its limit: at least {low:.2f} N, without an upper limit"
         if high > self._limit_n:
-            return f"up to {high:.2f} N, above the limit of {self._limit_n:g} N"
+            return (
+                f"reads {force.middle:.2f} N, up to {high:.2f} N, above the limit of "
+                f"{self._limit_n:g} N"
+            )
         return ""
 
     def _trip(self, reason: str) -> None:

@@ -167,3 +167,53 @@ def test_a_row_without_a_date_does_not_make_the_others_a_log() -> None:
     days = ["2026-03-14", "2026-03-14", "", "2026-03-15"]
     (sensor,) = read_loaded(rows_of([0.0, 1.0, 2.0, 4.0], times=days))
     assert sensor.is_settled
+
+
+@pytest.mark.parametrize("noted_s", [-1.5, 2.0, 4.9])
+@pytest.mark.parametrize("head", ["time_s", "noted at"])
+def test_times_of_weights_are_those_of_laying_reading_or_lifting(noted_s: float, head: str) -> None:
+    time_s = np.arange(0.0, 44.0, 0.05)
+    load_n = np.where((time_s % 11 > 5) & (time_s % 11 < 9.5), 1.5 + time_s // 11, 0.0)
+    clock = [f"08:15:{one:06.3f}" for one in time_s] if head == "noted at" else time_s
+    log = {"time": clock, "R_ohm": 7000.0 / (1.0 + 3.0 * load_n)}
+    laid_s = [5.0 + 11.0 * number + noted_s for number in range(4)]
+    noted = [f"08:15:{one:04.1f}" for one in laid_s] if head == "noted at" else laid_s
+    weights = {head: noted, "load_n": [1.5, 2.5, 3.5, 4.5]}
+    (sensor,) = read_loaded(log, weights=weights)
+    for begin_s, end_s, weight_n in sensor.parts[0].weighed:
+        assert set(load_n[(time_s >= begin_s) & (time_s <= end_s)]) == {weight_n}
+
+
+def test_a_column_is_chosen_without_its_unit() -> None:
+    table = {
+        "t [ms]": [0.0, 40.0, 80.0],
+        "Pad [LSB]": [9.0, 8.0, 7.0],
+        "Last [g]": [0.0, 50.0, 90.0],
+    }
+    options = TableOptions(
+        time_column="t", value_columns=["pad"], load_column="last", load_unit="g"
+    )
+    (sensor,) = read_loaded(table, options=options)
+    assert sensor.columns == ("Pad [LSB]",)
+    assert np.nanmax(sensor.parts[0].load_n) == pytest.approx(0.8826, rel=1e-3)
+
+
+def test_weights_in_another_sheet_of_the_workbook_of_readings(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["pad 3, bench A"])
+    log, list_of = book.create_sheet("Messung"), book.create_sheet("Gewichte")
+    log.append(["time_s", "R_ohm", "Akku [V]"])
+    for row in range(600):
+        at_s = 0.05 * row
+        load = 1.0 + at_s // 10 if 3 < at_s % 10 < 8 else 0.0
+        log.append([at_s, 9000.0 / (1.0 + 4.0 * load), 3.7])
+    list_of.append(["Nr", "Masse [kg]"])
+    for number, kilograms in enumerate([0.1, 0.2, 0.3]):
+        list_of.append([number, kilograms])
+    path = tmp_path / "bench.xlsx"
+    book.save(path)
+    (sensor,) = read_loaded(path, weights=path)
+    assert sensor.columns == ("R_ohm",)
+    loads = [load for _, _, load in sensor.parts[0].weighed]
+    assert loads == pytest.approx([0.980665, 1.96133, 2.941995])

@@ -213,3 +213,43 @@ def test_rows_without_a_weight_on_a_scale_that_drifts_below_0_are_no_weights() -
     np.testing.assert_allclose(np.sort(fitted.force_n), LOADS_N[1:])
     (trace,) = fitted.force({"R_ohm": OHM[1:]})
     np.testing.assert_allclose(trace.force_n, LOADS_N[1:], rtol=0.12)
+
+
+def test_noise_of_a_sensor_that_is_open_at_rest_is_no_force() -> None:
+    """One count of noise is a conductance, and would be a contact."""
+    time_s = np.arange(0.0, 60.0, 0.05)
+    load_n = np.interp(time_s % 10.0, [3.0, 3.4, 6.0, 6.3], [0.0, 1.0, 1.0, 0.0])
+    load_n *= 2.0 + time_s // 10.0
+    counts = 900.0 * load_n / (load_n + 6.0)
+    noise = np.random.default_rng(4).integers(0, 2, time_s.size)
+    fitted = fit_force(
+        {"time_s": time_s, "A3": counts.round() + noise, "load_n": load_n}, adc_bits=10
+    )
+    (trace,) = fitted.force({"time_s": time_s[:50], "A3": noise[:50]}, adc_bits=10)
+    assert (trace.force_n == 0.0).all()
+    (trace,) = fitted.force({"time_s": time_s, "A3": counts}, adc_bits=10)
+    assert (trace.low_n[load_n > 1.5] > 0.0).all()
+
+
+def test_voltage_of_a_divider_with_its_supply_is_read_as_its_counts() -> None:
+    volts = 3.3 * (1.0 - RATIO)
+    fitted = fit_force({"load_n": LOADS_N, "out_V": volts}, supply_v=3.3)
+    (trace,) = fitted.force({"out_V": volts[1:]}, supply_v=3.3)
+    np.testing.assert_allclose(trace.force_n, LOADS_N[1:], rtol=0.12)
+    with pytest.raises(InputError, match="not ohm"):
+        fit_force({"load_n": LOADS_N, "R_ohm": OHM}, supply_v=3.3)
+
+
+def test_each_row_of_a_slow_log_may_be_a_contact() -> None:
+    load_n = np.array(
+        [0.0, 0.0, 1.7, 0.0, 3.1, 3.12, 0.0, 0.0, 5.2, 5.21, 5.2, 0.0, 8.4, 8.38, 0.0]
+    )
+    table = {
+        "time_s": 15.0 * np.arange(load_n.size),
+        "R_ohm": 20e3 / (1.0 + 6.0 * load_n**0.95),
+        "load_n": load_n,
+    }
+    fitted = fit_force(table)
+    assert fitted.kind == "load cell"
+    assert fitted.held_out is not None
+    assert fitted.held_out.groups == 4

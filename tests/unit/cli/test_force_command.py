@@ -152,3 +152,16 @@ def test_rows_far_apart_are_settled_readings_of_one_sensor(
     known = [one["load_n"] for one in sensor["settled"]]
     assert known == pytest.approx([load for load, _ in WEIGHED])
     assert sensor["held_out"]["what"] == "each weight in turn"
+
+
+def test_missing_readings_do_not_end_a_contact(palpate: Command, tmp_path: Path) -> None:
+    time_s = [0.05 * row for row in range(800)]
+    lines = ["t,load,ohm"]
+    for row, at_s in enumerate(time_s):
+        load = 2.0 + at_s // 10 if 4 < at_s % 10 < 8 else 0.0
+        reading = "" if row % 23 == 7 else f"{2e4 / (1 + 5 * load):.1f}"
+        lines.append(f"{at_s:.2f},{load},{reading}")
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    command = ("force", tmp_path / "log.csv", "--load-unit", "N", "--json")
+    (sensor,) = palpate(*command).document["sensors"]
+    assert [one["load_n"] for one in sensor["contacts"]] == [2.0, 3.0, 4.0, 5.0]
