@@ -23,7 +23,10 @@ def main() -> None:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as demo:
             try:
                 assert demo.stdout is not None
-                print(demo.stdout.readline(), end="")
+                for line in iter(demo.stdout.readline, ""):
+                    print(line, end="")
+                    if line.startswith("SIMULATED"):
+                        break
                 done = subprocess.run(
                     [sys.executable, EXAMPLE, folder], capture_output=True, text=True, check=False
                 )

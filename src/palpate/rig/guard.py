@@ -110,6 +110,8 @@ class ForceGuard:
         self.reason = ""
         self.tripped_s: float | None = None
         self._is_stopped, self._failure = True, ""
+        #: Whether `stop()` was called since the guard was armed.
+        self._has_stopped_once = False
         self._news, self._closing = threading.Condition(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="palpate-guard", daemon=True)
 
@@ -146,7 +148,7 @@ class ForceGuard:
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until the gripper was stopped; return whether it was within the time."""
         with self._news:
-            return self._news.wait_for(lambda: self.is_tripped, timeout_s)
+            return self._news.wait_for(lambda: self._has_stopped_once, timeout_s)
 
     def wait_for_reading(self, timeout_s: float | None = None) -> Reading:
         """Wait for the first reading and return the newest.
@@ -162,7 +164,8 @@ class ForceGuard:
     def rearm(self) -> None:
         """Guard again after a stop, for example once the object is released."""
         with self._news:
-            self.reason, self.tripped_s, self._is_stopped = "", None, True
+            self.reason, self.tripped_s = "", None
+            self._is_stopped, self._has_stopped_once = True, False
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -204,10 +207,13 @@ class ForceGuard:
         return ""
 
     def _trip(self, reason: str) -> None:
+        # First the reason: a loop that asks `is_tripped` must not command the gripper after the
+        # stop.
+        self.reason, self.tripped_s = reason, self._rig.clock.now_s()
         self._is_stopped = False
         self._stop()
         with self._news:
-            self.reason, self.tripped_s = reason, self._rig.clock.now_s()
+            self._has_stopped_once = True
             self._news.notify_all()
 
     def _stop(self) -> None:

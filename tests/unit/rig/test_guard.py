@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -126,6 +127,20 @@ def test_guard_of_a_gripper_that_does_not_stop_repeats_the_stop_and_raises(
     assert rack.stops > 3
 
 
+def test_guard_is_tripped_before_it_stops_so_that_no_command_follows(rig: Rig, rack: Rack) -> None:
+    seen = list[bool]()
+
+    class Watched:
+        def stop(self) -> None:
+            seen.append(guard.is_tripped)
+            rack.stop()
+
+    with palpate.ForceGuard(rig, limit_n=3.0, gripper=Watched()) as guard:
+        close_on_the_spring(rack)
+        assert guard.wait(TIMEOUT_S)
+    assert seen == [True]
+
+
 def test_guard_of_another_object_needs_no_gripper_in_the_rig(rack: Rack) -> None:
     sensor = Sensor(rack.plates, period_s=0.004)
     with palpate.open_rig(array=sensor, calibration=my_calibration()) as rig:
@@ -198,3 +213,51 @@ def test_objects_that_do_not_fit_are_refused(rack: Rack, tmp_path: Path) -> None
     file.write_text('use = "sim-rigid"\n')
     with pytest.raises(palpate.InputError, match="omit gripper"):
         palpate.open_rig(str(file), gripper=rack)
+
+
+def weights_calibration(loads_n: list[float]) -> Any:
+    """Return the toy calibration with dead weights instead of a load cell."""
+    pixels = 8
+    excess = [2.0 * load for load in loads_n]
+    pairs = ForcePairs(
+        run=tuple(range(len(loads_n))),
+        since_move_s=(20.0,) * len(loads_n),
+        excess=tuple(excess),
+        relative_percent=tuple(-100.0 * one / (8.0 + one) for one in excess),
+        force_n=tuple(loads_n),
+        pixel_excess=tuple((one / pixels,) * pixels for one in excess),
+    )
+    return replace(my_calibration(), force=pairs, force_law={})
+
+
+def test_guard_says_where_it_stops_and_the_true_force_is_there(rack: Rack) -> None:
+    for calibration in (my_calibration(), weights_calibration([1.5, 4.0, 9.0])):
+        sensor = Sensor(rack.plates, period_s=0.004)
+        with palpate.open_rig(array=sensor, gripper=rack, calibration=calibration) as rig:
+            with palpate.ForceGuard(rig, limit_n=3.0) as guard:
+                said = re.search(r"at 3 N stops at about ([\d.]+) N", repr(guard))
+                assert said is not None
+                close_on_the_spring(rack)
+                assert guard.wait(TIMEOUT_S)
+                assert repr(guard) == f"ForceGuard({guard.reason})"
+                # Weights tell too little of the toy's sheet for more.
+                assert rack.plates.force_n == pytest.approx(float(said[1]), rel=0.4)
+            rack.move(74.0, 200.0)
+            time.sleep(0.7)
+
+
+def test_guard_that_stops_far_below_its_limit_warns_with_a_remedy(
+    rack: Rack, caplog: pytest.LogCaptureFixture
+) -> None:
+    sensor = Sensor(rack.plates, period_s=0.004)
+    contradictory = weights_calibration([1.5, 4.0, 9.0])
+    pairs = replace(contradictory.force, excess=(6.0, 6.5, 20.0), pixel_excess=())
+    rig = palpate.open_rig(
+        array=sensor, gripper=rack, calibration=replace(contradictory, force=pairs)
+    )
+    with palpate.ForceGuard(rig, limit_n=3.0):
+        pass
+    assert "three more weights" in caplog.text
+    with palpate.ForceGuard(rig, limit_n=0.05) as guard:
+        assert guard.wait(TIMEOUT_S)
+    assert "stops at once" in caplog.text
