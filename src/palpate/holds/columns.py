@@ -31,6 +31,8 @@ _CLOCKS = {
     "ts",
     "stamp",
     "datetime",
+    "epoch",
+    "unixtime",
     "date",
     "elapsed",
     "clock",

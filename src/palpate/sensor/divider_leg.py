@@ -45,9 +45,9 @@ def find_wrong_leg(
     risen = sum(is_risen(frame) for frame in change_percent)
     if risen >= _FEWEST_RISEN and float(np.min(change_percent, initial=0.0)) > _FALL_PERCENT:
         most = float(np.max(change_percent))
-        return Finding(
-            "leg", f"a press raises the resistance (by up to {most:.0f} %)", f'taxel_leg "{leg}"'
-        )
+        other = "lower" if leg == "upper" else "upper"
+        text = f'a press raises the resistance (by up to {most:.0f} %): the leg is "{other}"'
+        return Finding("leg", text, f'taxel_leg "{leg}"')
     if fit is None or fit.is_adequate or fit.high_ohm >= fit.present_ohm:
         return None
     swapped = replace(layout.divider, taxel_leg="lower" if leg == "upper" else "upper")

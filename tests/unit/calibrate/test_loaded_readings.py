@@ -217,3 +217,17 @@ def test_weights_in_another_sheet_of_the_workbook_of_readings(tmp_path: Path) ->
     assert sensor.columns == ("R_ohm",)
     loads = [load for _, _, load in sensor.parts[0].weighed]
     assert loads == pytest.approx([0.980665, 1.96133, 2.941995])
+
+
+def test_unit_of_weights_stands_in_a_row_of_its_own(tmp_path: Path) -> None:
+    text = "nr\tMasse\n\tkg\n1\t0.0764787\n2\t0.152957\n3\t0.229436\n"
+    path = tmp_path / "weights.csv"
+    path.write_text(text, encoding="utf-8")
+    at_s = np.arange(0.0, 33.0, 0.05)
+    load_n = np.where((at_s % 10 > 4) & (at_s % 10 < 8.5), 0.75 * (1 + at_s // 10), 0.0)
+    epoch_ms = 1.7551e12 + 1e3 * at_s
+    log = {"epoch_ms": epoch_ms, "R_ohm": 12e3 / (1 + 6 * load_n), "Akku": 3.9 - at_s / 1e3}
+    (sensor,) = read_loaded(log, weights=path)
+    assert sensor.columns == ("R_ohm",)
+    loads = [load for _, _, load in sensor.parts[0].weighed]
+    assert loads == pytest.approx([0.75, 1.5, 2.25], rel=1e-4)
