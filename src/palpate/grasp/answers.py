@@ -66,10 +66,11 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Measurement:
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
-    """Return size, stiffness and firmness, keyed by result field.
+    """Return size, stiffness and firmness at a present force, keyed by result field.
 
-    The stiffness is that at the settled force. Firmness is that at `Plan.firmness_force_n`, because
-    a round object is stiffer at a larger force; soft fingers do not tell the difference.
+    The stiffness is that of the object at its settled force. Firmness is that at
+    `Plan.firmness_force_n`, because a round object is stiffer at a larger force; soft fingers do
+    not tell the difference.
     Quantities that the gripper can't measure are omitted; firmness is available after every
     contact. Pressure-driven fingers measure no size, because their closure at contact is unknown
     in millimetres.
@@ -115,21 +116,13 @@ def measure_force(now: Touch, *, measured: MeasuredForce | None, plan: Plan) -> 
     return replace(force, status=Status.SATURATED) if now.is_beyond else force
 
 
-def settle_force(force: Measurement, *, share: float) -> Measurement:
-    """Return the force at the settling horizon, to which an unknown object relaxes at rest.
-
-    `share`: the object's fraction of the deflection of object and hand together. A hand that gives
-    way follows an object that relaxes, and the force falls by this fraction of the relaxation.
-    """
-    settled = force.scaled(math.exp(share * SETTLE.relaxed), unit="n")
-    settled = settled.widened(sd=share * SETTLE.relaxed_sd * settled.middle)
-    return replace(settled, low=max(settled.low, 0.0))
-
-
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's secant stiffness at a force; None if the gripper can't measure it."""
+    """Return the secant stiffness of the object that has relaxed from a present force.
+
+    None if the gripper can't measure it.
+    """
     answer = _measure(estimate, force, plan)
     return None if answer is None else answer.stiffness
 

@@ -214,7 +214,7 @@ class ContactEstimate(HandMotion):
     @property
     def now(self) -> Touch:
         """Mean of the last few frames since the last movement."""
-        since_s = self.touches[-1].time_s - READING.now_s
+        since_s = self.touches[-1].time_s - READING.mean_s
         # Binary search, because a hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
         last = self.touches[-max(READING.fewest_frames, recent) :]

@@ -33,7 +33,9 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     force = state.set_settled_force(forecast(estimate, plan=plan), plan=plan)
     _record_on_target(state, force, plan)
-    state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
+    assert correction.present is not None
+    found = measure_object(estimate, correction.present, plan=plan)
+    state.result = replace(state.result, **found)
     state.enter(Activity.ADJUST)
     return None
 

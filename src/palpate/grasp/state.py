@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from palpate.arrays import FloatArray
-from palpate.grasp.answers import measure_force, settle_force
+from palpate.grasp.answers import measure_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -15,6 +15,7 @@ from palpate.grasp.servo_evidence import gripper_force
 from palpate.grasp.step_size import slope_n
 from palpate.gripper.interface import GripperCommand
 from palpate.measurement import Measurement
+from palpate.object.relaxation import settle_force
 from palpate.signal.events import ContactState, EventKind, watch_contact
 
 

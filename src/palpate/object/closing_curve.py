@@ -11,12 +11,13 @@ step. The sheet reads it as
 
     ln f = ln F(w) + g + t a + l b - c C(F) / e + noise                                       (2)
 
-with the gain g of this contact, an error t of the law's exponent (a: ln force relative to the
-settled one), the sheet's lag l (b: the lagging rise of ln force), and a relative error c of the
-compliance (e: change of w per ln force). The settled force is the last reading, of an object that
-has relaxed: k exp(r) in place of k. The last step before contact bounds F(w) from above.
+with the gain g of this contact, an error t of the law's exponent (a: ln force relative to the last
+one), the sheet's lag l (b: the lagging rise of ln force), and a relative error c of the compliance
+(e: change of w per ln force). The present force is the last reading. The last step before contact
+bounds F(w) from above.
 
-A secant stiffness at another force follows from the same k and n.
+The object then relaxes: k exp(r) in place of k (`palpate.object.relaxation`). The secant stiffness
+of the settled object, at its settled force or another, follows from k, n and r.
 
 The posterior is evaluated on a grid of n, k and F at the final opening, which gives the size. The
 other unknowns are normal and linear in equation 2: they add to the covariance of the readings.
@@ -35,6 +36,7 @@ from scipy.special import log_ndtr, ndtri
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
 from palpate.object.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
+from palpate.object.relaxation import RELAXED, RELAXED_SD
 
 #: Exponents of force over indentation, equally likely: the 1/6, 1/2 and 5/6 quantiles of 162 real
 #: closings on bananas, kiwis and mangos (`fruit_rupture`, to 60 % of the rupture), each kind
@@ -56,9 +58,6 @@ _LAG_SD = 0.08
 _RECOVERY = 0.3
 #: Relative change of compliance for an object off the middle, or with another face than the block.
 _COMPLIANCE_SD = 0.02
-#: Relaxation (ln force) of the object between closing and horizon, from springs to fruit: mean and
-#: standard deviation.
-_RELAXED, _RELAXED_SD = -0.1, 0.1
 #: Uncertainty of the gripper's zero, from a block with a size tolerance of 0.1 mm.
 _BLOCK_SD_MM = 0.06
 #: Smallest uncertainty of a width, mm (half an encoder step of a typical servo).
@@ -71,11 +70,11 @@ _TILT_FRACTION, _TILT_SDS = 0.5, (0.08, 0.4)
 CONTACT_SD = 2.0
 #: Most steps used of a long closing, because adjacent steps carry the same information.
 _MOST_STEPS = 14
-#: The grid: scales, errors of the final force in standard deviations, and quantiles of the
-#: relaxation; the forces at which equation 1 is tabulated, newtons.
+#: The grid: scales, errors of the final force in standard deviations, and changes of ln force by
+#: relaxation, equally likely; the forces at which equation 1 is tabulated, newtons.
 _SCALES = np.geomspace(SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, 100)
 _FINAL_SDS = np.linspace(-3.5, 3.5, 41)
-_QUANTILES = ndtri((np.arange(7) + 0.5) / 7)
+_RELAXATIONS = RELAXED + RELAXED_SD * ndtri((np.arange(7) + 0.5) / 7)
 _FORCES_N = np.geomspace(1e-3, 300.0, 400)
 #: Weight of a grid point, relative to the largest, below which it is ignored.
 _LEAST_WEIGHT = 1e-6
@@ -95,10 +94,10 @@ class _Grid(NamedTuple):
 
     log_weight: FloatArray
     size_mm: FloatArray
-    #: ln stiffness of the settled object at its force and at the reference force, shape (2, ...):
-    #: mean, and standard deviation from its relaxation.
+    #: ln stiffness of the settled object at its force and at the reference force, for each of
+    #: `_RELAXATIONS`, shape (scales, final forces, relaxations).
     log_stiffness: FloatArray
-    log_stiffness_sd: FloatArray
+    log_reference: FloatArray
 
 
 def measure_closing(
@@ -113,7 +112,8 @@ def measure_closing(
 
     `compliance`: compliance of pads, fingers and servo.
     `opening_mm`: final opening, corrected for the zero.
-    `force`: settled force at that opening, newtons.
+    `force`: present force at that opening, newtons; the stiffnesses are those of the object that
+    has relaxed.
     `reference_n`: force of a stiffness that can be compared between grasps.
 
     A spring of 2 N/mm in a gripper with a compliance of 0.2 mm/N:
@@ -129,33 +129,27 @@ def measure_closing(
     >>> stiffness.low < 2.0 < stiffness.high, abs(stiffness.value - 2.0) < 0.2
     (True, True)
     >>> size_mm
-    Measurement(40 mm, 39.87 to 40.11, ok)
+    Measurement(40 mm, 39.86 to 40.12, ok)
     """
     if force.middle <= 0:
         return None
     readings = _read_closing(curve, compliance, opening_mm=opening_mm, force=force)
     grids = [_evaluate(exponent, readings, compliance, reference_n) for exponent in _EXPONENTS]
-    log_weight, size_mm, log_stiffness, sd = (np.array(part) for part in zip(*grids, strict=True))
+    log_weight, size_mm, *log_stiffnesses = (np.array(part) for part in zip(*grids, strict=True))
     log_weight -= log_weight.max()
     likely = log_weight > math.log(_LEAST_WEIGHT)
     weight = np.exp(log_weight[likely])
     size = Measurement.from_samples(size_mm[likely], weight=weight, unit="mm", level=force.level)
-    repeated = np.repeat(weight, _QUANTILES.size)
+    repeated = np.repeat(weight, _RELAXATIONS.size)
     at_force, at_reference = (
         Measurement.from_samples(
-            np.clip(
-                np.exp(mean + spread * _QUANTILES), SOFTEST_N_PER_MM, STIFFEST_N_PER_MM
-            ).ravel(),
+            np.clip(np.exp(found[likely]), SOFTEST_N_PER_MM, STIFFEST_N_PER_MM).ravel(),
             weight=repeated,
             unit="n_per_mm",
             level=force.level,
             status=force.status,
         )
-        for mean, spread in zip(
-            np.moveaxis(log_stiffness, 1, 0)[:, likely, None],
-            np.moveaxis(sd, 1, 0)[:, likely, None],
-            strict=True,
-        )
+        for found in log_stiffnesses
     )
     zero_sd_mm = math.hypot(compliance.residual_mm, _BLOCK_SD_MM)
     return ClosingAnswer(size.widened(sd=zero_sd_mm), at_force, at_reference)
@@ -163,7 +157,7 @@ def measure_closing(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Readings:
-    """Readings of the steps, and of the settled force as the last; arrays of shape (n,)."""
+    """Readings of the steps, and of the present force as the last; arrays of shape (n,)."""
 
     force_n: FloatArray
     width_mm: FloatArray
@@ -197,7 +191,7 @@ def _read_closing(
     # Readings that scatter about a regression flatten it. On development sheets of the twin the
     # exponent was too small by 0.17 at a scatter of 0.43, and by 0 at 0.1.
     log_error = -(curve.law_sd**2) * log_ratio
-    # The settled force shares the gain of the contact; the rest of its error is its own.
+    # The present force shares the gain of the contact; the rest of its error is its own.
     gain_sd = min(curve.gain_sd, force.log_sd)
     own = force.log_sd**2 - gain_sd**2 + _SCATTER**2
     floor_n = _FLOOR_FRACTION * curve.floor_n
@@ -230,13 +224,9 @@ def _evaluate(
     # Change of the width per ln force at each reading, shape (scales, n), and the object's part.
     object_mm = (readings.force_n / scale) ** (1.0 / exponent) / exponent
     slope_mm = readings.deflection_slope_mm + object_mm
-    settled = (object_mm / slope_mm)[:, -1:]
-    relaxation = np.zeros_like(slope_mm)
-    relaxation[:, -1:] = _RELAXED_SD * settled
     effects = [
         *np.broadcast_to(readings.effects.T[:, None], (3, *slope_mm.shape)),
         _COMPLIANCE_SD * readings.deflection_mm / slope_mm,
-        relaxation,
     ]
     design = np.stack(effects, axis=-1)
     covariance = design @ design.swapaxes(1, 2)
@@ -262,9 +252,7 @@ def _evaluate(
     )
     error = np.arcsinh(readings.force_n / readings.floor_n) - per_log * readings.log_error
     error = error - np.arcsinh(force_n[..., :-1] / readings.floor_n)
-    error[..., -1] -= per_log[-1] * _RELAXED * settled
-    weighted = error @ precision
-    log_weight = -0.5 * (weighted * error).sum(axis=-1)
+    log_weight = -0.5 * ((error @ precision) * error).sum(axis=-1)
     log_weight += 0.5 * np.linalg.slogdet(precision)[1][:, None]
     log_weight += log_ndtr(CONTACT_SD * (1.0 - force_n[..., -1] / readings.free_n))
     log_weight -= 0.5 * ((np.log(scale) - _LOG_SCALE) / _LOG_SCALE_SD) ** 2
@@ -272,16 +260,15 @@ def _evaluate(
     # The spacing of the grid in size.
     log_weight += np.log(np.gradient(size_mm, axis=1))
 
-    effect = per_log[-1] * _RELAXED_SD * settled
-    relaxed = _RELAXED + _RELAXED_SD * effect * weighted[..., -1]
-    relaxed_sd = _RELAXED_SD * np.sqrt(1.0 - effect**2 * precision[:, -1, -1, None])
-    log_n = np.log(final_n) + settled * relaxed
-    # ln (F / d), with F = k exp(r) d^n, and r as far as the force does not show it.
-    log_forces = np.stack([log_n, np.full_like(log_n, math.log(reference_n))])
-    of_force = np.stack([np.broadcast_to(settled, log_n.shape), np.zeros_like(log_n)])
-    log_stiffness = log_forces - (log_forces - np.log(scale) - relaxed) / exponent
-    sd = relaxed_sd * (of_force + (1.0 - of_force) / exponent)
-    return _Grid(log_weight, size_mm, log_stiffness, sd)
+    # ln (F / d), with F = k exp(r) d^n. The hand follows, so that F falls by the object's share.
+    share = (object_mm / slope_mm)[:, -1:, None]
+    settled_log_n = np.log(final_n)[..., None] + share * _RELAXATIONS
+    log_scale = np.log(scale)[..., None] + _RELAXATIONS
+    log_stiffness, log_reference = (
+        log_n - (log_n - log_scale) / exponent
+        for log_n in (settled_log_n, np.full_like(settled_log_n, math.log(reference_n)))
+    )
+    return _Grid(log_weight, size_mm, log_stiffness, log_reference)
 
 
 def compute_lag(force_n: FloatArray, *, weak_n: float) -> FloatArray:
