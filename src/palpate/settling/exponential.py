@@ -34,6 +34,12 @@ _GRID_STEP = 0.1
 _LAST_STEP, _MAX_STEPS = 1e-4, 50
 #: Limit of the decays from peak to window, which prevents an overflow of A.
 _MAX_DECAYS = 600.0
+#: Nodes around the best one, and the weights of their values in the slope, the curvature, and the
+#: third and fourth derivative, divided by 2 and 6.
+_MARGIN, _NODES = 2, np.arange(-2, 3)[:, None]
+_STENCILS = np.array([[1, -8, 0, 8, -1], [-1, 16, -30, 16, -1], [-3, 6, 0, -6, 3], [2, -8, 12, -8, 2]])
+_STENCILS = _STENCILS / 12
+_TINY = 1e-290
 _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
 
@@ -130,34 +136,40 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     [1.7, 3.0, -5.0]
     """
     log_rates, table = _tabulate_decays(x.tobytes())
-    mean = y.mean(axis=1)
+    mean = np.add.reduce(y, axis=1) / x.size
     centred = y - mean[:, None]
-    gains = np.square(centred @ table.T)
+    gains = np.square(centred.dot(table.T))
     best = gains.argmax(axis=1)
-    is_at_end = (best == 0) | (best == log_rates.size - 1)
-    centre = np.minimum(np.maximum(best, 1), log_rates.size - 2)
+    centre = np.minimum(np.maximum(best, _MARGIN), log_rates.size - 1 - _MARGIN)
+    is_at_end = best != centre
     rows = np.arange(len(y))
-    before, at_centre, after = (gains[rows, centre + step] for step in (-1, 0, 1))
-    curvature = before - 2 * at_centre + after
-    shift = 0.5 * (before - after) * (curvature < 0) / (curvature - (curvature == 0))
+    # Maximum of the polynomial through five nodes, by one Newton step from that of a parabola.
+    slope, curvature, third, fourth = _STENCILS.dot(gains[rows, centre + _NODES])
+    curvature = np.minimum(curvature, -_TINY)
+    shift = -slope / curvature
+    shift -= shift * shift * (third + fourth * shift) / np.minimum(
+        curvature + shift * (2 * third + 3 * fourth * shift), -_TINY
+    )
     shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~is_at_end
-    log_rate = log_rates[centre] + _GRID_STEP * shift
-    amplitude, shape_mean, explained = np.empty((3, len(y)))
+    log_rate = log_rates.take(centre) + _GRID_STEP * shift
+    amplitude, shape_mean, explained = linear = np.empty((3, len(y)))
     active: slice | NDArray[np.intp] = slice(None)
     for _ in range(_MAX_STEPS):
-        step, *linear = _newton_step(x, centred[active], log_rate[active], free=~is_at_end[active])
+        step, linear[:, active] = _newton_step(
+            x, centred[active], log_rate[active], free=~is_at_end[active]
+        )
         log_rate[active] += step
-        amplitude[active], shape_mean[active], explained[active] = linear
         is_moving = np.abs(step) > _LAST_STEP
-        if not is_moving.any():
+        if not np.count_nonzero(is_moving):
             break
         active = rows[active][is_moving]
+    unexplained = np.add.reduce(centred * centred, axis=1) - explained
     return DecayFit(
         rate=np.exp(log_rate),
         amplitude=amplitude,
         offset=mean - amplitude * shape_mean,
-        unexplained=np.maximum(np.einsum("nm,nm->n", centred, centred) - explained, 0.0),
-        gained=explained - gains[:, 0],
+        unexplained=np.maximum(unexplained, 0.0),
+        gained=explained - gains[:, _MARGIN - 1],
         is_at_end=is_at_end,
     )
 
@@ -169,7 +181,7 @@ def _tabulate_decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
     slowest = _SLOWEST_DECAYS / x[-1]
     fastest = _FASTEST_DECAYS_PER_SAMPLE * (x.size - 1) / x[-1]
     steps = int(np.ceil(np.log(fastest / slowest) / _GRID_STEP))
-    log_rates = np.log(slowest) + _GRID_STEP * np.arange(-1, steps + 2)
+    log_rates = np.log(slowest) + _GRID_STEP * np.arange(-_MARGIN, steps + 1 + _MARGIN)
     table = np.exp(-np.exp(log_rates)[:, None] * x)
     table -= table.mean(axis=1, keepdims=True)
     return log_rates, table / np.sqrt(np.einsum("ij,ij->i", table, table))[:, None]
@@ -177,33 +189,37 @@ def _tabulate_decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
 
 def _newton_step(
     x: FloatArray, y: FloatArray, log_rate: FloatArray, *, free: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the step in ln(rate), the amplitude, the mean decay and the explained sum.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the step in ln(rate); and the amplitude, the mean decay and the explained sum.
 
     The explained sum is p^2 / q. Here p is the product of the centred decay with the data, and q
     its product with itself. Both are computed with two derivatives with respect to the rate.
     """
     rate = np.exp(log_rate)
-    parts = np.empty((3, len(rate), len(x)))
-    np.exp(-rate[:, None] * x, out=parts[0])
-    np.multiply(parts[0], -x, out=parts[1])
-    np.multiply(parts[1], -x, out=parts[2])
-    mean = parts.mean(axis=2)
+    parts = np.empty((len(rate), 3, x.size))
+    np.exp(-rate[:, None] * x, out=parts[:, 0])
+    np.multiply(parts[:, 0], -x, out=parts[:, 1])
+    np.multiply(parts[:, 1], -x, out=parts[:, 2])
+    mean = np.add.reduce(parts, axis=2) / x.size
     parts -= mean[:, :, None]
-    p = np.einsum("inm,nm->in", parts, y)
-    q, half_q1, half_q2 = np.einsum("inm,nm->in", parts, parts[0])
-    q1, q2 = 2 * half_q1, 2 * (half_q2 + np.einsum("nm,nm->n", parts[1], parts[1]))
+    p, p1, p2 = (parts @ y[:, :, None])[:, :, 0].T
+    products = parts @ parts.transpose(0, 2, 1)
+    q, half_q1, half_q2 = products[:, 0].T
+    q1, q2 = 2 * half_q1, 2 * (half_q2 + products[:, 1, 1])
     # For a row of zeros p is 0 at any rate, and the denominator is arbitrary.
-    inverse = 1 / (p[0] + (p[0] == 0))
-    by_p, by_q = p[1] * inverse, 0.5 * q1 / q
+    inverse = 1 / (p + (p == 0))
+    by_p, by_q = p1 * inverse, half_q1 / q
     # by_p equals by_q at the optimum. Using this here preserves quadratic convergence.
-    curvature = rate * (p[2] * inverse - 0.5 * q2 / q + by_p * by_q)
+    curvature = rate * (p2 * inverse - 0.5 * q2 / q + by_p * by_q)
     step = (by_q - by_p) / np.minimum(curvature, -1e-12 * rate)
     step = np.minimum(np.maximum(step, -_GRID_STEP), _GRID_STEP) * free
     change = rate * np.expm1(step)
     half = 0.5 * change * change
-    p_then, q_then, mean_then = (m[0] + m[1] * change + m[2] * half for m in (p, (q, q1, q2), mean))
-    return step, p_then / q_then, mean_then, p_then * p_then / q_then
+    p_then = p + p1 * change + p2 * half
+    q_then = q + q1 * change + q2 * half
+    mean_then = mean[:, 0] + mean[:, 1] * change + mean[:, 2] * half
+    amplitude = p_then / q_then
+    return step, np.array((amplitude, mean_then, p_then * amplitude))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
