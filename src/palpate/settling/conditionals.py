@@ -10,6 +10,7 @@ prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, sec
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
@@ -41,6 +42,7 @@ _LOG_NOISE = np.log(NOISE)
 
 #: Maximum number of bins; more bins do not improve the prediction.
 MAX_BINS = 12
+_EDGES = np.arange(MAX_BINS + 1)
 #: Below this time after the peak the bins have equal length (s).
 LINEAR_BELOW_S = 0.1
 #: Maximum number of independent noise samples. Real noise is coloured (mains, filters), and its
@@ -63,19 +65,21 @@ class Conditionals(NamedTuple):
     #: Weights for `estimate_noise`.
     noise_weights: NoiseWeights
     #: Unexplained squares of each deviation from the prior of the scale, and per noise variance of
-    #: a sample, shape (n_deviations,); degrees of freedom of the scale.
+    #: a sample, shape (n_deviations, 1); degrees of freedom of the scale.
     prior_squares: float
     noise_squares: FloatArray
     degrees: float
-    #: Shape (m, n_deviations * (m + 2 * n_curves)). Multiplies the differences. For each deviation,
-    #: the columns whiten them, project them on each whitened curve, and forecast the change from
-    #: the last bin to the horizon for each curve. A projection is divided by sqrt(1 + the curve's
-    #: square) and multiplied by the square root of the handicap.
-    projection: FloatArray
-    #: Shape (n_deviations, n_curves). Factor of the unexplained squares of a component, from the
-    #: noise and the determinants: at least 1.
+    #: Shape (n_deviations, m + 1, m). Whitens the differences. The last row is the change from the
+    #: horizon to the last bin that the deviation predicts.
+    whitening: FloatArray
+    #: Shape (n_deviations, n_curves, m). Whitened curves, divided by `sqrt(1 + square of the norm)`.
+    along: FloatArray
+    #: Shape (n_components,). Forecast of a component per projection on its curve.
+    gain: FloatArray
+    #: Shape (n_deviations, n_curves, 1). Factor of the unexplained squares of a component in its
+    #: weight, from the noise and the determinants.
     handicap: FloatArray
-    #: Shape (n_components,). Variance of a component's forecast per unexplained square.
+    #: Shape (n_components,). Variance of a component's forecast per unexplained square and handicap.
     variance: FloatArray
     #: At the recent rate per e-fold of time, the change is `pace` times the difference of the last
     #: bin to bin `pace_from`.
@@ -106,34 +110,34 @@ def compute_conditionals(time_bytes: bytes, *, after_s: float, scaled: bool) -> 
     inverse: FloatArray = np.linalg.inv(factor)
     diagonal = factor.diagonal(axis1=1, axis2=2)
     spread = diagonal[:, m:]
+    inverse[:, m] *= spread
     whitened = inverse @ curves
     along = whitened[:, :m]
     square = 1 + np.add.reduce(along * along, axis=1)
+    norm = np.sqrt(square)
+    gain = whitened[:, m] / norm
     # Adjacent deviations share samples, so that about half of them are independent.
     noise_samples = min(max(samples_s.size - 2, 0) / 2, MAX_NOISE_SAMPLES)
     degrees = m + noise_samples + scaled * SCALE_DEGREES
     log_size = np.add.reduce(np.log(diagonal[:, :m]), axis=1) + noise_samples * _LOG_NOISE
-    log_handicap = log_size[:, None] + np.log(square) / 2
-    handicap = np.exp((log_handicap - log_handicap.min()) * (2 / degrees))
-    step = spread * whitened[:, m] / np.sqrt(square * handicap)
-    back = inverse.transpose(0, 2, 1)[:, :m]
-    along = back[:, :, :m] @ (along * np.sqrt(handicap / square)[:, None])
-    forecast = along * step[:, None] - back[:, :, m:] * spread[:, None]
-    by_deviation = np.concatenate((back[:, :, :m], along, forecast), axis=2)
-    pace_from = min(int(time_s.searchsorted(time_s[-1] / np.e)), m - 1)
-    pace = (log_time[m] - log_time[-1]) / (log_time[-1] - log_time[pace_from])
+    handicap = np.exp((2 / degrees) * (np.log(norm) + log_size[:, None]))
+    variance = (spread * spread + gain * gain) / (max(degrees - 2, 1) * handicap)
+    pace_from = min(int(time_s.searchsorted(time_s[-1] / math.e)), m - 1)
+    now = log_time[-1]
     return Conditionals(
         starts=starts,
         sizes=count,
         noise_weights=weigh_noise(samples_s),
         prior_squares=scaled * SCALE_DEGREES * SCALE**2 + _TINY,
-        noise_squares=noise_samples / _VARIANCES[:, 0],
+        noise_squares=noise_samples / _VARIANCES[:, :1],
         degrees=degrees,
-        projection=by_deviation.transpose(1, 0, 2).reshape(m, -1),
-        handicap=handicap,
-        variance=((spread * spread / handicap + step * step) / max(degrees - 2, 1)).ravel(),
+        whitening=inverse[:, :, :m],
+        along=(along / norm[:, None]).transpose(0, 2, 1),
+        gain=gain.ravel(),
+        handicap=handicap[:, :, None],
+        variance=variance.ravel(),
         pace_from=pace_from,
-        pace=float(pace),
+        pace=float((log_time[m] - now) / (now - log_time[pace_from])),
     )
 
 
@@ -179,10 +183,10 @@ def log_bins(time_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArr
     [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
     """
     log_time = np.log(time_s + LINEAR_BELOW_S)
-    edges = np.arange(min(time_s.size, MAX_BINS) + 1)
+    edges = _EDGES[: time_s.size + 1]
     if time_s.size > MAX_BINS:
         width = (log_time[-1] - log_time[0]) / MAX_BINS
-        edges = log_time.searchsorted(log_time[0] + width * edges)
+        edges = log_time.searchsorted(log_time[0] + width * _EDGES)
         edges[-1] = time_s.size
     size = edges[1:] - edges[:-1]
     [filled] = size.nonzero()
@@ -196,15 +200,11 @@ def weigh_noise(time_s: FloatArray) -> NoiseWeights:
     """Return weights for `estimate_noise`.
 
     These are the weight of the earlier neighbour of each sample but the first and the last, and
-    the weights of the squares in two means: of all samples, and of the second half.
+    the factor of its squared deviation.
     """
-    earlier = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    count = earlier.size
-    averages = np.zeros((count, 2))
-    averages[:, 0] = 1 / max(count, 1)
-    averages[count // 2 :, 1] = 1 / max(count - count // 2, 1)
-    averages /= (2 - 2 * earlier * (1 - earlier))[:, None]
-    return earlier, averages
+    step_s = time_s[1:] - time_s[:-1]
+    earlier = step_s[1:] / (step_s[1:] + step_s[:-1])
+    return earlier, 0.5 / (1 - earlier * (1 - earlier))
 
 
 def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
@@ -218,9 +218,12 @@ def estimate_noise(weights: NoiseWeights, values: FloatArray) -> FloatArray:
     >>> estimate_noise(weigh_noise(line), 10 * line[None]).round(9)
     array([0.])
     """
-    earlier, averages = weights
+    earlier, factor = weights
+    count = earlier.size
     later = values[:, 2:]
-    square = values[:, 1:-1] - later + earlier * (later - values[:, : earlier.size])
+    square = values[:, 1:-1] - later + earlier * (later - values[:, :count])
     square *= square
-    variance, late = square.dot(averages).T
+    square *= factor
+    late = np.add.reduce(square[:, count // 2 :], axis=1) / max(count - count // 2, 1)
+    variance = np.add.reduce(square, axis=1) / max(count, 1)
     return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

@@ -62,22 +62,23 @@ def compute_posterior(
     `noise`, shape (n_holds,): noise variance of one sample.
     """
     holds, m = differences.shape
-    products = differences.dot(forms.projection).reshape(holds, N_DEVIATIONS, -1)
-    whitened, along = products[:, :, :m], products[:, :, m : m + N_CURVES]
-    squares = np.add.reduce(whitened * whitened, axis=2)
-    squares += noise[:, None] * forms.noise_squares + forms.prior_squares
+    whitened = forms.whitening @ differences.T
+    along = forms.along @ whitened[:, :m]
+    squares = np.add.reduce(whitened[:, :m] ** 2, axis=1)
+    squares += noise * forms.noise_squares + forms.prior_squares
     # A weight is (handicap x unexplained squares) ** (-degrees / 2). Comparing the unexplained
     # squares selects the components without a logarithm.
-    residual = (squares[:, :, None] * forms.handicap - along * along).reshape(holds, -1)
-    smallest = np.minimum.reduce(residual, axis=1)
-    is_relevant = residual <= (smallest * MIN_WEIGHT ** (-2 / forms.degrees))[:, None]
-    hold, component = is_relevant.nonzero()
+    residual = ((squares[:, None] - along * along) * forms.handicap).reshape(-1, holds)
+    smallest = np.minimum.reduce(residual, axis=0)
+    is_relevant = residual <= smallest * MIN_WEIGHT ** (-2 / forms.degrees)
+    hold, component = np.ascontiguousarray(is_relevant.T).nonzero()
     first = hold.searchsorted(np.arange(holds))
-    smallest = smallest.take(hold)
-    unexplained = residual[is_relevant]
-    weight = (smallest / unexplained) ** (forms.degrees / 2)
+    place = component * holds + hold
+    unexplained = residual.take(place)
+    weight = (smallest.take(hold) / unexplained) ** (forms.degrees / 2)
     weight /= np.add.reduceat(weight, first).take(hold)
-    forecast = products[:, :, m + N_CURVES :].reshape(holds, -1)[is_relevant]
+    forecast = forms.gain.take(component) * along.take(place)
+    forecast -= whitened[component // N_CURVES, m, hold]
     return Mixture(
         first=first,
         hold=hold,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.signal.transient import select_peak
 
 #: A baseline is within this fraction of the total change for at least this time (s) and number of
 #: samples. The change then reaches the larger fraction within three quarters of the baseline's
@@ -55,6 +54,7 @@ def group_rows(keys: NDArray[np.intp]) -> Iterator[tuple[int, Rows]]:
 def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
     """Group holds by time origin and first sample of settling.
 
+    `values`: changes relative to the last sample, shape (n_holds, n_times).
     `positive`: whether the values are logarithms of positive readings. The size of a change then
         identifies a contact.
 
@@ -62,21 +62,20 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
 
     >>> time_s = np.arange(0.0, 3.0, 0.05)
     >>> hold = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
-    >>> [window] = find_windows(time_s, hold[None], positive=True)
+    >>> [window] = find_windows(time_s, hold[None] - hold[-1], positive=True)
     >>> float(time_s[window.origin].round(2)), float(time_s[window.first].round(2))
     (0.95, 1.3)
     """
-    rows, last = np.arange(len(values)), values[:, -1]
-    top, bottom = values.argmax(axis=1), values.argmin(axis=1)
-    largest, smallest = values[rows, top], values[rows, bottom]
-    peak = select_peak(top, bottom, fall=largest - last, rise=last - smallest)
-    baseline_end = _find_baseline_end(time_s, values, smallest=smallest, largest=largest)
+    rows = np.arange(len(values))
+    # The extreme with the largest change after it; of equal extremes the earlier.
+    peak = np.abs(values).argmax(axis=1)
+    baseline_end = _find_baseline_end(time_s, values)
     origins = np.maximum(peak, baseline_end)
     start = values[rows, origins]
     soon = time_s.searchsorted(time_s.take(origins) + _CONTACT_S, side="right") - 1
     min_jump = _CONTACT_LOG
     if not positive:
-        min_jump = _CONTACT_FRACTION * np.maximum(largest - start, start - smallest)
+        min_jump = _CONTACT_FRACTION * np.maximum.reduce(np.abs(values - start[:, None]), axis=1)
     has_contact = (np.abs(start - values[rows, soon]) > min_jump) | (baseline_end > 0)
     for key, chosen in group_rows(2 * origins + has_contact):
         origin = first = key // 2
@@ -90,19 +89,17 @@ def find_windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> I
         yield Window(rows=chosen, since_s=time_s[first:] - zero_s, origin=origin, first=first)
 
 
-def _find_baseline_end(
-    time_s: FloatArray, values: FloatArray, *, smallest: FloatArray, largest: FloatArray
-) -> NDArray[np.intp]:
+def _find_baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
     """Return the last sample of a flat initial baseline; 0 if there is none."""
     min_end = max(int((time_s - time_s[0]).searchsorted(_FLAT_S)), _FLAT_SAMPLES - 1)
     end = np.zeros(len(values), dtype=np.intp)
     if min_end >= time_s.size:
         return end
-    first = values[:, 0]
-    total = np.maximum(largest - first, first - smallest)
-    [rows] = (np.abs(values[:, min_end] - first) <= _FLAT * total).nonzero()
+    change = np.abs(values - values[:, :1])
+    total = np.maximum.reduce(change, axis=1)
+    [rows] = (change[:, min_end] <= _FLAT * total).nonzero()
     if rows.size:
-        change, total = np.abs(values[rows] - first[rows, None]), total[rows, None]
+        change, total = change[rows], total[rows, None]
         # -1 for a constant hold, which never leaves the baseline.
         flat = (change > _FLAT * total).argmax(axis=1) - 1
         departed = (change > _DEPARTED * total).argmax(axis=1)
