@@ -138,7 +138,7 @@ def predict_settled(
 def _count_samples(times: FloatArray, cutoff_s: float) -> int:
     """Count the samples up to the cut-off; raise if times are out of order."""
     is_rising = times[1:] > times[:-1]
-    if not is_rising.all() or (times.size and not math.isfinite(times[-1])):
+    if np.count_nonzero(is_rising) < times.size - 1 or not np.isfinite(times[-1:]).all():
         index = times.size - 1 if is_rising.all() else int(is_rising.argmin()) + 1
         raise InputError(
             f"time_s[{index}] is {times[index]:g} s after {times[max(index - 1, 0)]:g} s; times "

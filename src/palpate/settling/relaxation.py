@@ -67,6 +67,7 @@ _MIN_RATIO = 1e-12
 #: Smallest ratio to the last reading that the log law predicts, and smallest change.
 _MIN_LINE, _TINY = 1e-3, float(np.finfo(float).tiny)
 _SIGNS = np.array([[-1.0], [0.0], [1.0]])
+_NONE = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,15 +96,17 @@ class Relaxation:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Predict the value at the horizon; see `SettlingMethod.predict`."""
-        ends = np.empty((3, len(values)))
-        status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
+        ends, window_s = np.empty((3, len(values))), np.empty(len(values))
+        status = np.empty(len(values), dtype=object)
         for start in range(0, len(values), _BATCH_SIZE):
             batch = slice(start, start + _BATCH_SIZE)
             samples = values[batch]
             # Readings that repeat have a resolution or an update rate; so may a single reading.
             is_repeated = samples[:, 1:] == samples[:, :-1]
-            is_alone = time_s.size == 1
-            [repeating] = np.logical_or.reduce(is_repeated, axis=1, initial=is_alone).nonzero()
+            repeating = _NONE
+            if np.count_nonzero(is_repeated) or time_s.size == 1:
+                is_alone = time_s.size == 1
+                [repeating] = np.logical_or.reduce(is_repeated, axis=1, initial=is_alone).nonzero()
             for rows, columns, positive in _group_holds(samples, repeating):
                 found = _predict(
                     time_s[columns], samples[rows][:, columns], horizon_s, level, positive=positive
@@ -165,46 +168,49 @@ def _forecast(
     span = np.maximum.reduce(used, axis=1) - np.minimum.reduce(used, axis=1)
     if since_s.size < 2:
         return used[:, -1] + _SIGNS * span, np.array([Status.TOO_SHORT] * len(used), dtype=object)
-    forms = compute_conditionals(since_s.tobytes(), after_s=after_s, scaled=positive)
+    time_bytes = since_s.tobytes()
+    forms = compute_conditionals(time_bytes, after_s=after_s, scaled=positive)
     binned = np.add.reduceat(used, forms.starts, axis=1) / forms.sizes
     last = binned[:, -1]
     differences = binned[:, :-1] - last[:, None]
     noise = estimate_noise(forms.noise_weights, used)
     recent = -forms.pace * differences[:, forms.pace_from]
     mixture = compute_posterior(forms, differences, noise=noise)
-    log_odds = _SIGNS * math.atanh(level)
+    log_odds = math.atanh(level) * _SIGNS
     ends = compute_quantiles(mixture, log_odds)
-    error = log_odds * (_MODEL_ERROR / STEEPNESS) * np.hypot(ends[1], recent)
-    ends = ends[1] + _SIGNS * np.hypot(ends - ends[1], error)
+    change = ends[1]
+    error = np.hypot(change, recent) * (_MODEL_ERROR / STEEPNESS * log_odds)
+    ends = change + _SIGNS * np.hypot(ends - change, error)
     largest_change = _MAX_CHANGE * span
-    is_limited = np.abs(ends[1]) >= largest_change
+    is_limited = np.abs(change) >= largest_change
     if np.count_nonzero(is_limited):
-        shrinking = largest_change / np.maximum(np.abs(ends[1]), _TINY)
+        shrinking = largest_change / np.maximum(np.abs(change), _TINY)
         ends *= np.where(is_limited, shrinking, 1.0)
-    change = ends[1].copy()
+        change = ends[1].copy()
     min_duration_s = _MIN_CONTACT_S if window.first > window.origin else _MIN_DURATION_S
     is_short = duration_s < min_duration_s or since_s.size < _MIN_SAMPLES
     is_early = duration_s <= _EARLY_S
-    wide = Status.TOO_SHORT if is_short or is_early else Status.MISFIT
-    otherwise = Status.UNPROVEN if beyond else Status.OK
     # A later status replaces an earlier one.
-    statuses = (otherwise, Status.UNPROVEN, Status.FELL_BACK, wide, Status.NOT_SETTLING)
-    chosen = np.zeros(len(used), dtype=np.intp)
-    chosen[np.abs(change - _PROVEN_PACE * recent) > np.abs(_PACE_MARGIN * recent)] = 1
+    is_off_pace = np.abs(change - _PROVEN_PACE * recent) > _PACE_MARGIN * np.abs(recent)
+    chosen = is_off_pace.astype(np.intp)
     chosen[is_limited] = 2
     chosen[is_short or _is_wide(ends, span=span, positive=positive)] = 3
     chosen[_is_returning(binned)] = 4
-    if np.count_nonzero(chosen):
+    is_moved = chosen > 0
+    if np.count_nonzero(is_moved):
         # The line is straighter for readings than for their logarithms.
-        line = (np.exp(used) if positive else used).dot(weigh_line(since_s.tobytes(), after_s))
+        line = (np.exp(used) if positive else used).dot(weigh_line(time_bytes, after_s))
         line = (np.log(np.maximum(line, _MIN_LINE)) if positive else line) - last
         line = np.minimum(np.maximum(line, -largest_change), largest_change)
-        gap = (chosen > 0) * _LINE_SHARE * (line - change)
+        gap = (line - change) * (_LINE_SHARE * is_moved)
         ends += _SIGNS * np.abs(gap)
         decisive = _DECISIVE_EARLY if is_early else _DECISIVE
         ends += gap * (mixture.exponential_probability() < decisive)
     if beyond:
         ends += beyond * (ends - ends[1])
+    wide = Status.TOO_SHORT if is_short or is_early else Status.MISFIT
+    otherwise = Status.UNPROVEN if beyond else Status.OK
+    statuses = (otherwise, Status.UNPROVEN, Status.FELL_BACK, wide, Status.NOT_SETTLING)
     return last + ends, np.array(statuses, dtype=object).take(chosen)
 
 
