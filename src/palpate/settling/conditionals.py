@@ -72,14 +72,15 @@ class Conditionals(NamedTuple):
     #: Shape (n_deviations, m + 1, m). Whitens the differences. The last row is the change from the
     #: horizon to the last bin that the deviation predicts.
     whitening: FloatArray
-    #: Shape (n_deviations, n_curves, m). Whitened curves, divided by `sqrt(1 + square of the norm)`.
+    #: Shape (n_deviations, n_curves, m). Whitened curves, divided by sqrt(1 + their square).
     along: FloatArray
     #: Shape (n_components,). Forecast of a component per projection on its curve.
     gain: FloatArray
     #: Shape (n_deviations, n_curves, 1). Factor of the unexplained squares of a component in its
     #: weight, from the noise and the determinants.
     handicap: FloatArray
-    #: Shape (n_components,). Variance of a component's forecast per unexplained square and handicap.
+    #: Shape (n_components,). Variance of a component's forecast per unexplained square, divided by
+    #: the handicap.
     variance: FloatArray
     #: At the recent rate per e-fold of time, the change is `pace` times the difference of the last
     #: bin to bin `pace_from`.

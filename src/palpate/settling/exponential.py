@@ -34,11 +34,10 @@ _GRID_STEP = 0.1
 _LAST_STEP, _MAX_STEPS = 1e-4, 50
 #: Limit of the decays from peak to window, which prevents an overflow of A.
 _MAX_DECAYS = 600.0
-#: Nodes around the best one, and the weights of their values in the slope, the curvature, and the
-#: third and fourth derivative, divided by 2 and 6.
+#: Nodes around the best one, and the weights of their values in the coefficients of the derivative
+#: of the polynomial through them.
 _MARGIN, _NODES = 2, np.arange(-2, 3)[:, None]
-_STENCILS = np.array([[1, -8, 0, 8, -1], [-1, 16, -30, 16, -1], [-3, 6, 0, -6, 3], [2, -8, 12, -8, 2]])
-_STENCILS = _STENCILS / 12
+_DERIVATIVE = np.arange(1, 5)[:, None] * np.linalg.inv(np.vander(_NODES[:, 0], increasing=True))[1:]
 _TINY = 1e-290
 _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
@@ -144,11 +143,14 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     is_at_end = best != centre
     rows = np.arange(len(y))
     # Maximum of the polynomial through five nodes, by one Newton step from that of a parabola.
-    slope, curvature, third, fourth = _STENCILS.dot(gains[rows, centre + _NODES])
+    slope, curvature, third, fourth = _DERIVATIVE.dot(gains[rows, centre + _NODES])
     curvature = np.minimum(curvature, -_TINY)
     shift = -slope / curvature
-    shift -= shift * shift * (third + fourth * shift) / np.minimum(
-        curvature + shift * (2 * third + 3 * fourth * shift), -_TINY
+    shift -= (
+        shift
+        * shift
+        * (third + fourth * shift)
+        / np.minimum(curvature + shift * (2 * third + 3 * fourth * shift), -_TINY)
     )
     shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~is_at_end
     log_rate = log_rates.take(centre) + _GRID_STEP * shift
@@ -215,9 +217,9 @@ def _newton_step(
     step = np.minimum(np.maximum(step, -_GRID_STEP), _GRID_STEP) * free
     change = rate * np.expm1(step)
     half = 0.5 * change * change
-    p_then = p + p1 * change + p2 * half
-    q_then = q + q1 * change + q2 * half
-    mean_then = mean[:, 0] + mean[:, 1] * change + mean[:, 2] * half
+    p_then, q_then, mean_then = (
+        m[0] + m[1] * change + m[2] * half for m in ((p, p1, p2), (q, q1, q2), mean.T)
+    )
     amplitude = p_then / q_then
     return step, np.array((amplitude, mean_then, p_then * amplitude))
 

@@ -67,7 +67,6 @@ _MIN_RATIO = 1e-12
 #: Smallest ratio to the last reading that the log law predicts, and smallest change.
 _MIN_LINE, _TINY = 1e-3, float(np.finfo(float).tiny)
 _SIGNS = np.array([[-1.0], [0.0], [1.0]])
-_NONE = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,10 +102,8 @@ class Relaxation:
             samples = values[batch]
             # Readings that repeat have a resolution or an update rate; so may a single reading.
             is_repeated = samples[:, 1:] == samples[:, :-1]
-            repeating = _NONE
-            if np.count_nonzero(is_repeated) or time_s.size == 1:
-                is_alone = time_s.size == 1
-                [repeating] = np.logical_or.reduce(is_repeated, axis=1, initial=is_alone).nonzero()
+            is_alone = time_s.size == 1
+            [repeating] = np.logical_or.reduce(is_repeated, axis=1, initial=is_alone).nonzero()
             for rows, columns, positive in _group_holds(samples, repeating):
                 found = _predict(
                     time_s[columns], samples[rows][:, columns], horizon_s, level, positive=positive

@@ -69,15 +69,13 @@ class SettledEstimate:
         """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
+        names = ("value", "low", "high", "window_s", "status")
+        # Several times as fast as `dataclasses.replace`.
         return SettledEstimate(
-            value=self.value[index],
-            low=self.low[index],
-            high=self.high[index],
+            **{name: getattr(self, name)[index] for name in names},
             level=self.level,
             horizon_s=self.horizon_s,
-            window_s=self.window_s[index],
             method=self.method,
-            status=self.status[index],
         )
 
 
