@@ -96,6 +96,7 @@ class LabelLearner:
         `labels`: label of each row.
         `items`: item of each row; a split never separates rows of one item. By default each row is
             a separate item.
+        The result depends neither on the order of the rows nor on the names of the items.
         Raises `InputError` if there are too few labels or items: without unknown items, two labels
         and more rows than labels are required; with unknown items, one label and `FEWEST_ITEMS`
         items per label. Raises `MissingExtraError` if scikit-learn is not installed.
@@ -116,10 +117,15 @@ class LabelLearner:
                 "kind=KIND, or --say ABOUT=LABEL"
             )
         self.labels = tuple(sorted(counts))
-        self._table = np.asarray(table, dtype=float)
-        self._truth = np.array([self.labels.index(label) for label in labels])
+        by_item: dict[str, list[tuple[list[float], int]]] = {}
+        values = np.asarray(table, dtype=float).tolist()
+        for item, value, label in zip(row_items, values, labels, strict=True):
+            by_item.setdefault(item, []).append((value, self.labels.index(label)))
+        # The folds depend on the order of the items: sorted by their content, it is always equal.
+        ordered = sorted(sorted(rows) for rows in by_item.values())
+        known = [(*row, place) for place, rows in enumerate(ordered) for row in rows]
+        self._table, self._truth, self._items = map(np.array, zip(*known, strict=True))
         self.fractions = np.bincount(self._truth) / len(self._truth)
-        self._items = np.unique(row_items, return_inverse=True)[1]
         self._splits = self._split(max(2, min(_FOLDS, *counts.values())))
         held_out = {name: self._cross_validate(name) for name in self._methods}
         self.method = min(held_out, key=lambda name: _log_loss(held_out[name], self._truth))

@@ -67,3 +67,19 @@ def test_learner_splits_keep_rows_of_an_item_together(rng: np.random.Generator) 
     by_item = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels, items=items)
     by_row = LabelLearner(allow_unknown=False, methods=("trees",)).fit(rows, labels)
     assert by_item.score().right < 0.7 < by_row.score().right
+
+
+def test_learner_depends_neither_on_the_order_of_rows_nor_on_names(
+    rng: np.random.Generator,
+) -> None:
+    labels = [*(6 * ["egg"]), *(6 * ["grape"])]
+    table = rng.normal(0.0, 1.0, (12, 2)) + (np.array(labels) == "egg")[:, None]
+    items = [f"i{row // 2}" for row in range(12)]
+    renamed = [f"n{(5 * (row // 2)) % 6}" for row in range(12)]
+    order = rng.permutation(12)
+    one = LabelLearner(allow_unknown=False).fit(table, labels, items=items)
+    other = LabelLearner(allow_unknown=False).fit(
+        table[order], [labels[k] for k in order], items=[renamed[k] for k in order]
+    )
+    assert other.score() == one.score()
+    assert np.array_equal(other.probabilities(table), one.probabilities(table))

@@ -188,16 +188,8 @@ def learn_stages(
             f"no item is labelled {missing[0]!r}; label at least one item of each stage "
             f"({', '.join(stages)})"
         )
-    by_item: dict[str, list[tuple[float, str]]] = {}
-    for item, value, label in zip(items, firmness, labels, strict=True):
-        by_item.setdefault(item, []).append((float(value), label))
-    # The folds of the cross-validation depend on order and names. Items in the order of their
-    # content, with their places as names, always have the same folds.
-    ordered = sorted(sorted(rows) for rows in by_item.values())
-    known = [(*row, str(place)) for place, rows in enumerate(ordered) for row in rows]
-    table, truth, places = zip(*known, strict=True)
     learner = LabelLearner(allow_unknown=False, methods=["discriminant"])
-    return learner.fit(np.reshape(table, (-1, 1)), truth, items=places)
+    return learner.fit(np.reshape(firmness, (-1, 1)), labels, items=items)
 
 
 def judge_by_first_day(days: Sequence[DayFirmness]) -> Ripeness:
