@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from logging.handlers import QueueHandler
 from pathlib import Path
+from queue import SimpleQueue
 from types import MappingProxyType
 
 import openpyxl
@@ -19,6 +22,7 @@ from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
+from palpate_station.dashboard.audit import LOG
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
 from palpate_station.dashboard.messages import Grasped
 from palpate_station.dashboard.panel_history import item_html, item_label
@@ -91,6 +95,20 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert grasp.recording == str(recorded.resolve())
     assert grasp.pixel_settled_percent is not None
     assert len(grasp.pixel_settled_percent) == 4
+
+
+def test_shared_store_that_does_not_answer_is_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    told = SimpleQueue[logging.LogRecord]()
+    handler = QueueHandler(told)
+    LOG.addHandler(handler)
+    item_store = ItemStore(f"postgresql://nobody@/items?host={tmp_path}")
+    stored = place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
+    assert stored.stored
+    assert "the records wait in the local store" in told.get(timeout=60.0).getMessage()
+    LOG.removeHandler(handler)
 
 
 def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(

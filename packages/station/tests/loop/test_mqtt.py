@@ -190,6 +190,26 @@ def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     publisher.close()
 
 
+def test_mqtt_outage_of_the_broker_is_reported_once_and_so_is_its_return(
+    broker: BrokerProcess, tmp_path: Path
+) -> None:
+    plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
+    told: Queue[str] = Queue()
+    broker.kill()
+    publisher = Publisher(
+        plain, store=tmp_path / "items.sqlite", on_error=told.put, on_return=told.put
+    )
+    assert "does not answer; results wait" in told.get(timeout=TIMEOUT_S)
+    for _ in range(2):
+        broker.start()
+        assert "answers again" in told.get(timeout=TIMEOUT_S)
+        broker.stop()
+        assert "does not answer" in told.get(timeout=TIMEOUT_S)
+    publisher.close()
+    broker.start()
+    assert told.empty()
+
+
 def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
     def run(*command: str) -> None:
         subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)

@@ -165,9 +165,12 @@ def test_server_restart_loses_no_record_and_preserves_order(
         assert f"shown from {store.local_name} only" in document["away"]
         assert faults("item", document) == []
         assert "shown from" in item_html(read_item_history(store, "A17"))
-    with Sender(postgresql_process.url, on_error=errors.put) as sender:
+    with Sender(postgresql_process.url, on_error=errors.put, on_return=errors.put) as sender:
         assert "records wait in the local store" in errors.get(timeout=60)
         postgresql_process.start()
+        # Each new reason is reported, such as the server's start.
+        while "answers again, 20 records sent" not in errors.get(timeout=60):
+            pass
         with Store.open(postgresql_process.url) as store:
             store.add_grasps(grasps[40:])
         sender.wake()

@@ -221,6 +221,7 @@ def _open_publisher(file: Path, *, store: str | None) -> Publisher:
         read_broker(file),
         store=store,
         on_error=LOG.error,
+        on_return=LOG.info,
     )
 
 

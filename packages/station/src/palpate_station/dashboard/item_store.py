@@ -161,7 +161,7 @@ class ItemStore:
             return replace(completed, not_stored=self._report(error))
         self.trouble = ""
         if self._sender is None:
-            self._sender = Sender(self._where)
+            self._sender = Sender(self._where, on_error=LOG.warning, on_return=LOG.info)
         self._sender.wake()
         return replace(completed, stored=True, not_stored="", grasp_id=grasp.grasp_id)
 

@@ -41,8 +41,9 @@ class Publisher:
     if its acknowledgement was lost.
 
     `store`: path or URL for `Store.open`; queued results of an earlier run are sent first.
-    `on_error`: called from a background thread with one line when the broker refuses the
-        connection or the store fails.
+    `on_error`: called from a background thread with one line when the broker does not answer or
+        refuses the connection, or the store fails.
+    `on_return`: called with one line when the broker answers again.
     Raises `InputError` if a certificate can't be used.
     """
 
@@ -52,8 +53,11 @@ class Publisher:
         *,
         store: str | Path | None,
         on_error: Callable[[str], None],
+        on_return: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self._topic, self._where, self._on_error = broker.topic, store, on_error
+        self._topic, self._where = broker.topic, store
+        self._on_error, self._on_return = on_error, on_return
+        self._address = f"{broker.host}:{broker.effective_port}"
         self._dropped = 0
         # Several stations may share a store; the topic identifies the station.
         self._receiver = f"mqtt {broker.topic}"
@@ -113,10 +117,22 @@ class Publisher:
 
     def _on_connected(self, store: Store) -> None:
         self._link.is_up, self._link.is_state_sent = True, False
+        if self._link.fault:
+            self._on_return(f"mqtt: the broker {self._address} answers again")
+            self._link.fault = ""
         self._publish("online", _payload({"online": True, "dropped": self._dropped}))
 
     def _on_disconnected(self, store: Store) -> None:
         self._link.is_up = False
+        # A refusal also ends the connection.
+        if not self._link.fault:
+            self._report("does not answer", store)
+
+    def _report(self, fault: str, store: Store) -> None:
+        """Report a new fault of the broker; the client tries again every few seconds."""
+        if fault != self._link.fault:
+            self._link.fault = fault
+            self._on_error(f"mqtt: the broker {self._address} {fault}; results wait in the store")
 
     def _acknowledge(self, message: int, store: Store) -> None:
         link = self._link
@@ -161,6 +177,7 @@ class Publisher:
                 ) from error
         client.on_connect = self._on_connect
         client.on_disconnect = lambda *_: self._calls.put(self._on_disconnected)
+        client.on_connect_fail = lambda *_: self._calls.put(self._on_disconnected)
         client.on_publish = lambda _client, _data, message, *_: self._calls.put(
             partial(self._acknowledge, message)
         )
@@ -168,9 +185,8 @@ class Publisher:
 
     def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:
-            self._on_error(
-                f"mqtt: the broker refused the connection: {reason}; check username and password"
-            )
+            fault = f"refused the connection ({reason}; check username and password)"
+            self._calls.put(partial(self._report, fault))
         else:
             self._calls.put(self._on_connected)
 
@@ -180,6 +196,8 @@ class _Link:
     """State of the connection, used only on the publisher's thread."""
 
     is_up: bool = False
+    #: The last reported fault of the broker; empty while it answers.
+    fault: str = ""
     #: Message numbers of the result in flight, in the client and in the outbox.
     sent: tuple[int, int] | None = None
     state: bytes | None = None

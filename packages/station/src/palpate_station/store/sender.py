@@ -21,12 +21,17 @@ class Sender:
 
     `where`: the store, as in `Store.open`.
     `on_error`: called once with each new error message.
+    `on_return`: called with one line when the store takes records again.
     """
 
     def __init__(
-        self, where: str | Path | None, *, on_error: Callable[[str], None] = lambda line: None
+        self,
+        where: str | Path | None,
+        *,
+        on_error: Callable[[str], None],
+        on_return: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self._where, self._on_error = where, on_error
+        self._where, self._on_error, self._on_return = where, on_error, on_return
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
         self._thread.start()
@@ -56,7 +61,9 @@ class Sender:
                 is_last_round = self._closing
                 try:
                     store = store or opened.enter_context(Store.open(self._where))
-                    store.send()
+                    sent = store.send()
+                    if last:
+                        self._on_return(f"{store.name}: answers again, {sent} records sent")
                     last = ""
                 except PalpateError as error:
                     if str(error) != last:
