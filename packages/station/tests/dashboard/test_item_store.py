@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import logging
+import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from logging.handlers import QueueHandler
@@ -32,7 +34,9 @@ from palpate_station.records import BIN_COLUMNS, About, Item, Source, Verdict
 from palpate_station.sorting.conditions import OneOf, Within
 from palpate_station.sorting.rules import Rule, RuleBook
 from palpate_station.store import Store
+from palpate_station.store import sender as store_sender
 from palpate_station.store.export import export, find_bins
+from palpate_station.store.item_history import item_document
 from palpate_station.store.labels import add_label
 
 RESULT = GraspResult(
@@ -109,6 +113,41 @@ def test_shared_store_that_does_not_answer_is_logged(
     assert stored.stored
     assert "the records wait in the local store" in told.get(timeout=60.0).getMessage()
     LOG.removeHandler(handler)
+
+
+def test_shared_store_that_hangs_delays_only_the_first_item(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(store_sender, "_RETRY_S", 1e3)
+    told = SimpleQueue[logging.LogRecord]()
+    handler = QueueHandler(told)
+    LOG.addHandler(handler)
+    with socket.create_server(("127.0.0.1", 0), backlog=50) as silent:
+        silent.setblocking(False)
+        port = silent.getsockname()[1]
+        item_store = ItemStore(f"postgresql://nobody@127.0.0.1:{port}/items")
+        place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
+        told.get(timeout=60.0)
+        accept_all(silent)
+        for _ in range(2):
+            place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
+        page = item_store.page("berry-7")
+        assert len(page.grasps) == 3
+        assert "no answer" in item_document(page)["away"]
+        # Each grasp lets the sender try again.
+        assert accept_all(silent) <= 2
+    LOG.removeHandler(handler)
+
+
+def accept_all(silent: socket.socket) -> int:
+    """Close the waiting connections; return their number."""
+    count = 0
+    with suppress(BlockingIOError):
+        while True:
+            silent.accept()[0].close()
+            count += 1
+    return count
 
 
 def test_item_html_shows_figure_and_simulated_label_and_escapes_the_name(

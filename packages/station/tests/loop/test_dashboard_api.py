@@ -18,7 +18,8 @@ from time import monotonic
 from urllib.parse import urlsplit
 
 import pytest
-from benchmarks.dashboard import ROOT, children_of
+from benchmarks.dashboard import ROOT
+from benchmarks.processes import children_of
 from packages.station.tests.served_pages import (
     POLL_PERIOD_S,
     SIMULATED,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from benchmarks.dashboard import children_of
+from benchmarks.processes import children_of
 from packages.station.tests.served_pages import (
     ITEM,
     PHONE,

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from benchmarks.dashboard import children_of
+from benchmarks.processes import children_of
 from packages.station.tests.epcis import read_epcis
 from packages.station.tests.served_pages import SIMULATED, Machine, run_server
 from tests.whole.test_json_schemas import faults

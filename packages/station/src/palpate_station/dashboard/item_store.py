@@ -257,6 +257,8 @@ class ItemStore:
         except StoreMissingError:
             return None
         with store:
+            # While records can't be sent, each item would wait for the server's timeout.
+            store.away = None if self._sender is None else self._sender.away
             return read(store)
 
 

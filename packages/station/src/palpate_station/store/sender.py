@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, StoreAwayError
 from palpate_station.store.database import Store
 
 #: Retry interval after an error if there are no new records, seconds.
@@ -32,6 +32,8 @@ class Sender:
         on_return: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._where, self._on_error, self._on_return = where, on_error, on_return
+        #: The error while the shared store does not answer.
+        self.away: StoreAwayError | None = None
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
         self._thread.start()
@@ -64,8 +66,9 @@ class Sender:
                     sent = store.send()
                     if last:
                         self._on_return(f"{store.name}: answers again, {sent} records sent")
-                    last = ""
+                    last, self.away = "", None
                 except PalpateError as error:
+                    self.away = error if isinstance(error, StoreAwayError) else None
                     if str(error) != last:
                         self._on_error(f"{error}; the records wait in the local store")
                     last = str(error)
