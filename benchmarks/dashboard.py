@@ -24,7 +24,10 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from benchmarks.processes import children_of, cpu_s, resident_mb
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from palpate.calibration import BlockPairs, Calibration, ForcePairs, RestValues
@@ -160,12 +163,6 @@ def browser_cpu_s() -> float:
     return found
 
 
-def cpu_s(pid: int) -> float:
-    """Return the processor time of a process so far, user and system."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def run_board_process(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board in its own process; return the port and the process."""
     from palpate_studies.benchmarks.pty_board import run_board, run_on_port
@@ -202,23 +199,12 @@ def read_link(address: str) -> dict[str, float]:
 
 def memory_mb(pid: int) -> dict[str, float]:
     """Return the resident memory of the server and of the devices process."""
-    return {"server": _resident_mb(pid), "devices": _resident_mb(devices_of(pid))}
+    return {"server": resident_mb(pid), "devices": resident_mb(devices_of(pid))}
 
 
 def devices_of(pid: int) -> int:
     """Return the devices process, the largest child of the server."""
-    return max(children_of(pid), key=_resident_mb)
-
-
-def children_of(pid: int) -> list[int]:
-    """Return the child processes of all threads of a process."""
-    listed = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for of_thread in listed for child in of_thread.read_text().split()]
-
-
-def _resident_mb(pid: int) -> float:
-    found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
-    return int(found[1]) / 1024 if found else 0.0
+    return max(children_of(pid), key=resident_mb)
 
 
 def watch(address: str, pid: int, *, seconds: float, what: str, pages: Sequence[Page] = ()) -> None:
@@ -282,7 +268,6 @@ def main() -> None:
     parser.add_argument("--alone", type=float, default=120.0, help="seconds with none or one")
     parser.add_argument("--flexitac", action="store_true", help="only 384 pixels and one viewer")
     options = parser.parse_args()
-    sys.path.insert(0, str(ROOT))
     if options.flexitac:
         watch_flexitac(rate_hz=options.rate_hz, seconds=options.seconds)
         return

@@ -64,7 +64,7 @@ def read_address(process: subprocess.Popen[str]) -> str:
 
 def measure_cpu_percent(pid: int, *, seconds: float) -> float:
     """Measure the processor time of a process, in percent of a core."""
-    from benchmarks.dashboard import cpu_s
+    from benchmarks.processes import cpu_s
 
     before_s, began_s = cpu_s(pid), time.monotonic()
     time.sleep(seconds)
@@ -73,8 +73,8 @@ def measure_cpu_percent(pid: int, *, seconds: float) -> float:
 
 def watch_messages(pid: int, address: str, *, seconds: float) -> None:
     """Subscribe to every channel; print message rate, losses, delay and processor time."""
-    from benchmarks.dashboard import cpu_s
     from benchmarks.packhouse import print_latency
+    from benchmarks.processes import cpu_s
     from packages.foxglove.tests.foxglove_client import foxglove_client
 
     counts: Counter[str] = Counter()

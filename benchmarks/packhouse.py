@@ -87,7 +87,8 @@ def watch(
 
     `base`: values for the printed ratios.
     """
-    from benchmarks.dashboard import cpu_s, devices_of, read_link
+    from benchmarks.dashboard import devices_of, read_link
+    from benchmarks.processes import cpu_s
 
     while read_link(address)["period_p99_s"] is None:
         time.sleep(REQUEST_PERIOD_S)

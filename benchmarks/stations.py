@@ -12,14 +12,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
-import subprocess
 import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -29,37 +26,15 @@ import numpy as np
 from palpate.errors import PalpateError
 from palpate_station.store import Store
 from palpate_station.store.sender import Sender
+from services import Database, run_service
 from store import invent_grasps
 
-DEBIAN = Path("/usr/lib/postgresql")
 TEMPLATES = 200
 SIZE = "SELECT pg_database_size('postgres')"
 TERMINATE = (
     "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
     "WHERE pid <> pg_backend_pid() AND backend_type = 'client backend'"
 )
-
-
-@contextmanager
-def run_server(folder: Path) -> Iterator[str]:
-    """Run a private server; yield the URL of its store."""
-    [programs, *_] = sorted(DEBIAN.glob("*/bin"), key=lambda path: -float(path.parent.name))
-    user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
-    if user:
-        shutil.chown(folder, "postgres")
-
-    def run(program: str, *arguments: str) -> None:
-        command = [*user, str(programs / program), *arguments]
-        subprocess.run(command, check=True, capture_output=True, cwd=folder)
-
-    data = str(folder / "data")
-    run("initdb", "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C")
-    options = f"-c listen_addresses='' -c unix_socket_directories={folder} -c max_connections=120"
-    run("pg_ctl", "-D", data, "-w", "-l", str(folder / "log"), "-o", options, "start")
-    try:
-        yield f"postgresql://postgres@/postgres?host={folder}"
-    finally:
-        run("pg_ctl", "-D", data, "-m", "immediate", "stop")
 
 
 def run_station(
@@ -71,7 +46,7 @@ def run_station(
     templates = list(invent_grasps(TEMPLATES))
     acknowledged, refused, spent_ms = list[str](), list[str](), list[float]()
     due_s = time.time() + every_s * rng.random()
-    with Store.open(url) as store, Sender(url) as sender:
+    with Store.open(url) as store, Sender(url, on_error=print) as sender:
         while time.time() < until_s:
             time.sleep(max(due_s - time.time(), 0.0))
             due_s += every_s
@@ -110,7 +85,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--every", type=float, default=5.0, help="period of the grasps, seconds")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place, run_server(Path(place)) as url:
+    with ExitStack() as stack:
+        place = stack.enter_context(tempfile.TemporaryDirectory())
+        database = Database(Path(place))
+        stack.enter_context(run_service(database))
+        url = database.url
         os.environ["XDG_STATE_HOME"] = place
         empty = query_number(url, SIZE)
         with get_context("spawn").Pool(options.stations) as pool:

@@ -149,7 +149,7 @@ def measure(address: str, *, count: int, bare: socket.socket) -> tuple[list[floa
 
 def lower_priority(parent: int) -> None:
     """Lower the priority of all threads of a process's descendants."""
-    from benchmarks.dashboard import children_of
+    from benchmarks.processes import children_of
 
     for child in children_of(parent):
         for thread in Path(f"/proc/{child}/task").iterdir():
@@ -164,7 +164,8 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=200)
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
-    from benchmarks.dashboard import CHROMIUM, children_of, open_page, serve_rig
+    from benchmarks.dashboard import CHROMIUM, open_page, serve_rig
+    from benchmarks.processes import children_of
     from playwright.sync_api import sync_playwright
 
     late = False
