@@ -143,6 +143,23 @@ async def opcua_driver(station: Station) -> AsyncIterator[OpcUa]:
 
 
 @pytest.mark.system
+def test_opcua_node_ids_are_the_paths_that_clients_save(station: Station) -> None:
+    async def work() -> list[Any]:
+        async with Client(station.opcua, watchdog_intervall=TIMEOUT_S) as client:
+            space = await client.get_namespace_index("urn:palpate:station")
+            paths = ("Station.Held.SizeMmLow", "Station.Result.Number", "Station.Simulated")
+            nodes = [client.get_node(f"ns={space};s={path}") for path in paths]
+            methods = await client.get_node(f"ns={space};s=Station").get_methods()
+            named = {str(one.nodeid.Identifier) for one in methods}
+            assert named >= {"Station.Grasp", "Station.Release"}
+            return [await node.read_value() for node in nodes]
+
+    low, _, is_simulated = asyncio.run(work())
+    assert math.isnan(low)
+    assert is_simulated is True
+
+
+@pytest.mark.system
 def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
         async with opcua_driver(station) as hand:

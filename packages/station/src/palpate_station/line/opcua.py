@@ -215,9 +215,14 @@ class OpcUaStation:
         self._server.set_security_IDs(["Username"])
 
     async def _add_nodes(self, space: int) -> None:
-        station = await self._server.nodes.objects.add_object(space, "Station")
-        held = await station.add_object(space, "Held")
-        result = await station.add_object(space, "Result")
+        def names(path: str) -> tuple[ua.NodeId, ua.QualifiedName]:
+            # Clients save node IDs, so those must not depend on the number of nodes before.
+            named = ua.QualifiedName(path.rpartition(".")[2], space)
+            return ua.NodeId.from_string(f"ns={space};s={path}"), named
+
+        station = await self._server.nodes.objects.add_object(*names("Station"))
+        held = await station.add_object(*names("Station.Held"))
+        result = await station.add_object(*names("Station.Result"))
         text, number = ua.VariantType.String, ua.VariantType.Double
         of_state = {name: kind for name, (kind, _) in _STATE.items()} | {"Refusal": text}
         measured = dict.fromkeys(_measurement_names(), number)
@@ -231,7 +236,7 @@ class OpcUaStation:
         ):
             for name, kind in kinds.items():
                 node = await parent.add_variable(
-                    space, name, _INITIAL_VALUES[kind], varianttype=kind
+                    *names(f"Station.{path}{name}"), _INITIAL_VALUES[kind], varianttype=kind
                 )
                 self._nodes[path + name] = node, kind
         for name, method, inputs, outputs in (
@@ -253,7 +258,7 @@ class OpcUaStation:
             ("TakeOver", self._take_over, [], []),
             ("Leave", self._leave, [], []),
         ):
-            await station.add_method(space, name, method, inputs, outputs)
+            await station.add_method(*names(f"Station.{name}"), method, inputs, outputs)
 
     async def _write(self, name: str, value: Any) -> None:
         shown = self._shown.get(name)
