@@ -13,6 +13,7 @@ from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety_filter import filter_command, quantize_target, safe_step, stop_here
 from palpate.gripper.interface import GripperCommand, GripperLimits
+from palpate.object.compliance import SoftFingerCompliance
 from palpate.object.damage import DamageModel
 
 
@@ -63,6 +64,21 @@ def test_filter_command_subtracts_travel_during_latency(plan: Plan) -> None:
     assert 54.0 - command.target == pytest.approx(safe / 1.5, abs=1e-4)
 
 
+@pytest.mark.parametrize("slowest", [0.0, 20.0])
+def test_filter_command_leaves_room_for_a_hand_that_cannot_move_slowly(
+    plan: Plan, slowest: float
+) -> None:
+    """The hand overruns at its slowest speed, which is faster than the shortened movement."""
+    safety = replace(plan.safety, force_ceiling_n=8.0)
+    hand = replace(plan.gripper, slowest=slowest)
+    slow = replace(plan, resolution=1e-4, safety=safety, gripper=hand)
+    command = filter_command(GripperCommand(target=50.0, rate=1e-3), pressed(5.0), slow)
+    assert command is not None
+    assert command.rate >= slowest
+    safe_mm = 3.0 / plan.steepest_n - slowest * safety.latency_s
+    assert 54.0 - command.target == pytest.approx(safe_mm, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("force_n", "percent", "limit_n", "is_short"),
     [
@@ -94,6 +110,20 @@ def test_filter_command_before_known_damage_limit_shortens_travel_from_contact(
     careful = filter_command(wish, estimate, replace(fine, damage=damage))
     expected_mm = 74.0 - (20.1 + longest) if is_short else 53.0
     assert careful.target == pytest.approx(expected_mm, abs=2e-4)
+
+
+def test_filter_command_before_known_damage_limit_counts_the_travel_of_soft_fingers(
+    plan: Plan, damage: DamageModel
+) -> None:
+    """A drive that closes 2 mm per unit needs half of the travel on the softest fruit."""
+    assert plan.compliance is not None
+    bend = SoftFingerCompliance(mm_per_kpa=2.0, compliance=plan.compliance)
+    soft = replace(plan, damage=damage, resolution=1e-4, bend=bend)
+    steps = closing_steps((0.0, 0.5, 0.5), step_mm=0.1, percent=-1.0)
+    estimate = ContactEstimate(closure=20.2, sent=20.2, steps=steps)
+    command = filter_command(GripperCommand(target=53.0, rate=1.0), estimate, soft)
+    longest = 2 * SQUEEZE.min_rise_n * (1 / plan.steepest_n + 1 / (2 * SQUEEZE.soft_n_per_mm))
+    assert command.target == pytest.approx(74.0 - (20.1 + longest), abs=2e-4)
 
 
 def test_filter_command_force_at_the_limit_of_a_push_does_not_shorten_the_travel(
