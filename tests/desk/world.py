@@ -1,10 +1,8 @@
 """The world of the desk: an object, fingers, a board and a hand, stepped by the wall clock.
 
 ``python -m tests.desk.world JSON`` with the fields of `Desk`. It prints its ports as one line of
-JSON, obeys the lines of its standard input (``place SEED``, ``weigh NEWTONS``, ``block``,
-``report``), answers each with a line, and ends with its input. A weight is a flat stamp between the
-pads that is pressed, not by the hand, until its load is reached. The log has a record of `LOG`
-every 5 ms.
+JSON, obeys the lines of its standard input (``place SEED``, ``report``), answers each with a line,
+and ends with its input. The log has a record of `LOG` every 5 ms.
 """
 
 from __future__ import annotations
@@ -61,8 +59,6 @@ FLEXITAC = ArrayLayout(
 _FLEXITAC_PITCH_MM = 3.0
 _BAUD = {"text": 115_200, "flexitac": 2_000_000}
 _LATE_S = 0.005
-#: Distance of the pads at which a stamp or a block fits between them.
-_APART_MM = 10.0
 
 
 class Report(TypedDict):
@@ -155,9 +151,6 @@ class DeskWorld:
         self._log = Path(desk.log).open("wb")  # noqa: SIM115
         self._logged_s = self._latest_s = 0.0
         self._late_steps, self._cpu_start_s = 0, time.process_time()
-        #: What is to be placed once the pads are apart, and the load of a weight on them, newtons.
-        self._next: TwinObject | None = None
-        self._weight_n: float | None = None
 
     def run(self) -> None:
         """Run until the standard input ends."""
@@ -196,13 +189,6 @@ class DeskWorld:
             self._set_clock(self._logged_s)
             width_mm = self._world.drive_value(self._logged_s)
             force_n = self._world.force_n(self._logged_s)
-            if self._next is not None and width_mm > SIZE_MM + _APART_MM:
-                self._world.place(None)
-                self._world.place(self._next)
-                self._next = None
-            elif self._weight_n is not None and self._next is None and force_n < self._weight_n:
-                step_mm = 0.3 if width_mm > SIZE_MM + 2.0 else 0.02
-                self._world.drive(width_mm - step_mm, rate=60.0)
             time_s, target_mm = self._start_s + self._logged_s, self._world.target_mm
             self._log.write(_RECORD.pack(time_s, width_mm, force_n, target_mm))
         self._set_clock(until_s)
@@ -219,15 +205,6 @@ class DeskWorld:
                 self._world.place(draw_desk_object(int(words[1])))
             except ValueError as error:
                 return str(error)
-            return "placed"
-        if words[0] in ("weigh", "block"):
-            self._world.drive(OPEN_MM, rate=60.0)
-            self._weight_n = None
-            if words[0] == "block" or float(words[1]) > 0:
-                name = "rigid-block" if words[0] == "block" else "dragonskin-20"
-                made = draw_object(np.random.default_rng(3), name)
-                self._next = replace(made, size_mm=SIZE_MM)
-                self._weight_n = float(words[1]) if words[0] == "weigh" else None
             return "placed"
         self._log.flush()
         truth = self._world.truth()
