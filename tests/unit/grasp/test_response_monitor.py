@@ -129,6 +129,16 @@ def test_reading_that_does_not_follow_a_closing_hand_raises_an_alarm_in_the_move
     assert words is None or hand.closure <= 23.3
 
 
+@pytest.mark.parametrize(("level", "is_alarm"), [(0.02, False), (0.2, True)])
+def test_constant_weak_reading_raises_no_alarm_within_noise_and_drift(
+    plan: Plan, level: float, is_alarm: bool
+) -> None:
+    """Over this travel, a reading of 2 % would rise by less than a hint of contact."""
+    hand = Hand(plan, excess=lambda mm: both(level * min(mm / 0.1, 1.0)))
+    hand.activity = Phase.SQUEEZE
+    assert (hand.move(20.1 + 6.0 * plan.fine_step) is not None) == is_alarm
+
+
 def test_pushing_finger_raises_no_alarm(plan: Plan) -> None:
     """One finger pushes the object over 3 mm, and then less, when the other one touches it."""
     hand = Hand(
