@@ -110,6 +110,16 @@ def test_pixel_monitor_one_saturated_pixel_raises_no_alarm(plan: Plan) -> None:
     assert "pixel R0 C0 is loaded beyond its measuring range" in str(watch.saturation_warning)
 
 
+def test_pixel_monitor_saturation_that_has_ended_hides_no_repeated_frames(plan: Plan) -> None:
+    watch, frames = PixelMonitor(plan), [*climbing(1), *flickering(3)]
+    moments = [(number / 15, 0.3 * number, counts) for number, counts in enumerate(frames)]
+    assert see(watch, moments) == [None] * len(frames)
+    assert watch.saturation_warning is None
+    end_s, end_mm, last = moments[-1]
+    repeated = [(end_s + number / 15, end_mm + number * plan.step, last) for number in range(1, 6)]
+    assert "no pixel has changed" in str(see(watch, repeated)[-1])
+
+
 def test_pixel_monitor_saturation_of_most_loaded_pixels_raises_force_limit_alarm(
     plan: Plan,
 ) -> None:
