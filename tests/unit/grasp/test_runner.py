@@ -188,3 +188,18 @@ def test_grasp_survives_a_computer_that_stalls_as_long_as_frames_arrive(
     result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.frames_skipped == 7
+
+
+def test_frame_that_is_delivered_too_late_is_skipped_and_counted(plan: Plan, bench: Any) -> None:
+    read = bench.read
+
+    def read_late(*, timeout_s: float) -> Frame:
+        if timeout_s == 0.0:
+            raise DeviceTimeoutError("no frame is waiting")
+        frame: Frame = read(timeout_s=timeout_s)
+        bench.clock.sleep_s(1.0 if frame.sequence == 30 else 0.0)
+        return frame
+
+    bench.read = read_late
+    result = bench.grasp_until(Outcome.HELD, plan)
+    assert result.frames_skipped == 1
