@@ -217,19 +217,6 @@ def docs(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_read_claims_looks_up_and_scales_figures(docs: Path) -> None:
-    (claim,) = read_claims(docs)
-    assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
-    assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
-    assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
-    table = claims_table([claim])
-    assert (
-        "| error (3) | 3; sensors; `rupture` | 12.3 % | 0.2 (c) | **undecided**: -0.100 " in table
-    )
-    page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
-    assert page == "0.20 2"
-
-
 def test_figures_of_an_earlier_version_are_marked(docs: Path) -> None:
     text = "Now{{earlier}}: {{one|rows[method=c]/error:.2f}} {{two|error}}"
     assert fill_page(text, docs) == "Now: 0.20 0.5"
