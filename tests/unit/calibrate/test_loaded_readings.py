@@ -2,39 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.logger_forms import FORMS, Form
 
 from palpate.calibrate.loaded_readings import read_loaded
-from palpate.calibrate.loaded_sensor import TableOptions
 from palpate.errors import InputError
-from palpate.holds.recordings import read_recordings
-
-
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.what)
-def test_form_of_a_logger_is_read_as_by_settle(form: Form, tmp_path: Path) -> None:
-    path = tmp_path / f"log{form.ending}"
-    content = form.content
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    options = TableOptions(**form.options)
-    try:
-        found = read_recordings(path, **form.options)
-    except InputError:
-        with pytest.raises(InputError) as refusal:
-            read_loaded(path, weights=[1.0], options=options)
-        assert str(refusal.value).count("\n") == 0
-        return
-    if {unit for one in found for unit in one.units.values()} & {"newton", "pascal"}:
-        return  # A load alone is no reading.
-    (sensor,) = read_loaded(path, options=options, require_loads=False)
-    assert len(sensor.parts) == len(found)
-    for part, one in zip(sensor.parts, found, strict=True):
-        np.testing.assert_allclose(part.values, np.column_stack([*one.columns.values()]))
-        np.testing.assert_allclose(part.time_s, one.time_s)
 
 
 @pytest.mark.parametrize(

@@ -114,21 +114,6 @@ def test_load_recording_arrays_match_messages(recorded: Path) -> None:
         recording.counts[0, 0, 0] = 1
 
 
-@pytest.mark.parametrize("fraction", [0.2, 0.8, 0.999])
-def test_truncated_recording_is_readable_and_recoverable(recorded: Path, fraction: float) -> None:
-    content = recorded.read_bytes()
-    recorded.write_bytes(content[: int(len(content) * fraction)])
-    read, state = read_all(recorded)
-    assert not state.complete
-    assert all(map(is_same, read, MESSAGES))
-    found = recover(recorded, recorded)
-    assert not found.is_intact
-    assert count_with_strict_readers(recorded) == len(read)
-    reread, state = read_all(recorded)
-    assert state.is_intact
-    assert all(map(is_same, reread, read))
-
-
 def test_damaged_chunk_loses_only_its_own_messages(recorded: Path) -> None:
     with recorded.open("rb") as stream:
         summary = make_reader(stream).get_summary()

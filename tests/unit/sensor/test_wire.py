@@ -170,19 +170,6 @@ def test_decoder_started_inside_a_frame_loses_only_that_frame() -> None:
         assert decoder.counters.corrupt == 0
 
 
-def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
-    # Sampling at another rate changes the length of runs of equal bits.
-    data = encode_frames(*range(300))
-    bits = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").reshape(-1, 8)
-    ends = np.ones((len(bits), 1), dtype=np.uint8)
-    line = np.hstack([0 * ends, bits, ends]).ravel()
-    for ratio in (0.096, 0.5, 2.0, 8.68):
-        sampled = line[(np.arange(int(len(line) * ratio)) / ratio).astype(int)]
-        received = np.packbits(sampled[: len(sampled) // 10 * 10].reshape(-1, 10)[:, 1:9], axis=1)
-        decoder = Decoder()
-        assert decoder.feed(received.tobytes()) == []
-
-
 @pytest.mark.parametrize(
     "payload",
     [
