@@ -110,14 +110,6 @@ def test_find_decision_smaller_half_width_decides_later() -> None:
     assert half_width <= 0.02 * strict.estimate.value
 
 
-def test_find_decision_ignores_later_samples() -> None:
-    decision = find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=4.0)
-    changed = np.where(decision.time_s < TIME_S, 1e6, HOLD)
-    second = find_decision(TIME_S, changed, method=Relaxation(), half_width_percent=4.0)
-    assert second.time_s == decision.time_s
-    assert second.estimate.value == decision.estimate.value
-
-
 def test_measure_settled_value_is_the_mean_of_the_last_half_second_up_to_the_horizon() -> None:
     time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
     values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])

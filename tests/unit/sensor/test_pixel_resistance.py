@@ -11,8 +11,7 @@ from tests.held_readings import held_readings_ohm
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, IdleLines
 from palpate.sensor.sample import pixel_resistance_ohm
-from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
-from palpate.signal.crosstalk import floating_readings_ohm
+from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 
 #: High resolution, so that rounding is negligible in the comparisons.
 FINE = Divider(adc_bits=24)
@@ -39,15 +38,6 @@ def test_pixel_resistance_with_isolated_lines_subtracts_the_series_resistance(
         counts_of(ohm + line_ohm), layout=layout("isolated", line_ohm=line_ohm)
     )
     assert found == pytest.approx(ohm, rel=1e-4)
-
-
-@pytest.mark.parametrize("line_ohm", [0.0, 140.0])
-def test_pixel_resistance_with_floating_lines_removes_the_crosstalk(line_ohm: float) -> None:
-    ohm = pixels(5)
-    read = floating_readings_ohm(ohm) + line_ohm
-    found = pixel_resistance_ohm(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
-    assert found == pytest.approx(ohm, rel=1e-4)
-    assert np.abs(resistance_ohm(counts_of(read), divider=FINE) / ohm - 1).max() > 0.3
 
 
 def test_pixel_resistance_with_held_lines_removes_the_crosstalk_of_a_multiplexed_column() -> None:

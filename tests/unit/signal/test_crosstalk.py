@@ -94,11 +94,6 @@ def test_unmix_held_describes_pull_downs_if_idle_driven_lines_are_low(idle: str)
         assert np.abs(wrong / pixels - 1.0).max() > 0.4
 
 
-def test_floating_readings_of_16_by_16_equal_pixels_are_88_percent_low() -> None:
-    # Foster: the sum of reading x conductance over all pixels is the number of lines minus one.
-    assert floating_readings_ohm(np.full((16, 16), 1000.0)) == pytest.approx(1000.0 * 31 / 256)
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 def test_unmixing_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
     pixels = random_pixels((3, *shape))

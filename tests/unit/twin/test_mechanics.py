@@ -31,13 +31,7 @@ THING = TwinObject(
     relaxing_time_s=(),
     flat=True,
 )
-SPRING = HandCompliance(finger_mm_per_n=0.25, pad_travel_mm=0.0, pad_force_n=1.0)
 PADS = HandCompliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
-
-
-def test_series_force_of_two_springs_matches_hand_calculation() -> None:
-    # 4 N/mm and 0.25 mm/N fractions 3 mm evenly: 1.5 mm each, 6 N.
-    assert series_force_n(THING, 3.0, compliance=SPRING) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("name", ["strawberry", "springs-4", "dragonskin-20"])
