@@ -25,6 +25,8 @@ from palpate.recording.channels import SCHEMAS, decode
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.signal.relative import CONTACT_PERCENT
 
+pytestmark = pytest.mark.slow
+
 COMMAND = (sys.executable, "-c", "from palpate.cli import main; main()", "live")
 
 

@@ -33,6 +33,7 @@ def real_side_log_sd(real_data: Path) -> float:
     return side_log_sd(sides[:, 0], sides[:, 1])
 
 
+@pytest.mark.slow
 def test_twin_apple_side_scatter_matches_real_apples(real_side_log_sd: float) -> None:
     random = np.random.default_rng(1)
     apples = [draw_apple(random, bruises=None) for _ in range(2000)]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from palpate_studies import tighten
 
 
+@pytest.mark.slow
 def test_study_counts_drops_reactions_and_false_slips() -> None:
     """Two elastic loads, of each level, at 60 frames/s; two quiet holds."""
     seeds = (tighten.FIRST_SEED - 6, tighten.FIRST_SEED - 5)

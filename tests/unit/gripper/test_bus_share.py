@@ -59,6 +59,7 @@ def test_two_programs_at_once_each_get_their_own_replies(
     arm.close()
 
 
+@pytest.mark.slow
 def test_missing_servo_delays_the_other_program_by_its_limit_only(
     shared: SharedBus, tmp_path: Path
 ) -> None:
