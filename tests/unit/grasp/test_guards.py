@@ -256,6 +256,28 @@ def test_gripper_overshoot_ends_grasp_at_once(plan: Plan, bench: Any) -> None:
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
 
 
+def test_gripper_overshoot_ends_grasp_between_two_frames(plan: Plan, bench: Any) -> None:
+    command, read, left_s = bench.command, bench.read, [PERIOD_S]
+
+    def runaway(wanted: Any) -> Any:
+        sent = command(replace(wanted, target=wanted.target - 0.3 * (bench.force_n > 1.0)))
+        return replace(sent, target=wanted.target)
+
+    def read_in_time(*, timeout_s: float) -> Frame:
+        if timeout_s < left_s[0]:
+            bench.clock.sleep_s(timeout_s)
+            left_s[0] -= timeout_s
+            raise DeviceTimeoutError("no frame yet")
+        bench.clock.sleep_s(left_s[0])
+        left_s[0] = PERIOD_S
+        frame: Frame = read(timeout_s=timeout_s)
+        return frame
+
+    bench.command, bench.read = runaway, read_in_time
+    bench.grasp_until(Outcome.GRIPPER_FAULT, plan, words="moved on to")
+    assert bench.clock.now_s() < bench.commanded_s + PERIOD_S
+
+
 def test_gripper_closing_too_fast_is_stopped(plan: Plan, bench: Any) -> None:
     """The driver uses another speed unit, and reports the commanded speed."""
     command = bench.command
