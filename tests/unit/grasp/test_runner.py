@@ -54,6 +54,24 @@ def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
+def test_gripper_that_fails_with_the_sensor_while_releasing_is_reported(
+    plan: Plan, bench: Any
+) -> None:
+    command, state = bench.command, bench.state
+
+    def lose_board(wanted: Any) -> Any:
+        bench.gone_after_s = 0.0 if wanted.target == 74.0 else bench.gone_after_s
+        return command(wanted)
+
+    def fail() -> Any:
+        if bench.gone_after_s == 0.0:
+            raise DeviceError("the gripper's board is gone")
+        return state()
+
+    bench.command, bench.state = lose_board, fail
+    bench.grasp_until(Outcome.SENSOR_LOST, plan, words="the gripper's board is gone")
+
+
 @pytest.mark.parametrize("phase", [Phase.SQUEEZE, Phase.RELEASE])
 def test_run_grasp_unexpected_array_error_stops_hand_and_is_reported(
     plan: Plan, bench: Any, phase: Phase
