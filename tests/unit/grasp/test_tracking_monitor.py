@@ -41,6 +41,7 @@ def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0)
         (PRESSURE, 10.0, 20.0, 10.0, 1.89, None),
         (PRESSURE, 10.0, 20.0, 10.0, 1.91, "check for a blockage"),
         (PRESSURE, 10.0, 20.0, 18.0, 1.91, None),
+        (PRESSURE, 10.0, 20.0, 17.5, 1.91, "check for a blockage"),
         # An overshoot is a fault at once.
         (WIDTH, 40.0, 30.0, 29.75, 1.1, None),
         (WIDTH, 40.0, 30.0, 29.5, 1.1, "moved on to"),
