@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.calibrate.loaded_readings import read_loaded
+from palpate.calibrate.loaded_sensor import TableOptions
 from palpate.errors import InputError
 
 

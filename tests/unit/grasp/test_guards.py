@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.grasp.controller import finish_release, is_closing_too_far
+from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -22,7 +22,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.runner import _Hand
 from palpate.grasp.safety import SafetyLimits
 from palpate.grasp.state import GraspState
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
 
 PERIOD_S = 1 / 15
@@ -384,6 +384,24 @@ def test_closing_hand_above_target_force_stops_at_its_position(
     )
     state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
     assert is_closing_too_far(state, replace(plan, target_force_n=target_n)) is ends
+
+
+def test_loop_stops_a_hand_that_closes_above_the_target_force(plan: Plan, bench: Any) -> None:
+    """The force jumps between two frames of one closing movement."""
+    controller = GraspController(replace(plan, target_force_n=2.0))
+    seen = list[GraspState]()
+    bench.grasp(plan, target_force_n=2.0, watchers=[seen.append])
+    squeezed = [state for state in seen if state.phase is Phase.SQUEEZE][-1]
+    width_mm = bench.limits.highest - squeezed.estimate.closure
+    controller.state = squeezed.snapshot()
+    controller.state.estimate.sent = squeezed.estimate.closure + 1.0
+    bench.width_mm, bench.n_per_mm = width_mm, 8.0
+    found = []
+    for _ in range(3):
+        frame = bench.read(timeout_s=1.0)
+        moving = GripperState(time_s=frame.time_s, width_mm=width_mm, moving=True)
+        found.append(controller.step(Observation(frame=frame, gripper=moving)))
+    assert GripperCommand(target=width_mm, rate=bench.limits.fastest) in found
 
 
 @pytest.mark.parametrize(("late_s", "done"), [(-0.1, False), (0.1, True)])
