@@ -15,10 +15,13 @@ from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import Outcome
+from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.sensor.array import Frame
+from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
 
@@ -34,6 +37,25 @@ def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
     assert {m.finger for m in result.moments if m.name == "finger_contact"} == {0, 1}
     assert bench.width_mm == 74.0
     assert bench.stops == 1
+    assert result.largest_frame_age_s == 0.0, "every frame is as new as the clock"
+
+
+def test_sensor_that_is_silent_while_the_hand_closes_is_named_with_the_whole_wait() -> None:
+    """The loop looks at the moving hand in between; each look is much shorter."""
+    world = World(draw("tomato", 5), seed=5, level="lab", frame_rate_hz=250.0)
+    gripper = TwinGripper(world)
+
+    class Silent(TwinArray):
+        def read(self, *, timeout_s: float) -> Frame:
+            if gripper.state().moving and world.clock.now_s() > 1.0:
+                world.clock.sleep_s(timeout_s)
+                raise DeviceTimeoutError(f"nothing within {timeout_s:g} s")
+            return super().read(timeout_s=timeout_s)
+
+    plan = plan_grasp(calibrate_once(seed=5, level="lab", apart_from="tomato"), gripper=gripper)
+    result = run_grasp(plan, array=Silent(world), gripper=gripper, clock=world.clock)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "no frame in" in " ".join(result.faults)
 
 
 def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
