@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import logging
 import multiprocessing
 import os
 import struct
@@ -299,15 +300,37 @@ class Consumer:
 
 
 @dataclass(kw_only=True)
+class Address:
+    """Where the clients of a station connect."""
+
+    http: str = ""
+    opcua_port: int = field(default_factory=free_port)
+    modbus_port: int = field(default_factory=free_port)
+
+    @asynccontextmanager
+    async def connect(self, protocol: str) -> AsyncIterator[Driver]:
+        """Connect a client, whose connection ends with the block."""
+        if protocol == "HTTP":
+            async with httpx.AsyncClient(base_url=self.http, timeout=20.0) as http:
+                yield Http(http)
+        elif protocol == "OPC UA":
+            url = f"opc.tcp://127.0.0.1:{self.opcua_port}/palpate"
+            # The default watchdog closes a connection that is silent for 1 s.
+            async with Client(url, timeout=20.0, watchdog_intervall=20.0) as opcua:
+                yield OpcUa(opcua)
+        else:
+            async with AsyncModbusTcpClient("127.0.0.1", port=self.modbus_port) as modbus:
+                yield Modbus(modbus)
+
+
+@dataclass(kw_only=True)
 class Station:
     """A station with its own folder and local store, and what was read of it."""
 
     name: str
     folder: Path
     consumer: Consumer
-    opcua_port: int = field(default_factory=free_port)
-    modbus_port: int = field(default_factory=free_port)
-    address: str = ""
+    address: Address = field(default_factory=Address)
     #: One row per grasp.
     rows: list[dict[str, Any]] = field(default_factory=list)
 
@@ -320,7 +343,12 @@ class Station:
         command = [sys.executable, "-m", "palpate", "serve", "--rig", "sim-rigid", "--port", "0"]
         command += ["--object", "avocado-day-3", "--seed", str(sum(map(ord, self.name)))]
         command += ["--rules", "rules.toml", "--mqtt", "broker.toml", "--store", url]
-        command += ["--opcua", str(self.opcua_port), "--modbus", str(self.modbus_port)]
+        command += [
+            "--opcua",
+            str(self.address.opcua_port),
+            "--modbus",
+            str(self.address.modbus_port),
+        ]
         with (self.folder / "serve.log").open("w") as log:
             process = subprocess.Popen(
                 [*command, "--station", self.name],
@@ -335,31 +363,16 @@ class Station:
         address = next((word for word in words if word.startswith("http")), None)
         if address is None:
             sys.exit((self.folder / "serve.log").read_text())
-        self.address = address
-        for port in (self.opcua_port, self.modbus_port):
+        self.address.http = address
+        for port in (self.address.opcua_port, self.address.modbus_port):
             wait_for_port(port)
         return process
-
-    @asynccontextmanager
-    async def connect(self, protocol: str) -> AsyncIterator[Driver]:
-        """Connect a client, whose connection ends with the block."""
-        if protocol == "HTTP":
-            async with httpx.AsyncClient(base_url=self.address, timeout=20.0) as http:
-                yield Http(http)
-        elif protocol == "OPC UA":
-            url = f"opc.tcp://127.0.0.1:{self.opcua_port}/palpate"
-            # The default watchdog closes a connection that is silent for 1 s.
-            async with Client(url, timeout=20.0, watchdog_intervall=20.0) as opcua:
-                yield OpcUa(opcua)
-        else:
-            async with AsyncModbusTcpClient("127.0.0.1", port=self.modbus_port) as modbus:
-                yield Modbus(modbus)
 
     async def read(self, what: str, item: str) -> dict[str, Reading]:
         """Read the item over HTTP, OPC UA and Modbus, each with a connection of its own."""
         found = {}
         for protocol in PROTOCOLS[:3]:
-            async with self.connect(protocol) as client:
+            async with self.address.connect(protocol) as client:
                 reading = client.held(item) if what == "held" else client.result()
                 found[protocol] = await reading
         return found
@@ -389,11 +402,11 @@ async def hold(driver: Driver, item: str) -> bool:
     return True
 
 
-def hold_until_killed(station: Station, protocol: str, item: str, said: Connection) -> None:
+def hold_until_killed(address: Address, protocol: str, item: str, said: Connection) -> None:
     """Grasp an item and hold it, as a client that will be killed."""
 
     async def work() -> None:
-        async with station.connect(protocol) as driver:
+        async with address.connect(protocol) as driver:
             said.send(await hold(driver, item))
             while True:
                 # A driver that polls keeps its control.
@@ -407,16 +420,7 @@ async def kill_while_holding(station: Station, protocol: str, item: str) -> bool
     """Start a client that grasps an item, kill it while it holds; return whether it was held."""
     spawn = multiprocessing.get_context("spawn")
     heard, said = spawn.Pipe(duplex=False)
-    # The consumer's thread can't be sent to another process.
-    copy = Station(
-        name=station.name,
-        folder=station.folder,
-        consumer=None,  # type: ignore[arg-type]
-        opcua_port=station.opcua_port,
-        modbus_port=station.modbus_port,
-        address=station.address,
-    )
-    process = spawn.Process(target=hold_until_killed, args=(copy, protocol, item, said))
+    process = spawn.Process(target=hold_until_killed, args=(station.address, protocol, item, said))
     process.start()
     is_held = bool(await asyncio.to_thread(heard.recv))
     process.kill()
@@ -472,11 +476,10 @@ async def run_station(
             is_killed = kills and number == block[-1]
             item = f"]C1010401234500001621{station.name[0].upper()}{number:03d}"
             for _ in range(2):
-                async with station.connect(protocol) as driver:
+                async with station.address.connect(protocol) as driver:
                     if is_killed:
                         await wait_for_state(driver, IDLE)
                         await driver.leave()
-                        # A client of the protocol that takes over must not renew the lease.
                     row = await run_item(
                         station, driver, protocol, item, killed=dying if is_killed else None
                     )
@@ -555,7 +558,10 @@ def wait_for_deliveries(stations: list[Station], url: str, *, seconds: float = 6
 
 
 def print_agreement(rows: list[dict[str, Any]], stations: list[Station]) -> int:
-    """Print how many readings of each protocol agree with HTTP; return the differences."""
+    """Print how many readings of each protocol agree with HTTP; return the differences.
+
+    MQTT shows only the newest state, so items held while the broker is away are not read over it.
+    """
     consumers = {station.name: station.consumer for station in stations}
     print(f"\n{'':8} {'held: read':>10} {'differ':>7} {'result: read':>13} {'differ':>7}")
     differences = 0
@@ -654,6 +660,7 @@ def print_times(rows: list[dict[str, Any]], away: dict[str, tuple[float, float]]
 
 
 def main() -> None:
+    logging.getLogger("asyncua").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--items", type=int, default=30, help="of both stations, at least 6")
     parser.add_argument("--period", type=float, default=9.0, help="of the items, seconds")
@@ -696,10 +703,8 @@ def main() -> None:
         print_times(rows, away)
         for station in stations:
             log = (station.folder / "serve.log").read_text().splitlines()
-            lines = [line for line in log if " INFO " not in line]
-            print(
-                f"\nlog of {station.name}: {len(lines)} lines above INFO", *lines[:20], sep="\n  "
-            )
+            lines = [line for line in log if " WARNING " in line or " ERROR " in line]
+            print(f"\nlog of {station.name}: {len(lines)} warnings", *lines[:20], sep="\n  ")
     sys.exit(bool(faults))
 
 

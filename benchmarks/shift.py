@@ -5,7 +5,7 @@
 Starts `palpate serve` in a folder, with rules, a store and `--keep-days`. Each period a new item
 arrives: its label is scanned, it is grasped, its bin is read while it is held, it is carried for a
 second and released, and the stored result is read. If the bin is provisional, the item is grasped
-again. With `--page`, Chromium shows the operator's page meanwhile (requires playwright).
+again. With `--page chromium`, a browser shows the operator's page meanwhile.
 
 `items.csv` has one row per grasp, `samples.csv` one per ten seconds, `serve.log` the station's log.
 The output is a table: latencies, memory, processor time, disk, alarms and faults. A fault of one
@@ -20,7 +20,6 @@ import csv
 import http.client
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -222,46 +221,41 @@ def run_items(
 
 
 class Sampler(Thread):
-    """Samples memory, processor time, disk and alarms, and keeps the page open."""
+    """Samples memory, processor time, disk and alarms.
 
-    def __init__(self, address: str, server: int, folder: Path, *, page: bool) -> None:
+    The memory of server and devices is resident; that of the browser counts shared pages once.
+    """
+
+    def __init__(self, address: str, server: int, folder: Path) -> None:
         super().__init__(daemon=True)
-        self._address, self._server, self._folder, self._has_page = address, server, folder, page
+        self._address, self._server, self._folder = address, server, folder
         self.ended = Event()
         self.samples: list[dict[str, float]] = []
         #: Time and text of the alarms of the page, with the number of samples that listed them.
         self.alarms = Counter[tuple[str, str]]()
         self.alarm_count = 0
-        #: Errors of scripts on the page, and samples without a healthy station.
-        self.page_errors: list[str] = []
+        #: Samples without a healthy station.
         self.unhealthy: list[str] = []
 
     def run(self) -> None:
-        with ExitStack() as stack:
-            page = stack.enter_context(open_page(self._address)) if self._has_page else None
-            if page is not None:
-                page.on("pageerror", lambda error: self.page_errors.append(str(error)))
-            station, began_s = Station(self._address), time.monotonic()
-            with (self._folder / "samples.csv").open("w", newline="") as file:
-                table: csv.DictWriter[str] | None = None
-                while not self.ended.is_set():
-                    try:
-                        sample = self._sample(station, page, time.monotonic() - began_s)
-                    except (OSError, http.client.HTTPException) as error:
-                        self.unhealthy.append(f"{time.strftime('%H:%M:%S')} {error!r}")
-                    else:
-                        self.samples.append(sample)
-                        if table is None:
-                            table = csv.DictWriter(file, list(sample))
-                            table.writeheader()
-                        table.writerow(sample)
-                        file.flush()
-                    if page is None:
-                        self.ended.wait(SAMPLE_S)
-                    else:
-                        page.wait_for_timeout(1e3 * SAMPLE_S)
+        station, began_s = Station(self._address), time.monotonic()
+        with (self._folder / "samples.csv").open("w", newline="") as file:
+            table: csv.DictWriter[str] | None = None
+            while not self.ended.is_set():
+                try:
+                    sample = self._sample(station, time.monotonic() - began_s)
+                except (OSError, http.client.HTTPException) as error:
+                    self.unhealthy.append(f"{time.strftime('%H:%M:%S')} {error!r}")
+                else:
+                    self.samples.append(sample)
+                    if table is None:
+                        table = csv.DictWriter(file, list(sample))
+                        table.writeheader()
+                    table.writerow(sample)
+                    file.flush()
+                self.ended.wait(SAMPLE_S)
 
-    def _sample(self, station: Station, page: Any, at_s: float) -> dict[str, float]:
+    def _sample(self, station: Station, at_s: float) -> dict[str, float]:
         _, live = station.ask("GET", "/live?after_s=1e12")
         status, health = station.ask("GET", "/api/v1/health")
         if status != 200:
@@ -271,14 +265,12 @@ class Sampler(Thread):
         pids = list_tree(self._server)
         devices = max(pids[1:], key=resident_mb)
         recordings = [file.stat().st_size for file in (self._folder / "data").glob("*.mcap")]
-        browser = (
-            [] if page is None else [one for one in list_tree(os.getpid())[1:] if one not in pids]
-        )
+        browser = [one for one in list_tree(os.getpid())[1:] if one not in pids]
         return {
             "at_s": round(at_s, 1),
             "server_mb": resident_mb(self._server),
             "devices_mb": resident_mb(devices),
-            "browser_mb": sum(proportional_mb(one) for one in browser if one not in pids),
+            "browser_mb": sum(map(proportional_mb, browser)),
             "server_cpu_s": cpu_s(self._server),
             "devices_cpu_s": cpu_s(devices),
             "threads": len(list(Path(f"/proc/{self._server}/task").iterdir())),
@@ -291,24 +283,27 @@ class Sampler(Thread):
                 file.stat().st_size for file in self._folder.glob("items.sqlite*") if file.exists()
             )
             / 1e6,
-            "drawn": 0.0 if page is None else page.evaluate("+document.body.dataset.drawn"),
             "load": os.getloadavg()[0],
         }
 
 
 @contextmanager
-def open_page(address: str) -> Iterator[Any]:
-    """Show the operator's page in Chromium."""
-    from playwright.sync_api import sync_playwright
-
-    chromium = shutil.which("chromium")
+def show_page(browser: str | None, address: str, folder: Path) -> Iterator[None]:
+    """Show the operator's page in a browser without a screen, and without a tool that records."""
+    if browser is None:
+        yield
+        return
+    command = [browser, "--headless=new", "--disable-gpu", f"--user-data-dir={folder}/browser"]
+    if os.geteuid() == 0:
+        command.append("--no-sandbox")
     with (
-        sync_playwright() as play,
-        play.chromium.launch(executable_path=chromium, args=["--no-sandbox"]) as browser,
+        (folder / "browser.log").open("w") as log,
+        subprocess.Popen([*command, f"{address}operate"], stdout=log, stderr=log) as process,
     ):
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(f"{address}operate")
-        yield page
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 @contextmanager
@@ -393,15 +388,18 @@ def main() -> None:
     parser.add_argument("--object", default="avocado-day-3", help="kind of simulated fruit")
     parser.add_argument("--keep-days", default="0.04", help="of the recordings (58 minutes)")
     parser.add_argument("--folder", type=Path, default=Path("shift"), help="new folder")
-    parser.add_argument("--page", action="store_true", help="with the page in Chromium")
+    parser.add_argument("--page", metavar="CHROMIUM", help="show the operator's page in it")
     options = parser.parse_args()
     options.folder.mkdir(parents=True)
     folder = options.folder.absolute()
     kept = ("--object", options.object, "--keep-days", options.keep_days)
     began_s = time.monotonic()
-    with serve(folder, *kept) as (address, server):
+    with ExitStack() as stack:
+        address, server = stack.enter_context(serve(folder, *kept))
         print(f"{address}, process {server}", flush=True)
-        sampler = Sampler(address, server, folder, page=options.page)
+        Station(address).wait(lambda at: at["state"] == "idle")
+        stack.enter_context(show_page(options.page, address, folder))
+        sampler = Sampler(address, server, folder)
         sampler.start()
         rows, faults = run_items(
             address,
@@ -428,7 +426,6 @@ def main() -> None:
         f"alarms: {sampler.alarm_count}": [f"{at} {text}" for at, text in sampler.alarms],
         f"not healthy: {len(sampler.unhealthy)} samples": sampler.unhealthy,
         f"log: {len(errors)} lines above INFO": errors,
-        f"errors of the page: {len(sampler.page_errors)}": sampler.page_errors,
         f"faults: {len(faults)}": faults,
         f"store and HTTP: {len(differences)} differences": differences,
     }.items():
