@@ -96,7 +96,9 @@ def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None
 def test_who_acts_while_nobody_drives_becomes_the_driver_unless_refused() -> None:
     session = Rehearsal().session
     session.join("watcher", role=Role.VIEW)
-    session.join("gateway", leased=True, drives=False)
+    session.join("gateway", leased=True)
+    session.join("page")
+    assert session.driver is None, "an open page alone keeps nobody from driving"
     for viewer in ("gateway", "watcher"):
         # There is no rig yet.
         with pytest.raises(InputError):
@@ -115,7 +117,7 @@ def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:
     assert session.driver is None
     with pytest.raises(InputError, match="screen may only watch"):
         session.order("screen", GRASP)
-    assert session.join("m", name="maria", role=Role.OPERATE)
+    session.join("m", name="maria", role=Role.OPERATE)
     session.order("m", GRASP)
     rehearsal.receive(OrderEnded(order=GRASP))
     with pytest.raises(InputError, match="maria may not open a rig: it needs the role configure"):

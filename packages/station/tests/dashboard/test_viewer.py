@@ -38,6 +38,7 @@ def test_refusal_is_shown_only_while_its_reason_holds(monkeypatch: pytest.Monkey
     visible = record_notifications(monkeypatch, [])
     session = Session(send=lambda message: None)
     session.join("a")
+    session.claim("a")
     session.join("b", name="the page at 10.0.0.7")
     viewer = Viewer(session, viewer_id="b")
     viewer.request(SetSpeed(2.0))

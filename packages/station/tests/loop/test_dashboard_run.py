@@ -98,7 +98,7 @@ def test_bin_is_the_headline_and_equal_on_page_api_and_table(
             table = list(csv.DictReader(io.StringIO(reply.read().decode())))
         for row, result in zip(table, documents, strict=True):
             assert row["item_id"] == result.get("item_id", "")
-            assert (row["bin"], row["why"]) == (result["bin"]["name"], result["bin"]["why"])
+            assert (row["bin"], row["bin_why"]) == (result["bin"]["name"], result["bin"]["why"])
             assert row["recording"] == result["recording"]
             assert float(row["size_mm"]) == result["size_mm"]["value"]
         # The link shows the tab Items, and the driver stays the same.

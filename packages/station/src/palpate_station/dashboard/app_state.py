@@ -230,7 +230,7 @@ class AppState:
 
     def _join(self, driver: str) -> None:
         """Join the session as a client that drives from its first accepted command on."""
-        self.session.join(driver, name=driver, leased=True, drives=False)
+        self.session.join(driver, name=driver, leased=True)
 
     def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
         """Join the session as this driver, and run a command."""

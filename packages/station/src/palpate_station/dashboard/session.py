@@ -80,8 +80,8 @@ class Session:
     Examples
     --------
     >>> session = Session(send=print)
-    >>> session.join("a", name="the page at 10.0.0.7"), session.join("b"), session.driver
-    (True, False, 'a')
+    >>> session.join("a", name="the page at 10.0.0.7"), session.claim("a"), session.join("b")
+    (False, True, False)
     >>> session.order("b", OpenRig(name="sim-rigid"))
     Traceback (most recent call last):
     palpate.errors.InputError: the page at 10.0.0.7 drives; take over first
@@ -161,18 +161,17 @@ class Session:
         name: str = "a page",
         leased: bool = False,
         role: Role = Role.CONFIGURE,
-        drives: bool = True,
     ) -> bool:
-        """Add a viewer; return whether this viewer is the driver, like the first viewer.
+        """Add a viewer; return whether this viewer is the driver.
 
-        A page reloaded in the same browser tab retains control. A `leased` viewer drives until
-        `LEASE_S` after its last `renew`, because nothing else reveals that it has gone. A viewer
-        whose `role` may only watch never becomes the driver, and one that does not want to drive
-        (`drives`) becomes it with its first accepted action.
+        A viewer becomes the driver with its first accepted action while nobody drives: a page that
+        is only open keeps no line from driving. A page reloaded in the same browser tab retains
+        control. A `leased` viewer drives until `LEASE_S` after its last `renew`, because nothing
+        else reveals that it has gone. A viewer whose `role` may only watch never drives.
 
         >>> session = Session(send=print)
-        >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
-        (True, False, True)
+        >>> session.join("a", tab="1"), session.claim("a"), session.join("b", tab="1")
+        (False, True, True)
         """
         before = None if tab is None else self._viewer_of_tab.get(tab)
         if tab is not None:
@@ -184,7 +183,7 @@ class Session:
         self._roles.setdefault(viewer, role)
         if leased:
             self._leases_s[viewer] = self._now_s() + LEASE_S
-        if drives and self._roles[viewer].may_drive and self.driver in (None, before):
+        if before is not None and self.driver == before and self._roles[viewer].may_drive:
             self._drive(viewer)
         return self.driver == viewer
 
@@ -215,7 +214,7 @@ class Session:
         self._driver = viewer
 
     def leave(self, viewer: str) -> None:
-        """Remove a viewer; after the driver leaves, the next to join or take over drives."""
+        """Remove a viewer; after the driver leaves, the next to act or take over drives."""
         if self._driver == viewer:
             self._on_event(self._names[viewer], "stops driving")
             self._driver = None
