@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,7 @@ _TINY = 1e-290
 _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExponentialFit:
+class ExponentialFit(NamedTuple):
     """Parameters of equation 3, each an array of shape (n_holds,)."""
 
     #: C if the fit is accepted, otherwise the recorded value (see `status`).
@@ -101,17 +100,10 @@ def fit_exponential(
         amplitude[rows] = fit.amplitude * np.exp(decays)
         window_s[rows] = accepted * since_first[-1]
         status[rows] = _STATUS_IF_ACCEPTED[accepted.astype(np.intp)]
-    return ExponentialFit(
-        settled=settled,
-        amplitude=amplitude,
-        rate_per_s=rate_per_s,
-        window_s=window_s,
-        status=status,
-    )
+    return ExponentialFit(settled, amplitude, rate_per_s, window_s, status)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DecayFit:
+class DecayFit(NamedTuple):
     """Least-squares parameters of a batch of decays, each of shape (n,)."""
 
     rate: FloatArray
@@ -165,15 +157,10 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
         if not np.count_nonzero(is_moving):
             break
         active = rows[active][is_moving]
-    unexplained = np.add.reduce(centred * centred, axis=1) - explained
-    return DecayFit(
-        rate=np.exp(log_rate),
-        amplitude=amplitude,
-        offset=mean - amplitude * shape_mean,
-        unexplained=np.maximum(unexplained, 0.0),
-        gained=explained - gains[:, _MARGIN - 1],
-        is_at_end=is_at_end,
-    )
+    unexplained = np.maximum(np.add.reduce(centred * centred, axis=1) - explained, 0.0)
+    gained = explained - gains[:, _MARGIN - 1]
+    offset = mean - amplitude * shape_mean
+    return DecayFit(np.exp(log_rate), amplitude, offset, unexplained, gained, is_at_end)
 
 
 @lru_cache(maxsize=8)

@@ -79,14 +79,8 @@ def compute_posterior(
     weight /= np.add.reduceat(weight, first).take(hold)
     forecast = forms.gain.take(component) * along.take(place)
     forecast -= whitened[component // N_CURVES, m, hold]
-    return Mixture(
-        first=first,
-        hold=hold,
-        weight=weight,
-        forecast=forecast,
-        deviation=np.sqrt(unexplained * forms.variance.take(component)),
-        component=component,
-    )
+    deviation = np.sqrt(unexplained * forms.variance.take(component))
+    return Mixture(first, hold, weight, forecast, deviation, component)
 
 
 def compute_quantiles(mixture: Mixture, log_odds: FloatArray) -> FloatArray:
