@@ -1,7 +1,7 @@
 """Results as a pandas data frame: estimates, traces, readings, grasps, tables and holds.
 
-It knows no type of result: a result's fields are its columns. So results stay plain, and pandas is
-imported only here.
+The fields of a result are its columns, whatever its type; a recording has those of its export. So
+results stay plain, and pandas is imported only here.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import numpy as np
 
 from palpate.errors import InputError, require_extra
 from palpate.measurement import Measurement
+from palpate.recording.contents import Recording
+from palpate.recording.exporting import tabulate_frames
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,8 +26,8 @@ def to_dataframe(found: Any) -> pd.DataFrame:
 
     A trace, a hold and a batch of estimates have a row for each element of their arrays, one
     estimate, one reading and one grasp a single row. A `Measurement` becomes its value (NaN if only
-    a bound is known), ``_low``, ``_high`` and ``_status``. Pixels become columns as in
-    `palpate export`, such as ``r0c1_counts`` and ``r0c1_resistance_ohm``.
+    a bound is known), ``_low``, ``_high`` and ``_status``. Pixels become columns, such as
+    ``r0c1_resistance_ohm``. A recording has the columns of `palpate export`.
 
     Parameters
     ----------
@@ -50,6 +52,8 @@ def to_dataframe(found: Any) -> pd.DataFrame:
     """
     with require_extra("a data frame", extra="data"):
         import pandas as pd
+    if isinstance(found, Recording):
+        return pd.DataFrame(tabulate_frames(found))
     return pd.DataFrame([*_list_rows(found)])
 
 

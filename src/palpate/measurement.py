@@ -225,6 +225,16 @@ class Measurement:
         sd = below if bound < self.middle else above
         return float(ndtr((bound - self.middle) / max(sd, 1e-9)))
 
+    def quantile(self, probability: float) -> float:
+        """Return the quantile of a probability between 0 and 1, normal on each side.
+
+        >>> two = Measurement(value=4.0, low=3.0, high=6.0, unit="n")
+        >>> two.quantile(0.5), round(two.quantile(0.95), 6)
+        (4.0, 6.0)
+        """
+        sds = float(ndtri(probability))
+        return self.middle + sds * self.side_sds[sds > 0]
+
     def mapped(self, function: Callable[[float], float], *, unit: str) -> Measurement:
         """Return a monotonic function of the quantity, in its unit.
 

@@ -18,28 +18,37 @@ from palpate.sensor.board_array import LAYOUTS, check_rate, find_layout
 from palpate.sensor.ports import list_serial_ports
 
 _Answer = TypeVar("_Answer")
-_OPEN_ARRAY = "palpate.sensor.board_array:open_board"
-_ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
+#: Kind of board -> opener, and its usual baud rate.
+_BOARDS = {
+    "palpate": ("palpate.sensor.board_array:open_board", 1_000_000),
+    "text": ("palpate.sensor.text_lines:open_board", 115_200),
+}
+_ANY_PORT, _NO_GRIPPER, _LAYOUT, _TEXT_PORT = "auto", "none", "rigid-2x2", "/dev/ttyUSB0"
 #: Kind of gripper -> opener.
 _GRIPPERS = {
     "dynamixel": "palpate.gripper.dynamixel:open_gripper",
+    "feetech": "palpate.gripper.feetech:open_gripper",
     "pneumatic": "palpate.gripper.pneumatic:open_gripper",
     "servo": "palpate.gripper.hobby_servo:open_gripper",
 }
 #: Actuator on the sensor board -> array option that adds the actuator's state to the frames.
 _SHARED = {"pneumatic": "pressure", "servo": "servo"}
-#: Nominal values of the gripper in `hardware/` (pitch diameter 28 mm), to be replaced by measured
-#: ones.
-_SERVO: dict[str, str | float] = {
-    "open_us": 715,
-    "closed_us": 2285,
-    "open_mm": 74.0,
-    "closed_mm": 5.0,
+#: Usual port of a servo's adapter.
+_SERVO_PORTS = {"dynamixel": "/dev/ttyUSB0", "feetech": "/dev/ttyACM1"}
+#: Nominal values, to be replaced by measured ones: the gripper in `hardware/` (pitch diameter
+#: 28 mm), and the gripper of an SO-101.
+_NOMINAL: dict[str, dict[str, str | float]] = {
+    "servo": {"open_us": 715, "closed_us": 2285, "open_mm": 74.0, "closed_mm": 5.0},
+    "feetech": {"servo_id": 6, "jaw_mm": 75.0, "closed_tick": 1480, "opens": 1, "highest_mm": 60.0},
 }
 
 
 def init(
     file: Annotated[Path, typer.Argument(help="The new rig file.")] = Path("rig.toml"),
+    board: Annotated[
+        str | None,
+        opt("--board KIND", "palpate (its firmware), or text (a sketch that prints numbers)."),
+    ] = None,
     port: Annotated[
         str | None, opt("--port", "Serial port, or `auto` to search for the board on each start.")
     ] = None,
@@ -54,12 +63,13 @@ def init(
         str | None,
         opt(
             "--gripper KIND",
-            "none, dynamixel, pneumatic (the board's regulator), servo (a hobby servo on the "
-            "board), or module:function of your own opener.",
+            "none, dynamixel, feetech (the gripper of an SO-101), pneumatic (the board's "
+            "regulator), servo (a hobby servo on the board), or module:function of your own "
+            "opener.",
         ),
     ] = None,
     gripper_port: Annotated[
-        str | None, opt("--gripper-port", "Serial port of a Dynamixel servo.")
+        str | None, opt("--gripper-port", "Serial port of a Dynamixel or Feetech servo.")
     ] = None,
     idle_lines: Annotated[
         str | None,
@@ -72,8 +82,17 @@ def init(
             "Number of fingers that share the rows of a layout such as 6x3. [default: 1]",
         ),
     ] = None,
-    rate_hz: Annotated[float, opt("--rate-hz", "Frames per second.")] = 250.0,
-    baud: Annotated[int, opt("--baud", "Baud rate of the firmware.", min=1)] = 1_000_000,
+    rate_hz: Annotated[
+        float | None, opt("--rate-hz", "Frames per second of palpate's firmware. [default: 250]")
+    ] = None,
+    baud: Annotated[
+        int | None,
+        opt("--baud", "Baud rate of the board. [default: 1000000; text 115200]", min=1),
+    ] = None,
+    adc_bits: Annotated[
+        int | None,
+        opt("--adc-bits", "Bits of a text board's converter. [default: 10; 12 on most ESP32]"),
+    ] = None,
     force: Annotated[bool, opt("--force", "Replace an existing file.")] = False,
 ) -> None:
     """Write a rig file.
@@ -86,14 +105,31 @@ def init(
         raise InputError(f"{file}: the name of a rig file must end in .toml")
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
-    check_rate(rate_hz)
+    kind = _prompt(f"Board ({', '.join(_BOARDS)})", board, "palpate")
+    if kind not in _BOARDS:
+        raise InputError(f"--board {kind}: give {' or '.join(_BOARDS)}")
+    opener, usual_baud = _BOARDS[kind]
+    is_text = kind == "text"
+    if (is_text and rate_hz is not None) or (not is_text and adc_bits is not None):
+        option_name = "--rate-hz" if is_text else "--adc-bits"
+        raise InputError(f"{option_name} does not belong to --board {kind}")
+    check_rate(rate_hz or 250.0)
     boards = [found.device for found in list_serial_ports() if found.board is not None]
     likely = boards[0] if len(boards) == 1 else _ANY_PORT
-    array: dict[str, str | float | bool] = {"port": _prompt("Serial port", port, likely)}
-    array |= _prompt_for_layout(layout, fingers) | _prompt_for_divider(
-        reference_ohm, taxel_leg, idle_lines
+    # A board that only prints can't be asked who it is.
+    answer = _prompt("Serial port", port, _TEXT_PORT if is_text else likely)
+    if is_text and answer == _ANY_PORT:
+        raise InputError("--port auto: a board that prints numbers needs its port (palpate ports)")
+    array: dict[str, str | float | bool] = {"open": opener, "port": answer}
+    array |= _prompt_for_layout(layout, fingers)
+    array |= _prompt_for_divider(
+        reference_ohm, taxel_leg, idle_lines, usual_lines="isolated" if is_text else "floating"
     )
-    array |= {"rate_hz": rate_hz, "baud": baud}
+    if is_text:
+        array["adc_bits"] = _prompt("Bits of the converter", adc_bits, 10)
+    else:
+        array["rate_hz"] = rate_hz or 250.0
+    array["baud"] = usual_baud if baud is None else baud
     find_layout(
         str(array["layout"]),
         reference_ohm=float(array["reference_ohm"]),
@@ -101,11 +137,17 @@ def init(
         fingers=int(array.get("fingers", 1)),
     )
     hand = _prompt_for_gripper(gripper, gripper_port)
-    array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
+    shared = [name for name in _SHARED if hand.get("open") == _GRIPPERS[name]]
+    if is_text and shared:
+        raise InputError(f"--gripper {shared[0]} needs palpate's firmware, not --board text")
+    array |= {_SHARED[name]: True for name in shared}
     text = format_rig_file(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
-    print(f"Written: {file}\nNext: palpate doctor --rig {file}")
+    print(f"Written: {file}")
+    if hand.keys() & {key for table in _NOMINAL.values() for key in table}:
+        print("Replace the nominal values of [gripper] by measured ones (docs/grippers.md).")
+    print(f"Next: palpate doctor --rig {file}")
     rest = "force and compliance for grasping" if hand else "force for newtons"
     print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
 
@@ -124,7 +166,11 @@ def _prompt_for_layout(layout: str | None, fingers: int | None) -> dict[str, str
 
 
 def _prompt_for_divider(
-    reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
+    reference_ohm: float | None,
+    taxel_leg: str | None,
+    idle_lines: str | None,
+    *,
+    usual_lines: str,
 ) -> dict[str, str | float | bool]:
     """Prompt for the reference resistor, the pixel's leg and the idle lines."""
     ohm = _prompt("Reference resistor, ohm", reference_ohm, 4700.0)
@@ -134,7 +180,7 @@ def _prompt_for_divider(
     idle = _prompt(
         "Idle lines: floating (two multiplexers), held (direct rows), or isolated",
         idle_lines,
-        "floating",
+        usual_lines,
     )
     return {"reference_ohm": ohm, "taxel_leg": leg, "idle_lines": idle}
 
@@ -143,15 +189,18 @@ def _prompt_for_gripper(kind: str | None, port: str | None) -> dict[str, str | f
     """Prompt for the gripper; return the [gripper] table, empty without a gripper."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
     chosen = _prompt(f"Gripper ({kinds}, or module:function of an opener)", kind, _NO_GRIPPER)
-    if port is not None and chosen != "dynamixel":
-        raise InputError(f"--gripper-port is for --gripper dynamixel, not for {chosen}")
+    if port is not None and chosen not in _SERVO_PORTS:
+        raise InputError(
+            f"--gripper-port is for --gripper {' or '.join(_SERVO_PORTS)}, not for {chosen}"
+        )
     if chosen == _NO_GRIPPER:
         return {}
-    if chosen == "dynamixel":
-        servo = _prompt("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
-        return {"open": _GRIPPERS[chosen], "port": servo}
     if chosen in _GRIPPERS:
-        return {"open": _GRIPPERS[chosen]} | (_SERVO if chosen == "servo" else {})
+        table: dict[str, str | float] = {"open": _GRIPPERS[chosen]}
+        if chosen in _SERVO_PORTS:
+            servo = _prompt("Serial port of the gripper's servo", port, _SERVO_PORTS[chosen])
+            table["port"] = servo
+        return table | _NOMINAL.get(chosen, {})
     if ":" not in chosen:
         raise InputError(
             f"--gripper {chosen}: give {kinds}, or module:function, such as my_arm:open_hand"
@@ -164,11 +213,12 @@ def format_rig_file(
 ) -> str:
     """Return the text of a rig file.
 
-    `array`: arguments of `palpate.sensor.board_array.open_board`; the port ``"auto"`` is omitted.
+    `array`: the [array] table; the port ``"auto"`` is omitted.
     `gripper`: the [gripper] table; empty without a gripper.
     `calibration`: name of the calibration file, relative to the rig file.
 
-    >>> print(format_rig_file({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
+    >>> array = {"open": "palpate.sensor.board_array:open_board", "port": "auto", "layout": "4x4"}
+    >>> print(format_rig_file(array, gripper={}, calibration="c.json"))
     # Rig file of palpate: the parts of a rig, and the functions that open them.
     calibration = "c.json"
     <BLANKLINE>
@@ -185,7 +235,6 @@ def format_rig_file(
         f"calibration = {json.dumps(calibration)}",
         "",
         "[array]",
-        f'open = "{_OPEN_ARRAY}"',
     ]
     written = {key: value for key, value in array.items() if value != _ANY_PORT}
     lines += [f"{key} = {json.dumps(value)}" for key, value in written.items()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -49,6 +49,37 @@ def frame_tables(reader: RecordingReader) -> Iterator[Columns]:
         yield _build_columns(batch, reader.info.layout)
 
 
+def tabulate_frames(recording: Recording) -> Columns:
+    """Return a recording in memory as the columns of `frame_tables`."""
+    track, events = recording.gripper, sorted(recording.events, key=lambda event: event.time_s)
+    latest = np.searchsorted(track.time_s, recording.time_s, side="right") - 1
+    states = [
+        GripperState(
+            time_s=track.time_s[one],
+            width_mm=track.width_mm[one],
+            pressure_kpa=track.pressure_kpa[one],
+            current_ma=track.current_ma[one],
+            moving=bool(track.moving[one]),
+        )
+        if one >= 0
+        else None
+        for one in latest
+    ]
+    ends = np.searchsorted([event.time_s for event in events], recording.time_s, side="right")
+    texts = ["; ".join(map(_describe_event, events[a:b])) for a, b in pairwise([0, *ends])]
+    frames = [
+        Frame(time_s=time_s, sequence=sequence, counts=counts, oversampling=summed)
+        for time_s, sequence, counts, summed in zip(
+            recording.time_s.tolist(),
+            recording.sequence.tolist(),
+            recording.counts,
+            recording.oversampling.tolist(),
+            strict=True,
+        )
+    ]
+    return _build_columns(list(zip(frames, states, texts, strict=True)), recording.info.layout)
+
+
 def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
     """Yield holds in the format of a holds file, one channel at a time."""
     for hold in holds:
@@ -83,10 +114,14 @@ def _iterate_rows(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState
         if isinstance(message, GripperState):
             gripper = message
         elif isinstance(message, Event):
-            events.append(f"{message.name}: {message.text}" if message.text else message.name)
+            events.append(_describe_event(message))
         elif isinstance(message, Frame):
             yield message, gripper, "; ".join(events)
             events.clear()
+
+
+def _describe_event(event: Event) -> str:
+    return f"{event.name}: {event.text}" if event.text else event.name
 
 
 def _build_columns(

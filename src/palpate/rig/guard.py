@@ -12,7 +12,7 @@ from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.no_gripper import NO_GRIPPER, NoGripper
 from palpate.measurement import Measurement
 from palpate.rig import Rig
-from palpate.rig.guard_limit import explain_stop, find_stop, is_early
+from palpate.rig.guard_limit import USUAL_CERTAINTY, explain_stop, find_stop, is_early
 from palpate.rig.paced_array import PacedArray
 from palpate.rig.reading import Reading
 
@@ -34,11 +34,13 @@ class ForceGuard:
 
     A thread reads the sensor in a `with` block, and calls `stop()` of the gripper, once, when
 
-    - the upper limit of the force's interval exceeds `limit_n`, or is unknown (a saturated pixel);
+    - the force is no longer below `limit_n` with the probability `certainty`, or has no upper limit
+      (a saturated pixel);
     - no pixel has a reading;
     - no frame has arrived for `stale_s`, or the sensor is lost.
 
-    The wider the interval, the earlier it stops: `print(guard)` says where.
+    The wider the interval, the earlier it stops: `print(guard)` says where. A lower `certainty`
+    stops nearer to the limit, and more often above it.
 
     The sensor must not be read elsewhere meanwhile: `reading` is the newest one. The guard does not
     prevent a later command; ask `is_tripped` before each. `stop()` is called from the guard's
@@ -52,6 +54,9 @@ class ForceGuard:
         Limit of the grip force, newtons.
     gripper : object, optional
         Any object with `stop()`; by default the rig's gripper.
+    certainty : float
+        Probability that the force is below the limit until the guard stops, 0.5 to below 1. At 0.95
+        the upper end of the 90 % interval must be below it, at 0.5 the force itself.
     stale_s : float
         Time without a new frame that stops the gripper, seconds.
 
@@ -67,7 +72,8 @@ class ForceGuard:
     Raises
     ------
     InputError
-        If the limit or `stale_s` is not above 0, or there is no gripper or no force law.
+        If the limit or `stale_s` is not above 0, `certainty` is out of range, or there is no
+        gripper or no force law.
 
     Examples
     --------
@@ -85,25 +91,29 @@ class ForceGuard:
         *,
         limit_n: float,
         gripper: Stoppable | None = None,
+        certainty: float = USUAL_CERTAINTY,
         stale_s: float = STALE_S,
     ) -> None:
         for name, value in (("limit_n", limit_n), ("stale_s", stale_s)):
             if not value > 0:
                 raise InputError(f"{name} {value:g}: must be above 0")
+        if not 0.5 <= certainty < 1.0:
+            raise InputError(f"certainty {certainty:g}: must be 0.5 to below 1, such as 0.8")
         if gripper is None and isinstance(source.gripper, NoGripper):
             raise InputError(NO_GRIPPER)
         self._rig = source
         if source.is_simulated:
             # Its sensor has a frame at any time, and the guard would read without end.
             self._rig = replace(source, array=PacedArray(source.array, speed=1.0))
-        self._limit_n, self._stale_s = limit_n, stale_s
+        self._limit_n, self._certainty, self._stale_s = limit_n, certainty, stale_s
         self._gripper = source.gripper if gripper is None else gripper
         if not self._rig.has_force:
             raise InputError(
                 "the calibration has no force law, so there is no force to guard; run `palpate "
                 "calibrate force`"
             )
-        known, stop = source.calibration, find_stop(source.calibration, limit_n=limit_n)
+        known = source.calibration
+        stop = find_stop(known, limit_n=limit_n, certainty=certainty)
         self._expectation = explain_stop(stop, limit_n=limit_n, calibration=known)
         self._is_early = is_early(stop, limit_n=limit_n)
         self.reading: Reading | None = None
@@ -199,10 +209,10 @@ class ForceGuard:
             return "no pixel has a reading; check the sensor's cable"
         if high is None:
             return f"a pixel is at its limit: at least {low:.2f} N, without an upper limit"
-        if high > self._limit_n:
+        if force.quantile(self._certainty) > self._limit_n:
             return (
-                f"reads {force.middle:.2f} N, up to {high:.2f} N, above the limit of "
-                f"{self._limit_n:g} N"
+                f"reads {force.middle:.2f} N, up to {high:.2f} N: not below the limit of "
+                f"{self._limit_n:g} N with a certainty of {100 * self._certainty:g} %"
             )
         return ""
 

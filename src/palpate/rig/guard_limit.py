@@ -1,4 +1,4 @@
-"""The force at which a guard stops: where the upper end of the interval reaches the limit."""
+"""The force at which a guard stops: where it is no longer certain to be below the limit."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from palpate.measurement import Measurement
 _CLOSING_S, _STEPS = 2.0, 150
 #: First and last reading of the ramp, relative to the largest one of the calibration.
 _FIRST, _LAST = 1e-3, 3.0
+#: Probability that the force is below the limit: the upper end of a 90 % interval.
+USUAL_CERTAINTY = 0.95
 #: Below this fraction of its limit a guard stops early.
 _EARLY_FRACTION = 0.6
 
 
-def find_stop(calibration: Calibration, *, limit_n: float) -> Measurement | None:
-    """Return the force when the upper end of its interval passes a limit, while a hand closes.
+def find_stop(
+    calibration: Calibration, *, limit_n: float, certainty: float = USUAL_CERTAINTY
+) -> Measurement | None:
+    """Return the force when it is no longer below a limit with a probability, as a hand closes.
 
     The load is distributed over the pixels as it was in the calibration. None if it never passes,
     or the calibration has no force law.
@@ -35,7 +39,7 @@ def find_stop(calibration: Calibration, *, limit_n: float) -> Measurement | None
     time_s = np.linspace(0.0, _CLOSING_S, _STEPS + 1)[1:]
     for at_s, part in zip(time_s, np.geomspace(_FIRST, _LAST, _STEPS), strict=True):
         found = source.step(float(at_s), largest * part * share.reshape(shape))
-        if found.high > limit_n:
+        if found.quantile(certainty) > limit_n:
             return found
     return None
 
@@ -50,8 +54,8 @@ def explain_stop(stop: Measurement | None, *, limit_n: float, calibration: Calib
             "is not seen; use a larger limit"
         )
     text = (
-        f"a guard at {limit_n:g} N stops at about {stop.value:.2g} N, where the interval "
-        f"({stop.low:.2g} to {stop.high:.2g} N) passes the limit"
+        f"a guard at {limit_n:g} N stops at about {stop.value:.2g} N (interval {stop.low:.2g} to "
+        f"{stop.high:.2g} N)"
     )
     if not is_early(stop, limit_n=limit_n):
         return text
@@ -59,7 +63,7 @@ def explain_stop(stop: Measurement | None, *, limit_n: float, calibration: Calib
         more = "three more weights, spread over the range, or a load cell"
     else:
         more = "more placements of the load cell"
-    return f"{text}; nearer after `palpate calibrate force` with {more}"
+    return f"{text}; nearer after `palpate calibrate force` with {more}, or with a lower certainty"
 
 
 def is_early(stop: Measurement | None, *, limit_n: float) -> bool:

@@ -163,7 +163,8 @@ class BoardLink:
         if self._received_bytes and not self._has_packet:
             return WireError(
                 f"{name}: {self._received_bytes} bytes but no valid packet in {waited_s:g} s: "
-                "the baud rate differs, or the board runs other firmware (`palpate flash`)"
+                "the baud rate differs, or the board runs another program. If it prints numbers, "
+                "`palpate init --board text` describes it; `palpate flash` replaces the program"
             )
         if self._has_packet:
             return DeviceTimeoutError(

@@ -13,11 +13,16 @@ class Severity(StrEnum):
     ADVICE = "advice"
 
 
+#: A sensor without a conductance at rest gets one.
+FSR_AT_REST = (
+    "an FSR conducts nothing at rest: solder a resistor of about five times the reference resistor "
+    "across it"
+)
 #: Remedy of each code. `docs/troubleshooting.md` lists the codes with their conditions.
 CHECKS: dict[str, str] = {
     "open": "check the solder joint and the copper under the pixel; a whole row or column points "
     "to its wire or multiplexer channel, every pixel to the supply, the reference resistor or a "
-    "multiplexer's enable pin",
+    f"multiplexer's enable pin; {FSR_AT_REST}",
     "short": "look for copper that touches through a hole or at the edge of the Velostat, and for "
     "solder bridges; every pixel points to a missing reference resistor, or to the "
     "wrong `taxel_leg` in the rig file",

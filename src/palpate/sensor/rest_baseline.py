@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.sensor.findings import FSR_AT_REST
 from palpate.sensor.sample import relative_change_percent
 from palpate.signal.relative import mean_change
 
@@ -59,7 +60,9 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
     ohm = np.where(np.isfinite(ohm) & (ohm > 0), ohm, np.nan)
     ohm[:, np.isnan(ohm).any(axis=0)] = np.nan
     if np.isnan(ohm).all():
-        raise CalibrationError("no valid pixel in the rest readings; check wiring and power")
+        raise CalibrationError(
+            f"no valid pixel in the rest readings; check wiring and power; {FSR_AT_REST}"
+        )
     median = np.median(ohm, axis=0)
     sd = _MAD_TO_SD * np.median(np.abs(ohm - median), axis=0)
     is_inlier = np.abs(ohm - median) <= np.maximum(3.0 * sd, 1e-9 * median)

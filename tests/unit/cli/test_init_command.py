@@ -15,6 +15,7 @@ import pytest
 from tests.commands import Command
 
 from palpate.gripper.hobby_servo import ServoTravel
+from palpate.sensor import text_lines
 from palpate.sensor.board_array import open_board
 
 
@@ -52,12 +53,17 @@ def test_init_options_are_written_to_the_rig_file(tmp_path: Path, palpate: Comma
             "palpate.gripper.pneumatic",
         ),
         (
+            ["--gripper", "feetech", "--gripper-port", "/dev/ttyUSB3"],
+            {},
+            "palpate.gripper.feetech",
+        ),
+        (
             ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"],
             {"idle_lines": "held"},
             "palpate.gripper.dynamixel",
         ),
     ],
-    ids=["servo", "pneumatic", "dynamixel"],
+    ids=["servo", "pneumatic", "feetech", "dynamixel"],
 )
 def test_init_known_gripper_writes_its_opener_and_what_it_needs_of_the_board(
     options: list[str], array: dict[str, object], gripper: str, tmp_path: Path, palpate: Command
@@ -73,9 +79,37 @@ def test_init_known_gripper_writes_its_opener_and_what_it_needs_of_the_board(
     accepted = inspect.signature(opener).parameters
     assert table.keys() <= accepted.keys()
     if "--gripper-port" in options:
-        assert table == {"port": "/dev/ttyUSB3"}
+        assert table["port"] == "/dev/ttyUSB3"
     if "servo" in options:
         assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
+
+
+def test_init_describes_a_board_that_prints_numbers(tmp_path: Path, palpate: Command) -> None:
+    path = tmp_path / "pad.toml"
+    options = ["--board", "text", "--port", "/dev/ttyUSB7", "--layout", "3x1", "--adc-bits", "12"]
+    palpate("init", path, *options, "--reference-ohm", "10k")
+    table = tomllib.loads(path.read_text())["array"]
+    assert table.pop("open") == "palpate.sensor.text_lines:open_board"
+    assert table.keys() <= text_lines.open_board.__kwdefaults__.keys() | {"port", "layout"}
+    chosen = ("port", "layout", "adc_bits", "reference_ohm", "baud", "idle_lines")
+    assert [table[key] for key in chosen] == ["/dev/ttyUSB7", "3x1", 12, 1e4, 115_200, "isolated"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--board", "uno"], "palpate or text"),
+        (["--board", "text", "--port", "auto"], "needs its port"),
+        (["--board", "text", "--gripper", "servo"], "palpate's firmware"),
+        (["--board", "text", "--rate-hz", "30"], "--rate-hz"),
+        (["--adc-bits", "12"], "--adc-bits"),
+    ],
+)
+def test_init_refuses_what_a_board_does_not_have(
+    options: list[str], message: str, tmp_path: Path, palpate: Command
+) -> None:
+    assert message in palpate("init", tmp_path / "pad.toml", *options, status=2).err
+    assert not list(tmp_path.iterdir())
 
 
 def test_init_replaces_an_existing_file_only_with_force(tmp_path: Path, palpate: Command) -> None:
@@ -97,7 +131,7 @@ def test_init_prompts_on_a_terminal(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    os.write(master, b"auto\n4x4\n2\n1000\n\n\n\n")
+    os.write(master, b"\nauto\n4x4\n2\n1000\n\n\n\n")
     assert process.wait(timeout=60) == 0
     _, err = process.communicate()
     os.close(master)

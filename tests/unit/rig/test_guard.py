@@ -81,7 +81,7 @@ def test_guard_stops_a_plain_object_before_the_true_force_passes_the_limit(
         assert not guard.is_tripped
         close_on_the_spring(rack)
         assert guard.wait(TIMEOUT_S)
-        assert "above the limit of 3 N" in guard.reason
+        assert "the limit of 3 N" in guard.reason
         assert 0.5 < rack.plates.force_n < 3.3
         held = rack.plates.force_n
         time.sleep(0.2)
@@ -159,6 +159,7 @@ def test_guard_of_another_object_needs_no_gripper_in_the_rig(rack: Rack) -> None
     [
         ({"limit_n": 0.0}, "limit_n 0: must be above 0"),
         ({"limit_n": 3.0, "stale_s": -1.0}, "stale_s"),
+        ({"limit_n": 3.0, "certainty": 1.0}, "certainty 1"),
     ],
 )
 def test_guard_refuses_numbers_out_of_range(
@@ -244,6 +245,28 @@ def test_guard_says_where_it_stops_and_the_true_force_is_there(rack: Rack) -> No
                 assert rack.plates.force_n == pytest.approx(float(said[1]), rel=0.4)
             rack.move(74.0, 200.0)
             time.sleep(0.7)
+
+
+def test_guard_of_less_certainty_stops_nearer_to_its_limit_and_says_so(rack: Rack) -> None:
+    stopped_n, said_n = list[float](), list[float]()
+    for certainty in (0.95, 0.7, 0.5):
+        sensor, calibration = Sensor(rack.plates, period_s=0.004), weights_calibration([1.5, 4.0])
+        with palpate.open_rig(array=sensor, gripper=rack, calibration=calibration) as rig:
+            with palpate.ForceGuard(rig, limit_n=3.0, certainty=certainty) as guard:
+                said = re.search(r"at 3 N stops at about ([\d.]+) N", repr(guard))
+                assert said is not None
+                close_on_the_spring(rack)
+                assert guard.wait(TIMEOUT_S)
+                assert guard.reading is not None
+                assert isinstance(guard.reading.force_n, palpate.Measurement)
+                said_n.append(float(said[1]))
+                stopped_n.append(guard.reading.force_n.middle)
+            rack.move(74.0, 200.0)
+            time.sleep(0.7)
+    assert stopped_n == sorted(stopped_n)
+    assert said_n == sorted(said_n)
+    assert 3.0 < stopped_n[-1] < 3.3
+    assert stopped_n[0] < 0.8 * stopped_n[-1]
 
 
 def test_guard_that_stops_far_below_its_limit_warns_with_a_remedy(
