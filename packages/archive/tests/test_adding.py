@@ -49,6 +49,14 @@ def test_add_store_adds_new_grasps_once(root: Path, recorded: Path) -> None:
     assert set(found["grasp_id"]) == taken
 
 
+@pytest.mark.parametrize(
+    ("address", "folder"), [("/g1.mcap", "/"), ("/a/g1.mcap", "/a"), ("g1.mcap", None)]
+)
+def test_file_is_found_in_its_own_folder(address: str, folder: str | None) -> None:
+    found, name = Folder.divide(address)
+    assert (Path(found.fs.path), name) == (Path(folder or Path.cwd()), "g1.mcap")
+
+
 def test_add_after_interruption_completes(root: Path, recorded: Path) -> None:
     """With holds but without frames in the catalogue, the recording is not yet added."""
     archive = open_archive(root)

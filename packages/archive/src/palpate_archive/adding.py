@@ -77,9 +77,9 @@ def add_recordings(
     since_s = time.monotonic()
     try:
         for path in paths:
-            folder, _, name = os.fspath(path).rpartition("/")
+            folder, name = Folder.divide(path)
             added = list[Entry]()
-            with Folder.open(folder or ".").fetch(name) as local:
+            with folder.fetch(name) as local:
                 source = hash_file(local)
                 if source not in held:
                     added = list(_write_recording(archive, local, source, station))

@@ -191,9 +191,8 @@ class Catalogue:
         contents = self.folder.fs.cat(given, recursive=False) if (given := list(places)) else {}
         for place, content in contents.items():
             # With threads, PyArrow may release the bytes after the end of Python, which aborts.
-            table = pa.parquet.read_table(
-                io.BytesIO(content), columns=_SCHEMA.names, use_threads=False
-            )
+            file = pa.parquet.ParquetFile(io.BytesIO(content))
+            table = file.read(columns=_SCHEMA.names, use_threads=False)
             rows = table.to_pylist()
             found[place] = [Entry(**row | {"sources": tuple(row["sources"])}) for row in rows]
         return found

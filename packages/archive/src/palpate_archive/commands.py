@@ -23,7 +23,7 @@ from palpate_archive.adding import add_recordings, add_store, find_recordings
 from palpate_archive.catalogue import GRACE_S, Catalogue
 from palpate_archive.compacting import join_files
 from palpate_archive.comparing import compare_results, read_versions
-from palpate_archive.evaluating import enter_results, plan_tasks
+from palpate_archive.evaluating import enter_results, list_versions, plan_tasks
 from palpate_archive.folders import Folder, explain_store_errors
 from palpate_archive.forgetting import Selection
 from palpate_archive.forgetting import forget as forget_rows
@@ -158,8 +158,8 @@ def recalibrate(
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
-    folder, _, name = calibration.rpartition("/")
-    with Folder.open(folder or ".").fetch(name) as path:
+    folder, name = Folder.divide(calibration)
+    with folder.fetch(name) as path:
         # Refuse an invalid calibration here instead of in every worker.
         sheet_law_of(Calibration.load(path))
         job = create_recalibrate_job(path.read_text())
@@ -209,8 +209,7 @@ def compare(
         print_json({"code": versions, "days": [asdict(change) for change in changes]})
         return
     for name, address in (("a", a), ("b", b)):
-        codes = [", ".join(f"{n} {v}" for n, v in code.items()) for code in versions[name]]
-        print(f"{name.upper()} = {address}: {'; '.join(codes)}")
+        print(f"{name.upper()} = {address}: {'; '.join(map(list_versions, versions[name]))}")
     columns = ["station", "day", ">rows", ">only A", ">only B", ">changed", ">outside"]
     columns += [">median %", ">largest %"]
     for job, days in groupby(changes, key=lambda change: change.job):

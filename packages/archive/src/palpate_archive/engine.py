@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -18,8 +19,12 @@ from palpate_archive.evaluating import Task
 
 #: Waiting for a scheduler and its first worker; longer after a restart.
 _FIRST_WAIT_S, _RESTART_WAIT_S = 30.0, 300.0
-#: Of workers on this computer. Their profiler stops a task 100 times a second to read its stack.
-LOCAL_CONFIG = {"distributed.worker.profile.enabled": False}
+#: Of workers on this computer. Dask would stop a task 100 times a second to read its stack, and
+#: wake each process 50 times a second to measure how late it is.
+LOCAL_CONFIG = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+}
 
 
 def perform(
@@ -35,11 +40,10 @@ def perform(
     `scheduler`: address of a running Dask scheduler; by default a cluster on this computer with
     `workers` processes, one per core. `show` receives the number of finished tasks, `report` lines
     about the cluster. A task whose worker dies is repeated on another worker. After a restart of
-    the scheduler, the tasks without results are sent again.
+    the scheduler all tasks are sent again; those with results end at once.
     Raises `PalpateError` if a task kills its workers again and again, for example without enough
     memory, or if the scheduler or its workers stay away.
     """
-    found: dict[str, Entry] = {}
     options: dict[str, Any] = {"address": scheduler}
     if scheduler is None:
         options = {
@@ -49,26 +53,27 @@ def perform(
             "dashboard_address": "127.0.0.1:0",
         }
     wait_s = _FIRST_WAIT_S
-    while left := [task for task in tasks if task.target not in found]:
+    while tasks:
         with _connect(options, wait_s=wait_s) as client:
             report(f"dashboard: {client.dashboard_link}")
             # Keys that name the results: two runs at the same time share their tasks.
-            futures = client.map(Task.perform, left, key=[task.target for task in left])
-            for future in as_completed(futures):
-                if future.cancelled():
-                    report("lost the scheduler; waiting until it and its workers are back")
-                    break
-                try:
-                    found[future.key] = future.result()
-                except KilledWorker as fault:
-                    raise PalpateError(
-                        f"{future.key}: several workers died at it, possibly from a lack of "
-                        "memory; run it again with more memory a worker to continue with the "
-                        "remaining files"
-                    ) from fault
-                show(len(found))
+            futures = client.map(Task.perform, tasks, key=[task.target for task in tasks])
+            try:
+                for number, future in enumerate(as_completed(futures), start=1):
+                    if future.status != "finished":
+                        future.result()
+                    show(number)
+                # All entries at once, without a request to a busy worker for each.
+                return list(client.gather(futures))
+            except CancelledError:
+                report("lost the scheduler; waiting until it and its workers are back")
+            except KilledWorker as fault:
+                raise PalpateError(
+                    f"{fault.task}: several workers died at it, possibly from a lack of memory; "
+                    "run it again with more memory a worker to continue with the remaining files"
+                ) from fault
         wait_s = _RESTART_WAIT_S
-    return [found[task.target] for task in tasks]
+    return []
 
 
 @contextmanager

@@ -49,8 +49,8 @@ class Task:
         """
         if (mine := code_versions()) != self.code:
             raise PalpateError(
-                f"a worker has other code ({_list_versions(mine)}) than this computer "
-                f"({_list_versions(self.code)}); install the same versions on both"
+                f"a worker has other code ({list_versions(mine)}) than this computer "
+                f"({list_versions(self.code)}); install the same versions on both"
             )
         if self.results.fs.exists(self.target):
             with self.results.fetch(self.target) as path:
@@ -102,7 +102,8 @@ def code_versions() -> dict[str, str]:
     return {"palpate": own} | {name: version(name) for name in ("numpy", "scipy", "pyarrow")}
 
 
-def _list_versions(code: dict[str, str]) -> str:
+def list_versions(code: dict[str, str]) -> str:
+    """Return the names and versions as a text."""
     return ", ".join(f"{name} {number}" for name, number in code.items())
 
 

@@ -72,6 +72,12 @@ class Folder:
         inside = DirFileSystem(path, fs, skip_instance_cache=True)
         return cls(inside, text.rstrip("/") or text, max_mbit)
 
+    @classmethod
+    def divide(cls, address: str | os.PathLike[str]) -> tuple[Folder, str]:
+        """Return the folder of a file and the file's place in it."""
+        folder, slash, name = os.fspath(address).rpartition("/")
+        return cls.open(folder + slash or "."), name
+
     def name(self, place: str) -> str:
         """Return the path or address of a file, as other tools take it."""
         return f"{self.address}/{place}"

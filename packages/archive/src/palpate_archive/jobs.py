@@ -67,9 +67,9 @@ def create_settle_job(*, method: str, horizon_s: float) -> Job:
 def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
     """Yield one table: a row for each hold, channel and cut-off."""
     names = [*_LABELS, "time_s", "value"]
-    table = pa.parquet.read_table(
-        path, columns=names, read_dictionary=_LABELS, partitioning=None, use_threads=False
-    )
+    # `pa.parquet.read_table` decodes in other threads even with `use_threads=False`.
+    with pa.parquet.ParquetFile(path, read_dictionary=_LABELS) as file:
+        table = file.read(columns=names, use_threads=False)
     rows = [
         row
         for alike in _group_holds(table)
