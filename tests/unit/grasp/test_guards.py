@@ -304,20 +304,24 @@ def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: A
     assert len(sent) <= 6
 
 
-@pytest.mark.parametrize("is_cancelled", [True, False])
+@pytest.mark.parametrize(("first_mm", "is_cancelled"), [(2.0, True), (2.0, False), (0.1, False)])
 def test_hand_without_movement_fails_unless_its_commands_were_cancelled(
-    plan: Plan, bench: Any, is_cancelled: bool
+    plan: Plan, bench: Any, first_mm: float, is_cancelled: bool
 ) -> None:
-    """A hand that the force guard stops before it moves is not blocked."""
+    """A hand that the force guard stops before it moves is not blocked.
+
+    A first command too small to be seen in the reports must not hide the later ones.
+    """
     hand = _Hand(bench, clock=bench.clock, plan=plan)
     reported = plan.gripper.drive_reading(hand.state())
     bench.command = lambda wanted: wanted
+    first = GripperCommand(target=reported - first_mm, rate=10.0)
     close = GripperCommand(target=reported - 2.0, rate=10.0)
     stay = GripperCommand(target=reported, rate=60.0)
     blocked = pytest.raises(DeviceError, match="did not move after 4 commands")
     with nullcontext() if is_cancelled else blocked:
         for number in range(6):
-            hand.send(close, now_s=0.5 * number)
+            hand.send(close if number else first, now_s=0.5 * number)
             if is_cancelled:
                 hand.send(stay, now_s=0.5 * number + PERIOD_S / 16)
 
