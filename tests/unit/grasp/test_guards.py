@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.force.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
@@ -356,6 +357,20 @@ def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench
 
     low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
     bench.grasp_until(Outcome.FORCE_LIMIT, low, subscribers=[shove], words="the limit is 3 N")
+    assert bench.width_mm == 74.0
+
+
+def test_servo_current_of_a_force_above_the_ceiling_opens_the_hand(plan: Plan, bench: Any) -> None:
+    """The sheet shows a small part of the force."""
+    gears = GearFriction(mean_ma=40.0, mean_sd_ma=1.0, movement_ma=4.0)
+    law, state = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0), bench.state
+
+    def report() -> GripperState:
+        current_ma = 40.0 + bench.sequence % 2 + 16.0 * 25.0 * (bench.force_n > 1.0)
+        return replace(state(), current_ma=current_ma)
+
+    bench.state = report
+    bench.grasp_until(Outcome.FORCE_LIMIT, plan, current=law, words="servo's current shows")
     assert bench.width_mm == 74.0
 
 
