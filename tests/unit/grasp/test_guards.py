@@ -200,7 +200,7 @@ def test_single_long_interval_does_not_change_stale_limit(
 
 def test_stale_limit_is_known_from_the_third_interval_on(plan: Plan, bench: Any) -> None:
     bench.lost_after_s = 3.5 * PERIOD_S
-    bench.grasp_until(Outcome.SENSOR_LOST, plan, words="no frame in 0.33 s")
+    bench.grasp_until(Outcome.SENSOR_LOST, plan, words="no frame in 0.33 s; check the cable")
 
 
 def test_single_short_interval_does_not_change_stale_limit(plan: Plan, bench: Any) -> None:
