@@ -360,6 +360,28 @@ def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench
     assert bench.width_mm == 74.0
 
 
+def test_second_alarm_of_the_same_frame_does_not_prevent_the_opening(
+    plan: Plan, bench: Any
+) -> None:
+    """The sheet and the board exceed their ceilings in one frame."""
+
+    def shove(_: Observation) -> None:
+        if bench.force_n > 0:
+            bench.size_mm, bench.n_per_mm = 56.0, 50.0
+
+    above = list[Frame]()
+
+    def trip(frame: Frame) -> Frame:
+        above.extend([frame] * (bench.force_n > 3.0))
+        # The sheet's force is confirmed by a second frame.
+        return replace(frame, ceiling_tripped=len(above) == 2)
+
+    bench.change_frames(trip)
+    low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
+    bench.grasp_until(Outcome.FORCE_LIMIT, low, subscribers=[shove], words="the limit is 3 N")
+    assert bench.width_mm == 74.0
+
+
 def test_servo_current_of_a_force_above_the_ceiling_opens_the_hand(plan: Plan, bench: Any) -> None:
     """The sheet shows a small part of the force."""
     gears = GearFriction(mean_ma=40.0, mean_sd_ma=1.0, movement_ma=4.0)
