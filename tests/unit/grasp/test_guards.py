@@ -293,6 +293,13 @@ def test_gripper_closing_too_fast_is_stopped(plan: Plan, bench: Any) -> None:
     assert bench.stops == 1
 
 
+def test_gripper_that_does_not_open_is_a_fault(plan: Plan, bench: Any) -> None:
+    command = bench.command
+    bench.command = lambda wanted: wanted if wanted.target == 74.0 else command(wanted)
+    bench.grasp_until(Outcome.GRIPPER_FAULT, plan, words="and the zero position of the gripper")
+    assert bench.stops == 1
+
+
 def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: Any) -> None:
     """Each short step alone is within the position error of a loaded servo."""
     sent = list[Any]()
