@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import ssl
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from benchmarks.processes import children_of
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 STRAWBERRY = ("--object", "strawberry", "--seed", "3")
@@ -60,6 +62,32 @@ def run_server(
             process.terminate()
 
 
+def write_users(folder: Path) -> tuple[str, str]:
+    """Write maria, who may operate, and screen, who may watch; return the option."""
+    users = folder / "users.toml"
+    users.write_text(
+        '[maria]\ntoken = "marias-token"\nrole = "operate"\n'
+        '[screen]\ntoken = "screens-token"\nrole = "view"\n'
+    )
+    users.chmod(0o600)
+    return "--users", str(users)
+
+
+def write_certificate(folder: Path) -> None:
+    """Write `certificate.pem` and `key.pem` of this machine, signed by itself."""
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+    command += ["-keyout", "key.pem", "-out", "certificate.pem", "-subj", "/CN=127.0.0.1"]
+    command += ["-addext", "subjectAltName=IP:127.0.0.1"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+
+
+def kill_devices(server: subprocess.Popen[str]) -> None:
+    """Kill the device process of a server."""
+    for child in children_of(server.pid):
+        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+            os.kill(child, signal.SIGKILL)
+
+
 class Machine:
     """A minimal client, such as a gateway."""
 
@@ -96,6 +124,16 @@ class Machine:
 
     def ready(self) -> None:
         self.until(lambda at: at["activity"] == "watching" and at["fresh"] and at["hand_open"])
+
+    def grasp_and_release(self, item_id: str) -> dict[str, Any]:
+        """Grasp an item, release it when it is held, and return the result."""
+        self.ready()
+        assert self.ask("POST", "/grasp", {"item_id": item_id})[0] == 202
+        self.until(lambda at: at["state"] == "holding")
+        assert self.ask("POST", "/release")[0] == 202
+        self.ready()
+        result: dict[str, Any] = self.ask("GET", "/result")[1]
+        return result
 
     def leave_hand_open(self) -> None:
         """End what a failed test has left: a running job and a closed hand."""

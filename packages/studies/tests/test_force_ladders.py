@@ -25,14 +25,9 @@ def ladder_csv(path: Path, names: str) -> Path:
     return path
 
 
-def test_force_ladders_scores_every_step_of_the_asked_ladders_with_every_model(
+def test_force_ladders_with_test_ladders_scores_only_these(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
-    found = document("force-ladders", "--ladders", ladder_csv(tmp_path / "a.csv", "ABC"))
-    assert len(found["rows"]) == 3 * 4 * 6
-    assert {row["ladder"] for row in found["rows"]} == {"A", "B", "C"}
-    assert {row["load_n"] for row in found["rows"]} == {0.6, 1.2, 1.1, 2.0, 3.0, 6.0}
-    assert {one["model"] for one in found["summary"]} == {"line", "power", "pooled", "ours"}
     known, tested = ladder_csv(tmp_path / "a.csv", "AB"), ladder_csv(tmp_path / "b.csv", "C")
     found = document("force-ladders", "--ladders", known, "--test-ladders", tested)
     assert {row["ladder"] for row in found["rows"]} == {"C"}

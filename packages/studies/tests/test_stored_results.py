@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.golden.near import near
 
 from palpate.errors import InputError
 from palpate_studies.scoreboard import (
@@ -20,6 +20,7 @@ from palpate_studies.stored_results import (
     explain_outdated,
     make_result,
     read_recipes,
+    read_result,
     store_result,
 )
 from palpate_studies.study_code import ProductCode
@@ -136,15 +137,27 @@ def test_result_is_outdated_by_its_code_or_command(product: Path, tmp_path: Path
     assert reason == "changed: palpate.sheet"
 
 
+#: Results of real recordings that take less than 10 s to make.
+QUICK = ("force-ladders", "hydrogel", "meat", "realism", "soft-sensor")
+
+
 @pytest.mark.slow
-def test_make_result_stores_figures_that_are_current(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", QUICK)
+def test_study_of_real_recordings_reproduces_its_stored_figures(
+    name: str, real_data: Path, tmp_path: Path
+) -> None:
+    """All figures of the study, to the digits that may differ between processors."""
+    recipe = replace(read_recipes(DOCS)[name], earlier="")
     (tmp_path / "kept").mkdir()
-    few = "slip --events 2 --hours 0.1"
-    recipe = replace(read_recipes(DOCS)["slip"], study=few, keys=("summary",))
-    assert make_result(recipe, docs=tmp_path, data=tmp_path) > 0.0
+    make_result(recipe, docs=tmp_path, data=real_data)
+    made = read_result(tmp_path, name)
+    assert made["figures"] == near(read_result(DOCS, name)["figures"])
     assert not explain_outdated(recipe, docs=tmp_path, code=ProductCode())
-    stored = json.loads((tmp_path / "kept" / "slip.json").read_text())
-    assert list(stored["figures"]) == ["summary"]
+
+
+def test_twin_of_the_field_is_never_kinder_than_velostat() -> None:
+    rows = read_result(DOCS, "realism")["figures"]["compared"]
+    assert [row["quantity"] for row in rows if row["kinder"]["field"]] == []
 
 
 def test_generated_pages_match_stored_results() -> None:

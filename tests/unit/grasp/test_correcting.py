@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from tests.factories import touch
 
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
+from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.settle import increase_force
 from palpate.grasp.state import GraspState
@@ -12,11 +13,6 @@ from palpate.measurement import Measurement
 
 #: The object of these tests raises the force by this much per millimetre.
 N_PER_MM = 2.0
-
-
-def touch(force_n: float) -> Touch:
-    """Return the sheet's reading at a force, with twice the excess conductance."""
-    return Touch(time_s=1.0, finger_percent=(-30.0, -30.0), relative_percent=-30.0, sheet_n=force_n)
 
 
 def settled(force_n: float) -> Measurement:

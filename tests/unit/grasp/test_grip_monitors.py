@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.factories import touch
+from tests.factories import closing_steps, touch
 
 from palpate.grasp.estimator import ContactEstimate, Observation, Touch
 from palpate.grasp.monitors import (
@@ -63,6 +63,17 @@ def test_slip_monitor_reading_below_fraction_raises_an_alarm_unless_opening(
     state.estimate.strongest_n = 20.0
     alarm = SlipMonitor(plan).check(SEEN, state)
     assert (alarm and alarm.danger) is (Danger.SLIPPED if is_alarm else None)
+
+
+@pytest.mark.parametrize(("return_closure", "is_alarm"), [(None, True), (21.0, False)])
+def test_slip_monitor_compares_with_the_last_step_unless_the_hand_has_opened_again(
+    plan: Plan, return_closure: float | None, is_alarm: bool
+) -> None:
+    state = resting(touch(6.9, time_s=0.2), frames=6, still_s=0.3, phase=Phase.SETTLE)
+    state.estimate.strongest_n = 7.0
+    state.estimate.steps = closing_steps([10.0, 20.0], step_mm=0.5)
+    state.correction.return_closure = return_closure
+    assert (SlipMonitor(plan).check(SEEN, state) is not None) == is_alarm
 
 
 @pytest.mark.parametrize(

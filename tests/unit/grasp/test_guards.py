@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.force.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
@@ -199,7 +200,7 @@ def test_single_long_interval_does_not_change_stale_limit(
 
 def test_stale_limit_is_known_from_the_third_interval_on(plan: Plan, bench: Any) -> None:
     bench.lost_after_s = 3.5 * PERIOD_S
-    bench.grasp_until(Outcome.SENSOR_LOST, plan, words="no frame in 0.33 s")
+    bench.grasp_until(Outcome.SENSOR_LOST, plan, words="no frame in 0.33 s; check the cable")
 
 
 def test_single_short_interval_does_not_change_stale_limit(plan: Plan, bench: Any) -> None:
@@ -292,6 +293,13 @@ def test_gripper_closing_too_fast_is_stopped(plan: Plan, bench: Any) -> None:
     assert bench.stops == 1
 
 
+def test_gripper_that_does_not_open_is_a_fault(plan: Plan, bench: Any) -> None:
+    command = bench.command
+    bench.command = lambda wanted: wanted if wanted.target == 74.0 else command(wanted)
+    bench.grasp_until(Outcome.GRIPPER_FAULT, plan, words="and the zero position of the gripper")
+    assert bench.stops == 1
+
+
 def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: Any) -> None:
     """Each short step alone is within the position error of a loaded servo."""
     sent = list[Any]()
@@ -304,20 +312,24 @@ def test_gripper_without_movement_fails_after_four_commands(plan: Plan, bench: A
     assert len(sent) <= 6
 
 
-@pytest.mark.parametrize("is_cancelled", [True, False])
+@pytest.mark.parametrize(("first_mm", "is_cancelled"), [(2.0, True), (2.0, False), (0.1, False)])
 def test_hand_without_movement_fails_unless_its_commands_were_cancelled(
-    plan: Plan, bench: Any, is_cancelled: bool
+    plan: Plan, bench: Any, first_mm: float, is_cancelled: bool
 ) -> None:
-    """A hand that the force guard stops before it moves is not blocked."""
+    """A hand that the force guard stops before it moves is not blocked.
+
+    A first command too small to be seen in the reports must not hide the later ones.
+    """
     hand = _Hand(bench, clock=bench.clock, plan=plan)
     reported = plan.gripper.drive_reading(hand.state())
     bench.command = lambda wanted: wanted
+    first = GripperCommand(target=reported - first_mm, rate=10.0)
     close = GripperCommand(target=reported - 2.0, rate=10.0)
     stay = GripperCommand(target=reported, rate=60.0)
     blocked = pytest.raises(DeviceError, match="did not move after 4 commands")
     with nullcontext() if is_cancelled else blocked:
         for number in range(6):
-            hand.send(close, now_s=0.5 * number)
+            hand.send(close if number else first, now_s=0.5 * number)
             if is_cancelled:
                 hand.send(stay, now_s=0.5 * number + PERIOD_S / 16)
 
@@ -352,6 +364,42 @@ def test_run_grasp_force_above_ceiling_opens_and_reports_fault(plan: Plan, bench
 
     low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
     bench.grasp_until(Outcome.FORCE_LIMIT, low, subscribers=[shove], words="the limit is 3 N")
+    assert bench.width_mm == 74.0
+
+
+def test_second_alarm_of_the_same_frame_does_not_prevent_the_opening(
+    plan: Plan, bench: Any
+) -> None:
+    """The sheet and the board exceed their ceilings in one frame."""
+
+    def shove(_: Observation) -> None:
+        if bench.force_n > 0:
+            bench.size_mm, bench.n_per_mm = 56.0, 50.0
+
+    above = list[Frame]()
+
+    def trip(frame: Frame) -> Frame:
+        above.extend([frame] * (bench.force_n > 3.0))
+        # The sheet's force is confirmed by a second frame.
+        return replace(frame, ceiling_tripped=len(above) == 2)
+
+    bench.change_frames(trip)
+    low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
+    bench.grasp_until(Outcome.FORCE_LIMIT, low, subscribers=[shove], words="the limit is 3 N")
+    assert bench.width_mm == 74.0
+
+
+def test_servo_current_of_a_force_above_the_ceiling_opens_the_hand(plan: Plan, bench: Any) -> None:
+    """The sheet shows a small part of the force."""
+    gears = GearFriction(mean_ma=40.0, mean_sd_ma=1.0, movement_ma=4.0)
+    law, state = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0), bench.state
+
+    def report() -> GripperState:
+        current_ma = 40.0 + bench.sequence % 2 + 16.0 * 25.0 * (bench.force_n > 1.0)
+        return replace(state(), current_ma=current_ma)
+
+    bench.state = report
+    bench.grasp_until(Outcome.FORCE_LIMIT, plan, current=law, words="servo's current shows")
     assert bench.width_mm == 74.0
 
 

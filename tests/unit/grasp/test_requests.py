@@ -43,3 +43,18 @@ def test_request_stops_in_place_or_opens(
     if outcome is Outcome.HELD:
         held = {moment.name: moment.time_s for moment in result.moments}
         assert 3.0 < held["held"] - held["answer"] < 3.5
+
+
+def test_stop_requested_together_with_a_release_leaves_the_hand_in_place(
+    plan: Plan, bench: Any
+) -> None:
+    requests, widths = Requests(), list[float]()
+
+    def watcher(state: GraspState) -> None:
+        if state.phase is Phase.HOLD and not widths:
+            requests.release.set()
+            requests.stop.set()
+            widths.append(bench.width_mm)
+
+    bench.grasp_until(Outcome.STOPPED, plan, hold_s=60.0, requests=requests, watchers=[watcher])
+    assert bench.width_mm == widths[0] < 74.0

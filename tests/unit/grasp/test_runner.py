@@ -76,6 +76,32 @@ def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
+@pytest.mark.parametrize("moves_s", [0.5, 1e9])
+def test_hand_without_a_sensor_is_stopped_only_after_its_opening(
+    plan: Plan, bench: Any, moves_s: float
+) -> None:
+    command, state, stop, opened_s, stopped_s = bench.command, bench.state, bench.stop, [], []
+
+    def lose_sensor(wanted: Any) -> Any:
+        if wanted.target == 74.0 and not opened_s:
+            opened_s.append(bench.clock.now_s())
+            bench.gone_after_s = 0.0
+        return command(wanted)
+
+    def report() -> Any:
+        is_moving = bool(opened_s) and bench.clock.now_s() < opened_s[0] + moves_s
+        return replace(state(), moving=is_moving)
+
+    def stop_hand() -> None:
+        stopped_s.append(bench.clock.now_s())
+        stop()
+
+    bench.command, bench.state, bench.stop = lose_sensor, report, stop_hand
+    assert bench.grasp(plan).outcome is Outcome.SENSOR_LOST
+    waited_s = min(moves_s, plan.longest_opening_s)
+    assert stopped_s[0] - opened_s[0] == pytest.approx(waited_s, abs=0.05)
+
+
 def test_gripper_that_fails_with_the_sensor_while_releasing_is_reported(
     plan: Plan, bench: Any
 ) -> None:

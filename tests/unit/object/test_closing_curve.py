@@ -83,42 +83,6 @@ def test_single_reading_bounds_size_and_stiffness() -> None:
     assert found.stiffness.low < 2.0 / 0.45 < 0.1 * found.stiffness.high
 
 
-def size(width_mm: np.ndarray, force_n: np.ndarray, **how: Any) -> Measurement:
-    given = {"compliance": HARD, "gain_sd": 0.1, "law_sd": 0.1, "floor_n": 0.05, "half": 0.165}
-    found = close(width_mm, force_n, **(given | how))
-    return found.size_mm
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exponent", [1.0, 1.5])
-def test_size_interval_covers_scattered_curves(exponent: float) -> None:
-    rng = np.random.default_rng(7)
-    inside, errors = [], []
-    for _ in range(60):
-        true_mm = rng.uniform(30, 31)
-        width = 33.0 - np.cumsum([1, 1, 1, 0.5, 0.5, 0.4])
-        true = 2.0 * np.maximum(true_mm - width, 0) ** exponent
-        found = size(width, true * np.exp(0.05 * rng.standard_normal(width.size)) * (true > 0.1))
-        inside.append(found.low <= true_mm <= found.high)
-        errors.append(found.middle - true_mm)
-    assert np.mean(inside) >= 0.85
-    assert np.sqrt(np.mean(np.square(errors))) < 0.28
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exponent", [1.0, 1.5])
-@pytest.mark.parametrize("law", [0.8, 0.92, 1.05])
-def test_size_interval_covers_exponent_error(exponent: float, law: float) -> None:
-    inside = []
-    for true_mm in np.linspace(31.5, 32.5, 11):
-        width = np.array([34.0, 33.0, 32.0, 31.0, 30.6, 30.3])
-        true = 2.0 * np.maximum(true_mm - width, 0.0) ** exponent
-        # Such a law's exponent has a standard deviation of 0.2 from contact to contact.
-        found = size(width, np.where(true > 0.1, true**law, 0.0), law_sd=0.4)
-        inside.append(found.low <= true_mm <= found.high)
-    assert np.mean(inside) >= 0.9
-
-
 @pytest.mark.parametrize("n_per_mm", [0.6, 2.0])
 def test_weak_reading_of_a_firm_contact_does_not_move_the_size(n_per_mm: float) -> None:
     """Near its threshold, a sheet reads half of the force of a hand that has met the object."""

@@ -9,25 +9,14 @@ import numpy as np
 import pytest
 from tests.factories import draw
 
-from palpate.clock import ManualClock
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.paced_array import PacedArray
-from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
 
 def make_world(name: str = "dragonskin-10", **options: object) -> World:
     return World(draw(name, 1), seed=1, **options)  # type: ignore[arg-type]
-
-
-def test_twin_array_reads_at_fixed_rate_and_advances_clock() -> None:
-    clock = ManualClock(start_s=100.0)
-    array = TwinArray(make_world(clock=clock, frame_rate_hz=50.0))
-    frames = [array.read(timeout_s=1.0) for _ in range(10)]
-    np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.02, atol=1e-9)
-    assert [f.sequence for f in frames] == list(range(10))
-    assert clock.now_s() == pytest.approx(100.2)
-    assert frames[0].counts.shape == (4, 2)
 
 
 def test_twin_array_queues_unread_frames_in_order() -> None:
@@ -43,17 +32,6 @@ def test_twin_array_queues_unread_frames_in_order() -> None:
     # Frames scanned before the command are not affected by it.
     assert np.ptp([f.counts.mean() for f in frames[:9]]) < 5
     assert frames[-1].counts.mean() > frames[0].counts.mean() + 20
-
-
-def test_twin_load_cell_reads_in_one_gram_steps() -> None:
-    setting = make_world("rigid-block")
-    cell, gripper = TwinLoadCell(setting), TwinGripper(setting)
-    assert abs(cell.read_n()) < 0.03
-    gripper.command(GripperCommand(target=38.5, rate=20.0))
-    setting.clock.sleep_s(4.0)
-    readings = np.array([cell.read_n() for _ in range(200)])
-    assert np.mean(readings) == pytest.approx(setting.force_n(4.0), abs=0.01)
-    np.testing.assert_allclose(readings / 0.0098, np.round(readings / 0.0098), atol=1e-9)
 
 
 @pytest.fixture

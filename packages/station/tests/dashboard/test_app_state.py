@@ -108,6 +108,8 @@ def test_rules_decide_whether_a_grasp_without_a_name_is_refused(tmp_path: Path) 
         order = app_state.grasp_order(target_force_n=None)
         with pytest.raises(InputError, match="Scan the item") if requires_item else nullcontext():
             app_state.session.order("a", order)
+        if requires_item:
+            app_state.session.order("a", replace(order, item_id="A1"))
 
 
 def names_in(folder: Path) -> list[str]:

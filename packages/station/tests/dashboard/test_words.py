@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from packages.station.tests.dashboard.test_live import page_of
 
 from palpate.errors import InputError
-from palpate_station.dashboard.messages import GraspOrder, LinkStatus
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
 
@@ -37,17 +35,6 @@ def test_words_refuse_a_translation_that_does_not_fit(tmp_path: Path, text: str,
     file.write_text(text)
     with pytest.raises(InputError, match=why):
         Words.read(file)
-
-
-def test_session_refuses_a_grasp_without_a_name_where_one_is_required() -> None:
-    session = Session(send=lambda message: None, requires_item=True)
-    session.join("a")
-    session.devices.rig_open = True
-    session.devices.live.link = LinkStatus(frames=9, stale=False)
-    order = GraspOrder(target_force_n=None, recording=Path("new.mcap"))
-    with pytest.raises(InputError, match="without a name"):
-        session.order("a", order)
-    session.order("a", replace(order, item_id="A1"))
 
 
 def test_alarms_list_every_new_problem_of_the_devices() -> None:

@@ -98,17 +98,6 @@ def test_api_grasp_with_an_outdated_stop_count_is_refused(machine: Machine) -> N
     assert machine.ask("POST", "/release")[0] == 202
 
 
-def test_api_stop_ends_a_grasp_of_another_driver(machine: Machine) -> None:
-    assert machine.ask("POST", "/grasp", {})[0] == 202
-    machine.until(lambda at: at["phase"] not in (None, "wait"))
-    assert machine.ask("DELETE", "/driver")[0] == 204
-    assert machine.ask("POST", "/stop") == (200, {"stopped": True})
-    state = machine.until(lambda at: at["activity"] == "watching")
-    assert 0 <= state["stopped_after_s"] < 0.5
-    assert machine.ask("GET", "/result")[1]["outcome"] == "stopped"
-    assert machine.ask("POST", "/release")[0] == 202
-
-
 def test_gateway_example_fills_its_registers(
     machine: Machine,
     address: str,

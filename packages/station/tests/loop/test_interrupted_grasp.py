@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from pathlib import Path
 
-from benchmarks.dashboard import children_of
-from packages.station.tests.served_pages import SIMULATED, Machine, drive, run_server, visit
+from packages.station.tests.served_pages import (
+    SIMULATED,
+    Machine,
+    drive,
+    kill_devices,
+    run_server,
+    visit,
+)
 from packages.station.tests.served_pages import start_grasp as press_grasp
 from playwright.sync_api import Browser, Page, expect
 
@@ -61,9 +65,7 @@ def test_page_names_the_item_in_the_hand_of_devices_that_have_ended(
         visit(browser, f"{address}operate") as page,
     ):
         machine = start_grasp(address, "A17")
-        for child in children_of(process.pid):
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                os.kill(child, signal.SIGKILL)
+        kill_devices(process)
         machine.until(lambda at: at["activity"] == "gone")
         expect_interrupted(page, "Devices ended")
         assert machine.ask("GET", "/state")[1]["interrupted"]["item_id"] == "A17"

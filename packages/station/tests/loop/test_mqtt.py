@@ -12,7 +12,7 @@ from queue import Queue
 
 import pytest
 from packages.station.tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
-from packages.station.tests.served_pages import SIMULATED, Machine, run_server
+from packages.station.tests.served_pages import SIMULATED, Machine, run_server, write_certificate
 from tests.fixtures import skip
 from tests.whole.test_json_schemas import faults
 
@@ -211,27 +211,21 @@ def test_mqtt_outage_of_the_broker_is_reported_once_and_so_is_its_return(
 
 
 def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
-    def run(*command: str) -> None:
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-
-    run(
-        *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
-        *("-keyout", "key.pem", "-out", "ca.pem", "-subj", "/CN=127.0.0.1"),
-        *("-addext", "subjectAltName=IP:127.0.0.1"),
-    )
-    run("mosquitto_passwd", "-b", "-c", "passwords", "line-1", "sesame")
+    write_certificate(tmp_path)
+    password = ["mosquitto_passwd", "-b", "-c", "passwords", "line-1", "sesame"]
+    subprocess.run(password, cwd=tmp_path, check=True, capture_output=True)
     broker = BrokerProcess(
         tmp_path,
-        options=f"certfile {tmp_path}/ca.pem\nkeyfile {tmp_path}/key.pem\n"
+        options=f"certfile {tmp_path}/certificate.pem\nkeyfile {tmp_path}/key.pem\n"
         f"password_file {tmp_path}/passwords\nallow_anonymous false",
     )
     file = tmp_path / "broker.toml"
     file.write_text(
-        f'host = "127.0.0.1"\nport = {broker.port}\ntopic = "{TOPIC}"\nca = "ca.pem"\n'
+        f'host = "127.0.0.1"\nport = {broker.port}\ntopic = "{TOPIC}"\nca = "certificate.pem"\n'
         'username = "line-1"\n'
     )
     listening = Subscriber(
-        broker.port, TOPIC, ca=tmp_path / "ca.pem", username="line-1", password="sesame"
+        broker.port, TOPIC, ca=tmp_path / "certificate.pem", username="line-1", password="sesame"
     )
     for password in ("guess", "sesame"):
         complaints: Queue[str] = Queue()

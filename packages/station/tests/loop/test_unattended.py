@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import ssl
-import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from benchmarks.processes import children_of
 from packages.station.tests.epcis import read_epcis
-from packages.station.tests.served_pages import SIMULATED, Machine, run_server
+from packages.station.tests.served_pages import (
+    SIMULATED,
+    Machine,
+    kill_devices,
+    run_server,
+    write_certificate,
+    write_users,
+)
 from tests.whole.test_json_schemas import faults
 
 OLD = "grasp-20260101-080000.mcap"
@@ -72,12 +76,7 @@ def test_item_stated_and_labelled_over_http_is_stored_with_its_station(
     served: tuple[Machine, str, Path],
 ) -> None:
     machine, _, folder = served
-    machine.ready()
-    assert machine.ask("POST", "/grasp", {"item_id": "B1"})[0] == 202
-    machine.until(lambda at: at["state"] == "holding")
-    machine.ask("POST", "/release")
-    machine.ready()
-    result = machine.ask("GET", "/result")[1]
+    result = machine.grasp_and_release("B1")
     assert result["station"] == machine.ask("GET", "/state")[1]["station"] == "4012345000009"
     stated = {"kind": "avocado", "batch": "Montag-Früh", "labels": {"ripeness": "ripe"}}
     status, item = machine.ask("PATCH", "/items/B1", stated)
@@ -120,12 +119,10 @@ def test_old_recordings_are_deleted_but_renamed_and_new_ones_are_kept(
 
 
 def test_station_without_devices_is_not_healthy_and_ends(tmp_path: Path) -> None:
-    with run_server(tmp_path, *SIMULATED, "--exit-after", "3") as (address, process):
+    with run_server(tmp_path, *SIMULATED, "--exit-after", "10") as (address, process):
         machine = Machine(address)
         machine.ready()
-        for child in children_of(process.pid):
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                os.kill(child, signal.SIGKILL)
+        kill_devices(process)
         machine.until(lambda at: at["activity"] == "gone")
         status, health = machine.ask("GET", "/health")
         assert (status, health["healthy"]) == (503, False)
@@ -134,24 +131,9 @@ def test_station_without_devices_is_not_healthy_and_ends(tmp_path: Path) -> None
 
 
 def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path) -> None:
-    subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
-            *("-keyout", "key.pem", "-out", "certificate.pem", "-subj", "/CN=127.0.0.1"),
-            *("-addext", "subjectAltName=IP:127.0.0.1"),
-        ],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-    )
-    users = tmp_path / "users.toml"
-    users.write_text(
-        '[maria]\ntoken = "marias-token"\nrole = "operate"\n'
-        '[screen]\ntoken = "screens-token"\nrole = "view"\n'
-    )
-    users.chmod(0o600)
-    options = ("--users", str(users), "--certificate", "certificate.pem", "--key", "key.pem")
-    with run_server(tmp_path, *SIMULATED, *options) as (address, _):
+    write_certificate(tmp_path)
+    options = ("--certificate", "certificate.pem", "--key", "key.pem")
+    with run_server(tmp_path, *SIMULATED, *write_users(tmp_path), *options) as (address, _):
         assert address.startswith("https://")
         trusted = ssl.create_default_context(cafile=str(tmp_path / "certificate.pem"))
         maria = Machine(address, "marias-token", trusted=trusted)
@@ -179,11 +161,6 @@ def test_simulated_line_brings_a_new_object_unless_the_item_is_grasped_again(
     machine, _, _ = served
     sizes_mm = {}
     for number, item in enumerate(("", "", "C1", "C1", "C2")):
-        machine.ready()
-        assert machine.ask("POST", "/grasp", {"item_id": item})[0] == 202
-        machine.until(lambda at: at["state"] == "holding")
-        machine.ask("POST", "/release")
-        machine.ready()
-        sizes_mm[number, item] = machine.ask("GET", "/result")[1]["truth"]["size_mm"]
+        sizes_mm[number, item] = machine.grasp_and_release(item)["truth"]["size_mm"]
     assert sizes_mm[2, "C1"] == sizes_mm[3, "C1"]
     assert len(set(sizes_mm.values())) == 4

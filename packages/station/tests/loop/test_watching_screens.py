@@ -12,6 +12,7 @@ from packages.station.tests.served_pages import (
     serve_dashboard,
     visit,
     visit_as_driver,
+    write_users,
 )
 from playwright.sync_api import Browser, expect
 
@@ -23,13 +24,7 @@ FONT_PX = "parseFloat(getComputedStyle(document.getElementById('next-text')).fon
 
 
 def test_user_who_may_only_watch_is_never_asked_to_press(browser: Browser, tmp_path: Path) -> None:
-    users = tmp_path / "users.toml"
-    users.write_text(
-        '[maria]\ntoken = "marias-token"\nrole = "operate"\n'
-        '[screen]\ntoken = "screens-token"\nrole = "view"\n'
-    )
-    users.chmod(0o600)
-    with serve_dashboard(tmp_path, *SIMULATED, "--users", str(users)) as address:
+    with serve_dashboard(tmp_path, *SIMULATED, *write_users(tmp_path)) as address:
         maria = Machine(address, "marias-token")
         maria.ready()
         with visit(browser, f"{address}operate?token=screens-token") as page:
