@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.clock import Clock
-from palpate.errors import CalibrationError, DeviceError
+from palpate.errors import CalibrationError, DeviceError, NoiseError
 from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.findings import pixel_name
@@ -287,13 +287,16 @@ def _wait(bench: Bench, until_s: float) -> None:
 def wait_for_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     """Measure rest values after the sheet has recovered from the last load.
 
-    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal.
+    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal; `NoiseError`
+    if its noise hides whether it does, which waiting does not change.
     """
     deadline_s = bench.clock.now_s() + _MAX_RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)
         try:
             rest = rest_baseline(ohm)
+        except NoiseError:
+            raise
         except CalibrationError as refused:
             if bench.clock.now_s() > deadline_s:
                 raise DeviceError(
