@@ -17,7 +17,7 @@ from palpate.signal.relative import mean_change
 #: above these limits, drift and noise below.
 _REST_TREND_PERCENT, _REST_SPREAD_PERCENT = 1.0, 3.0
 #: A running mean is over so many frames that the range of white noise is within this fraction of
-#: the allowed one. A trend counts as drift from this many standard deviations of the noise on.
+#: the allowed one. A trend within this many standard deviations of noise is no drift.
 _NOISE_FRACTION, _TREND_SIGMAS = 2.0 / 3.0, 4.0
 #: Fraction of normally distributed values within one standard deviation.
 _WITHIN_SD = 0.6827
@@ -96,11 +96,11 @@ def _check_at_rest(change_percent: FloatArray) -> None:
     needed = math.ceil(max(noise_range / (_NOISE_FRACTION * _REST_SPREAD_PERCENT), 1.0) ** 2)
     frames = min(needed, third)
     trend = float(np.median(overall[-third:]) - np.median(overall[:third]))
-    noise_trend = _TREND_SIGMAS * _MEDIAN_SD * sd * math.sqrt(2.0 / third)
-    if abs(trend) > (allowed := max(_REST_TREND_PERCENT, noise_trend)):
+    trend_sd = _MEDIAN_SD * sd * math.sqrt(2.0 / third)
+    if abs(trend) > (allowed := max(_REST_TREND_PERCENT, _TREND_SIGMAS * trend_sd)):
         raise CalibrationError(
-            f"the readings drifted by {trend:+.1f} % at rest (at most {allowed:.2g} %): the sensor "
-            "was loaded or still settling; wait and repeat"
+            f"the readings drifted by {trend:+.2f} % at rest (at most {allowed:.2f} %): the "
+            "sensor was loaded or still settling; wait and repeat"
         )
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
     means = np.convolve(smooth, np.full(frames, 1.0 / frames), mode="valid")
@@ -121,7 +121,7 @@ def _check_at_rest(change_percent: FloatArray) -> None:
 
 def _jump_error(jump_percent: float, allowed_percent: float) -> CalibrationError:
     return CalibrationError(
-        f"the readings jumped by {jump_percent:.1f} % at rest (at most {allowed_percent:.2g} %): "
+        f"the readings jumped by {jump_percent:.2f} % at rest (at most {allowed_percent:.2f} %): "
         "the fingers moved or the sensor was touched; repeat at rest"
     )
 
