@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError, InputError, NoiseError
+from palpate.errors import CalibrationError, InputError
 from palpate.sensor.array import ArrayLayout, LinkCounters
 from palpate.sensor.divider_leg import find_wrong_leg
 from palpate.sensor.findings import Finding, Severity
@@ -180,8 +180,7 @@ def _check_rest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Findin
         rest_baseline(ohm, known_ohm=known_ohm)
     except CalibrationError as error:
         reason = str(error).partition(";")[0]
-        code = "noisy" if isinstance(error, NoiseError) else "unrest"
-        return [Finding(code, reason, "sensor")]
+        return [Finding("unrest", reason, "sensor")]
     return []
 
 
