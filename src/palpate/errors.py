@@ -29,6 +29,10 @@ class CalibrationError(PalpateError):
     """Unusable calibration data, or a calibration file that doesn't match the rig."""
 
 
+class NoiseError(CalibrationError):
+    """Readings whose noise hides whether the sensor is at rest."""
+
+
 class RecordingError(PalpateError):
     """A recording that can't be read or written."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
 from palpate.force.of_calibration import HORIZON_S, fit_sheet_law
 from palpate.holds.strict import read_table
+from palpate.holds.units import find_unit
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, PressureArray
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
@@ -46,6 +48,8 @@ MIN_LOADS, _MIN_LOAD_RATIO = 3, 2.0
 SPREAD_N = (1.5, 4.0, 9.0)
 #: Factors of the readings among which that of a force is searched.
 _FACTORS = np.geomspace(1e-2, 1e2, 400)
+#: A number, and a unit if any.
+_TYPED_LOAD = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 #: Weight of 5 kg. Velostat saturates below it; larger values are probably grams.
 _MAX_LOAD_N = 49.1
 
@@ -72,22 +76,27 @@ def read_loads(path: Path) -> list[float]:
 
 
 def parse_load(typed: str) -> float:
-    """Return a typed load, newtons.
+    """Return a typed load, newtons; without a unit it is in newtons.
 
-    Raises `InputError` if it can't be newtons.
+    Raises `InputError` if it can't be a load.
 
-    >>> parse_load("1.5")
-    1.5
+    >>> parse_load("1.5"), round(parse_load("100 g"), 3)
+    (1.5, 0.981)
     """
-    try:
-        load_n = float(typed)
-    except ValueError as error:
-        raise InputError(f"load {typed!r}: type newtons, such as 4.0") from error
+    number, unit = _TYPED_LOAD.fullmatch(typed.strip()), None
+    if number is not None:
+        unit = find_unit(number[2] or "N")
+    if number is None or unit is None or unit.quantity != "newton":
+        raise InputError(
+            f"load {typed!r}: type a number of newtons, or one with its unit (g, kg, N, mN, lbf), "
+            "such as 4.0 or 250 g"
+        )
+    load_n = float(number[1]) * unit.factor
     _check_newtons([load_n], where=f"load {typed!r}")
     return load_n
 
 
-def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
+def check_loads(loads_n: Iterable[float], *, where: str) -> list[float]:
     """Return the loads if they suffice for a calibration.
 
     Raises `InputError` if there are too few different loads, or they can't be newtons.
@@ -97,12 +106,13 @@ def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     laid = sorted({load for load in loads if load > 0})
     if len(laid) < MIN_LOADS:
         raise InputError(
-            f"{where}: {_describe_too_few(laid)}, spread over the range, such as 1.5, 4 and 9 N"
+            f"{where}: {_describe_too_few(laid)}, spread over the range, such as 150, 400 and 900 g"
         )
     if laid[-1] < _MIN_LOAD_RATIO * laid[0]:
         raise InputError(
-            f"{where}: the largest weight, {laid[-1]:g} N, must be at least {_MIN_LOAD_RATIO:g} "
-            f"times the smallest, {laid[0]:g} N; spread them over the range, such as 1.5, 4 and 9 N"
+            f"{where}: the largest weight, {laid[-1]:.4g} N, must be at least {_MIN_LOAD_RATIO:g} "
+            f"times the smallest, {laid[0]:.4g} N; spread them over the "
+            "range, such as 150, 400 and 900 g"
         )
     return loads
 
@@ -113,7 +123,7 @@ def _describe_too_few(laid: Sequence[float]) -> str:
     >>> _describe_too_few([1.5])
     'at least 3 different weights are needed, not 1 (1.5 N)'
     """
-    named = f" ({', '.join(f'{load:g}' for load in laid)} N)" if laid else ""
+    named = f" ({', '.join(f'{load:.4g}' for load in laid)} N)" if laid else ""
     return f"at least {MIN_LOADS} different weights are needed, not {len(laid)}{named}"
 
 
@@ -122,7 +132,7 @@ def _check_newtons(loads: Sequence[float], *, where: str) -> None:
         raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
     if max(loads, default=0.0) > _MAX_LOAD_N:
         raise InputError(
-            f"{where}: a load of {max(loads):g} N is too large for this sensor; "
+            f"{where}: a load of {max(loads):.4g} N is too large for this sensor; "
             "if the loads are in grams, multiply them by 0.00981 for newtons"
         )
 
@@ -169,7 +179,7 @@ def measure_loads(
                 _check_reading(reading, load_n, noise=noise, previous=previous)
         except _UnusableReadingError as error:
             refused.append(load_n)
-            tell(f"excluded: {load_n:g} N {error}")
+            tell(f"excluded: {load_n:.4g} N {error}")
             continue
         previous = load_n, reading.excess
         if load_n <= 0:
@@ -177,7 +187,7 @@ def measure_loads(
         for other_n, other in zip(settled_n, excess, strict=True):
             if other_n == load_n and abs(np.log(reading.excess / other)) > np.log(_UNEQUAL_RATIO):
                 tell(
-                    f"{load_n:g} N read {other:.3g} before and {reading.excess:.3g} now (excess "
+                    f"{load_n:.4g} N read {other:.3g} before and {reading.excess:.3g} now (excess "
                     "conductance); the interval of the force includes both"
                 )
                 break
@@ -286,8 +296,8 @@ def _check_reading(
     other_load = abs(np.log(load_n / previous[0])) > np.log(_OTHER_LOAD_RATIO)
     if other_load and abs(np.log(reading.excess / previous[1])) < _SETTLED_FRACTION:
         raise _UnusableReadingError(
-            f"has the reading of {previous[0]:g} N just before; check that the weight was changed "
-            "and that the sensor is within its range"
+            f"has the reading of {previous[0]:.4g} N just before; check that the weight was "
+            "changed and that the sensor is within its range"
         )
 
 
@@ -301,7 +311,7 @@ def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> 
         if float(np.mean(unusable.any(axis=(1, 2)))) > _UNUSABLE_FRACTION:
             remedy = "use a smaller reference resistor, or smaller loads"
             raise CalibrationError(
-                f"force calibration: a pixel {text} at {load_n:g} N; "
+                f"force calibration: a pixel {text} at {load_n:.4g} N; "
                 + (remedy if unusable is pixels.saturated else "run `palpate doctor`")
             )
     usable = ~(pixels.saturated | pixels.open).any(axis=(1, 2))

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.clock import Clock
-from palpate.errors import CalibrationError, DeviceError
+from palpate.errors import CalibrationError, DeviceError, NoiseError
 from palpate.gripper.interface import Gripper, GripperCommand, open_fully
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.findings import pixel_name
@@ -20,12 +20,14 @@ from palpate.sensor.rest_baseline import RestBaseline, rest_baseline
 from palpate.sensor.sample import SampleReader
 from palpate.signal.relative import mean_change
 
-#: Contact threshold of the load cell, newtons. Closing is slow up to contact. The steps then grow
+#: Contact threshold of a load cell, newtons. Closing is slow up to contact. The steps then grow
 #: with the force, to read small forces as often as large forces.
 _TOUCH_N = 0.05
 _POLL_S = 0.02
 #: Averaging time of a reading at the end of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
+#: Largest threshold of a touch, relative to the largest force on a block.
+_MAX_TOUCH_FRACTION = 0.5
 #: Largest closure after the touch of a rigid block, mm or kPa: hands give way by 2 to 4 mm at 15 N.
 _MOST_TRAVEL = {"width": 5.0, "pressure": 50.0}
 #: Forces of the settled holds, newtons, one list per placement of the load cell, small and large
@@ -94,6 +96,8 @@ class Bench:
     start: float
     skip_until: Callable[[float], None] | None = None
     approach: float | None = None
+    #: Force above which the cell shows a contact, newtons: above its noise.
+    touch_n: float = _TOUCH_N
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -145,7 +149,7 @@ def measure_force(
                 rows += [(run, reading) for reading in found]
                 if not has_room:
                     break
-    if not any(reading.force_n > _TOUCH_N for _, reading in rows):
+    if not any(reading.force_n > bench.touch_n for _, reading in rows):
         raise CalibrationError(
             "force calibration: the gripper closed fully but the load cell measured no force; "
             "check that the cell is between the fingers and connected"
@@ -162,36 +166,60 @@ def measure_force(
 
 
 def measure_block(
-    bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
+    bench: Bench,
+    *,
+    block_mm: float,
+    up_to_n: float,
+    repeats: int,
+    dwell_s: float,
+    tell: Callable[[str], None] | None = None,
 ) -> BlockPairs:
     """Close on a rigid block of known size and pair force with width or pressure.
 
+    `tell`: called with a sentence before each closing.
     Raises `CalibrationError` if the force stays below `up_to_n` although the fingers have closed
-    further than a hand gives way.
+    further than a hand gives way, or if they never touch; `NoiseError` if noise hides the block.
     """
+    if bench.touch_n > _MAX_TOUCH_FRACTION * up_to_n:
+        raise NoiseError(
+            f"the noise of the sheet at rest reads as up to {bench.touch_n:.2g} N, and only "
+            f"forces up to {up_to_n:.2g} N are used; average more conversions in the board's "
+            "sketch, or use shorter wires"
+        )
     limits = bench.gripper.limits
     furthest = _MOST_TRAVEL[limits.drive]
     reported: list[float] = []
     force_n: list[float] = []
     with _open_afterwards(bench):
-        for _ in range(repeats):
+        for number in range(1, repeats + 1):
+            if tell is not None:
+                tell(
+                    f"closing {number} of {repeats}: the open hand rests for "
+                    f"{_RECOVERY_PAUSE_S:g} s, then closes slowly up to {up_to_n:.3g} N"
+                )
             _open(bench)
             touched_at: float | None = None
             while bench.cell.read_n() < up_to_n and _close_one_step(bench):
-                closure = limits.closure(bench.gripper.state())
-                touched_at = closure if touched_at is None else touched_at
-                if closure - touched_at > furthest:
-                    unit = "mm" if limits.drive == "width" else "kPa"
-                    raise CalibrationError(
-                        f"the force is {bench.cell.read_n():.1f} N although the fingers have "
-                        f"closed {closure - touched_at:.0f} {unit} since the touch: is a rigid "
-                        "block between the pads, and does the sensor still respond?"
-                    )
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
-                if force > _TOUCH_N:
+                closure = limits.closure(bench.gripper.state())
+                if touched_at is not None and closure - touched_at > furthest:
+                    unit = "mm" if limits.drive == "width" else "kPa"
+                    raise CalibrationError(
+                        f"the force is {force:.1f} N although the fingers have closed "
+                        f"{closure - touched_at:.0f} {unit} since the touch: is a rigid block "
+                        "between the pads, and does the sensor still respond?"
+                    )
+                if force > bench.touch_n:
+                    # A reading that does not last is no touch.
+                    touched_at = closure if touched_at is None else touched_at
                     reported.append(limits.drive_reading(bench.gripper.state()))
                     force_n.append(force)
+    if not force_n:
+        raise CalibrationError(
+            "the fingers closed completely and no force was measured: is a rigid block between "
+            "the pads, and does the sensor respond?"
+        )
     by_width = limits.drive == "width"
     return BlockPairs(
         block_mm=(block_mm,) * len(reported),
@@ -217,7 +245,7 @@ def _close_to_force(
     readings: list[SheetReading] = []
     moved_s, has_room = bench.clock.now_s(), True
     while has_room and bench.cell.read_n() < level_n:
-        searching = bench.cell.read_n() < _TOUCH_N
+        searching = bench.cell.read_n() < bench.touch_n
         moved_s = bench.clock.now_s()
         has_room = _close_one_step(bench)
         # The search for contact is slow; the sheet responds only at its end.
@@ -226,7 +254,7 @@ def _close_to_force(
             reading = _take_reading(
                 bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S
             )
-            if reading.force_n > _TOUCH_N:
+            if reading.force_n > bench.touch_n:
                 readings.append(reading)
     settled = _take_reading(bench, rest, moved_s, since_move_s=horizon_s, mean_s=_SETTLED_MEAN_S)
     return [*readings, settled], has_room
@@ -247,12 +275,12 @@ def _close_one_step(bench: Bench) -> bool:
     pace, closure = _PACES[limits.drive], limits.closure(bench.gripper.state())
     if closure >= limits.span - 0.5 * pace.smallest_step:
         return False
-    if force_n < _TOUCH_N:
+    if force_n < bench.touch_n:
         if closure < _free_closure(bench):
             _move_to(bench, _free_closure(bench))
         rate = bench.approach or pace.approach
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=rate))
-        while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
+        while bench.gripper.state().moving and bench.cell.read_n() < bench.touch_n:
             bench.clock.sleep_s(_POLL_S)
         bench.gripper.stop()
         return True
@@ -287,13 +315,16 @@ def _wait(bench: Bench, until_s: float) -> None:
 def wait_for_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     """Measure rest values after the sheet has recovered from the last load.
 
-    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal.
+    Raises `DeviceError` if the sensor does not come to rest, or a pixel has no signal; `NoiseError`
+    if its noise hides whether it does, which waiting does not change.
     """
     deadline_s = bench.clock.now_s() + _MAX_RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)
         try:
             rest = rest_baseline(ohm)
+        except NoiseError:
+            raise
         except CalibrationError as refused:
             if bench.clock.now_s() > deadline_s:
                 raise DeviceError(

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from palpate.arrays import FloatArray
 from palpate.calibration import Calibration
 from palpate.clock import Clock
 from palpate.errors import CalibrationError
 from palpate.force.of_calibration import force_now
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray, read_waiting
 from palpate.sensor.sample import SampleReader
+
+#: The force is that of the mean reading over this span, and at least of these frames.
+_MEAN_S, _FEWEST_FRAMES = 0.1, 3
+#: A contact exceeds the forces that the unloaded sheet shows by this many of their standard
+#: deviations, as in a grasp.
+_TOUCH_SIGMAS = 6.0
 
 
 class SheetCell:
@@ -37,6 +46,7 @@ class SheetCell:
         self._force = force_now(calibration)
         #: Rest values in use, shape (rows, cols).
         self.rest_ohm = calibration.rest_ohm
+        self._recent: tuple[tuple[float, FloatArray], ...] = ()
         self._force_n = 0.0
 
     @property
@@ -59,14 +69,30 @@ class SheetCell:
             self._follow(frame)
         return self._force_n
 
+    def measure_noise_n(self, duration_s: float) -> float:
+        """Return the force that the noise of the unloaded sheet does not reach, newtons.
+
+        Raises errors as `read_n`.
+        """
+        shown_n, first_s = list[float](), self._clock.now_s()
+        while self.read(timeout_s=FRAME_TIMEOUT_S).time_s < first_s + duration_s:
+            shown_n.append(self._force_n)
+        return float(np.mean(shown_n) + _TOUCH_SIGMAS * np.std(shown_n)) if shown_n else 0.0
+
     def close(self) -> None:
         """Close the array."""
         self._array.close()
 
     def _follow(self, frame: Frame) -> None:
         sample = SampleReader(self.layout, self.rest_ohm).read(frame)
+        recent = (*self._recent, (sample.time_s, sample.excess))
+        inside = sum(time_s > sample.time_s - _MEAN_S for time_s, _ in recent)
+        self._recent = recent[-max(inside, _FEWEST_FRAMES) :]
         force = self._force.step(
-            sample.time_s, sample.excess, saturated=sample.has_saturated, lost=sample.has_lost
+            sample.time_s,
+            np.mean([excess for _, excess in self._recent], axis=0),
+            saturated=sample.has_saturated,
+            lost=sample.has_lost,
         )
         if force.value is None:
             raise CalibrationError("no pixel has a reading; run `palpate doctor`")

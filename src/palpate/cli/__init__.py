@@ -132,7 +132,9 @@ def main() -> None:
 
 
 EXIT_STOPPED = 130
-_UNANSWERED = "run the command in a terminal, or give the value as an option (--help)"
+_UNANSWERED = (
+    "run the command in a terminal, or pipe a line to it for each request, an empty one for Enter"
+)
 #: Remedies of file-system errors; for other errors the system's message is enough.
 _REMEDIES = {
     errno.EACCES: "change the permissions of the file or its folder, or choose another location",

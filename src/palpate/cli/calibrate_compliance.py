@@ -16,7 +16,7 @@ from palpate.cli.calibrate_bench import (
     resolve_calibration_file,
 )
 from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption, opt
-from palpate.cli.output import print_json
+from palpate.cli.output import print_json, print_message
 from palpate.errors import InputError
 from palpate.force.of_calibration import DWELL_S
 from palpate.object.compliance import Compliance
@@ -103,8 +103,15 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
     # A law is not used beyond the forces that it was calibrated with.
     up_to_n = _UP_TO_N if has_cell else min(_SHEET_UP_TO_N, max(earlier.force.force_n))
     block = measure_block(
-        bench, block_mm=block_mm, up_to_n=up_to_n, repeats=_REPEATS, dwell_s=DWELL_S
+        bench,
+        block_mm=block_mm,
+        up_to_n=up_to_n,
+        repeats=_REPEATS,
+        dwell_s=DWELL_S,
+        tell=print_message,
     )
+    if has_cell:
+        print_message(f"{_REPEATS} slow closings on the load cell, for the servo's current")
     # The current is evidence of the force beside the sheet only if something else measured it.
     current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS) if has_cell else None
     if current is not None:

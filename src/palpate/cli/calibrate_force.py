@@ -49,6 +49,8 @@ from palpate.sensor.array import ArrayLayout
 
 #: Limit of a guard whose stop is reported as an example, newtons.
 _GUARD_N = 3.0
+#: Ranges from which a weight is proposed, newtons, around those of `SPREAD_N`.
+_RANGES_N = ((1.0, 2.5), (2.5, 6.0), (6.0, 12.0))
 
 
 def calibrate_force(
@@ -191,10 +193,12 @@ class WeightSeries:
         return max(self.half_widths_percent.values()) <= self._tolerance_percent
 
     @property
-    def next_load_n(self) -> float:
-        """The usual load that is furthest from those so far."""
+    def next_range(self) -> str:
+        """The range whose usual load is furthest from those so far, in newtons and grams."""
         known = np.log(np.array(self._loads_n))
-        return max(SPREAD_N, key=lambda one: np.min(np.abs(np.log(one) - known), initial=np.inf))
+        distance = [np.min(np.abs(np.log(one) - known), initial=np.inf) for one in SPREAD_N]
+        low_n, high_n = _RANGES_N[int(np.argmax(distance))]
+        return f"{low_n:g} to {high_n:g} N ({100 * low_n:g} to {100 * high_n:g} g)"
 
     def add(self, pairs: ForcePairs) -> None:
         """Take all pairs so far, and print the new half-widths."""
@@ -206,10 +210,10 @@ class WeightSeries:
         advice = (
             "within the tolerance"
             if self.is_within_tolerance
-            else f"most useful next: {self.next_load_n:g} N"
+            else f"most useful next: {self.next_range}"
         )
         print_message(
-            f"{pairs.force_n[-1]:g} N measured; half-width of the interval: {each}; {advice}"
+            f"{pairs.force_n[-1]:.4g} N measured; half-width of the interval: {each}; {advice}"
         )
 
 
@@ -240,7 +244,7 @@ def _weigh_loads(
 
         def place(load_n: float) -> None:
             if listed is not None:
-                prompt_user(f"place {load_n:g} N on the pad, then press Enter")
+                prompt_user(f"place {load_n:.4g} N on the pad, then press Enter")
 
         print_message(f"{source.name}: do not touch the sensor until the first request")
         weighing = measure_loads(
@@ -273,8 +277,8 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
     loads_n: list[float] = []
     while not series.is_within_tolerance:
         ask = (
-            f"place about {series.next_load_n:g} N on the pad; type its weight in newtons, then "
-            "wait 20 s (Enter: done)"
+            f"place a weight of {series.next_range} on the pad, or another one that you have; type "
+            "it, such as 250 g or 2.45 for newtons, then wait 20 s (Enter: done)"
         )
         typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
         if not typed:
@@ -284,6 +288,7 @@ def _prompt_for_loads(series: WeightSeries) -> Iterator[float]:
         except InputError as error:
             print_message(str(error))
         else:
+            print_message(f"{typed}: {loads_n[-1]:.4g} N; do not touch the weight")
             yield loads_n[-1]
     check_loads(loads_n, where="the weights")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate.calibrate.guided import Bench, wait_for_rest
@@ -113,7 +113,7 @@ def make_sheet_bench(
         array=cell, gripper=gripper, cell=cell, clock=clock, start=start, approach=approach
     )
     cell.rest_ohm = wait_for_rest(bench, duration_s=_REST_S).rest_ohm
-    return bench
+    return replace(bench, touch_n=max(bench.touch_n, cell.measure_noise_n(_REST_S)))
 
 
 @contextmanager

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, NoiseError
 from palpate.sensor.findings import FSR_AT_REST
 from palpate.sensor.sample import relative_change_percent
 from palpate.signal.relative import mean_change
@@ -16,6 +17,13 @@ from palpate.signal.relative import mean_change
 #: Largest trend and range of the pixels' mean at rest, percent. Actuation spikes and loads are far
 #: above these limits, drift and noise below.
 _REST_TREND_PERCENT, _REST_SPREAD_PERCENT = 1.0, 3.0
+#: A running mean is over so many frames that the range of white noise is within this fraction of
+#: the allowed one. A trend within this many standard deviations of noise is no drift.
+_NOISE_FRACTION, _TREND_SIGMAS = 2.0 / 3.0, 4.0
+#: Fraction of normally distributed values within one standard deviation.
+_WITHIN_SD = 0.6827
+#: Standard deviation of a median relative to that of a mean.
+_MEDIAN_SD = 1.2533
 #: A mean this far below the earlier rest values indicates a load on the sensor.
 _REST_FALL_PERCENT = -15.0
 _MIN_FRAMES = 5
@@ -39,13 +47,14 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
     """Compute the rest values from frames without load.
 
     The mean over frames excludes readings more than three robust standard deviations from the
-    median. Movement, settling or a touch causes a trend or a jump, and the frames are refused. The
-    frames alone do not show a load that has settled; this requires earlier rest values.
+    median. Movement, settling or a touch causes a trend or a jump beyond the noise, and the frames
+    are refused. The frames alone do not show a load that has settled; this requires earlier rest
+    values.
 
     `resistance_ohm`, shape (frames, rows, cols): readings; at least five frames.
     `known_ohm`, shape (rows, cols): rest values of an earlier calibration.
     Raises `CalibrationError` if there are too few frames or no valid pixels, or if the sensor was
-    loaded or moving.
+    loaded or moving; `NoiseError` if the noise hides whether it was.
 
     >>> rest = rest_baseline([[[1000.0, 2000.0]]] * 20)
     >>> rest.rest_ohm.tolist(), rest.spread_percent.tolist()
@@ -77,24 +86,47 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
 
 
 def _check_at_rest(change_percent: FloatArray) -> None:
-    """Raise `CalibrationError` if relative changes, shape (frames, rows, cols), show no rest."""
+    """Raise `CalibrationError` if relative changes, shape (frames, rows, cols), show no rest.
+
+    White noise is averaged, so that a longer measurement is not refused more often.
+    """
     overall = mean_change(change_percent)
     third = max(overall.size // 3, 1)
+    # Drift and a touch hardly change second differences; those of noise have sqrt(6) times its sd.
+    sd = float(np.quantile(np.abs(np.diff(overall, 2)), _WITHIN_SD)) / math.sqrt(6.0)
+    # The expected range of N independent normal values is below 2 sd sqrt(2 ln N).
+    noise_range = 2.0 * sd * math.sqrt(2.0 * math.log(overall.size))
+    needed = math.ceil(max(noise_range / (_NOISE_FRACTION * _REST_SPREAD_PERCENT), 1.0) ** 2)
+    frames = min(needed, third)
     trend = float(np.median(overall[-third:]) - np.median(overall[:third]))
-    if abs(trend) > _REST_TREND_PERCENT:
+    trend_sd = _MEDIAN_SD * sd * math.sqrt(2.0 / third)
+    if abs(trend) > (allowed := max(_REST_TREND_PERCENT, _TREND_SIGMAS * trend_sd)):
         raise CalibrationError(
-            f"the readings drifted by {trend:+.1f} % at rest (at most "
-            f"{_REST_TREND_PERCENT:g} %): the sensor was loaded or still settling; wait and repeat"
+            f"the readings drifted by {trend:+.2f} % at rest (at most {allowed:.2f} %): the "
+            "sensor was loaded or still settling; wait and repeat"
         )
-    smooth = overall
-    if overall.size >= 3:
-        smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
-    span = float(np.ptp(smooth))
-    if span > _REST_SPREAD_PERCENT:
-        raise CalibrationError(
-            f"the readings jumped by {span:.1f} % at rest (at most {_REST_SPREAD_PERCENT:g} %): "
-            "the fingers moved or the sensor was touched; repeat at rest"
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
+    means = np.convolve(smooth, np.full(frames, 1.0 / frames), mode="valid")
+    # A short touch is found if it is larger than the noise of a frame, a longer one in the means.
+    short, long = float(np.ptp(smooth)), float(np.ptp(means))
+    if short > (allowed := max(_REST_SPREAD_PERCENT, noise_range)):
+        raise _jump_error(short, allowed)
+    if max(long, abs(trend)) <= _REST_SPREAD_PERCENT:
+        return
+    if needed > frames:
+        raise NoiseError(
+            f"the noise is too large: the mean of all pixels scatters by {sd:.1f} % from frame to "
+            f"frame, which hides a touch even in a mean of {frames} frames; average more "
+            "conversions in the board's sketch, use shorter wires, or measure longer"
         )
+    raise _jump_error(long, _REST_SPREAD_PERCENT)
+
+
+def _jump_error(jump_percent: float, allowed_percent: float) -> CalibrationError:
+    return CalibrationError(
+        f"the readings jumped by {jump_percent:.2f} % at rest (at most {allowed_percent:.2f} %): "
+        "the fingers moved or the sensor was touched; repeat at rest"
+    )
 
 
 def check_unloaded(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.factories import draw
 
 from palpate.calibrate.guided import Bench, measure_force, measure_rest
 from palpate.calibrate.servo_current import measure_gear_friction
 from palpate.calibration import BlockPairs, Calibration, ForcePairs
-from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
+from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError, NoiseError
 from palpate.grasp.planning import plan_grasp
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.rig import calibrate_twin
@@ -87,6 +88,15 @@ def test_measure_rest_faulty_sensor_is_device_error(readings: tuple[int, int], w
     with pytest.raises(DeviceError, match=words) as raised:
         measure_rest(bench)
     assert raised.value.exit_status == 3
+
+
+def test_measure_rest_does_not_wait_for_noise_to_end() -> None:
+    rng, world = np.random.default_rng(1), World(None, seed=3)
+    # Noise of one pixel in eight, which reads tens of percent in the mean.
+    bench = open_bench(world, lambda frame, force_n: int(rng.integers(5, 500)))
+    with pytest.raises(NoiseError, match="average more conversions"):
+        measure_rest(bench)
+    assert world.clock.now_s() < 60.0
 
 
 @pytest.mark.parametrize("every", [1, 2])

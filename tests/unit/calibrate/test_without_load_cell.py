@@ -21,7 +21,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, open_fully
 from palpate.object.compliance import Compliance
 from palpate.rig.bench import make_sheet_bench
-from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import World
@@ -29,9 +29,26 @@ from palpate.twin.world import World
 SHEET = 3
 
 
-def open_world(obj: TwinObject | None, *, seed: int) -> tuple[World, TwinArray, TwinGripper]:
+class NoisyArray(TwinArray):
+    """An array whose pixels have 3 % white noise."""
+
+    def __init__(self, world: World, *, seed: int) -> None:
+        super().__init__(world)
+        self.rng = np.random.default_rng(seed)
+
+    def read(self, *, timeout_s: float) -> Frame:
+        frame = super().read(timeout_s=timeout_s)
+        full = float(self.layout.divider.full_scale)
+        ratio = (full / frame.counts - 1.0) * self.rng.normal(1.0, 0.03, frame.counts.shape)
+        return replace(frame, counts=np.floor(full / (ratio + 1.0)).astype(int))
+
+
+def open_world(
+    obj: TwinObject | None, *, seed: int, noise_seed: int | None = None
+) -> tuple[World, TwinArray, TwinGripper]:
     world = World(obj, seed=seed, sheet_seed=SHEET, frame_rate_hz=15)
-    array, gripper = TwinArray(world), TwinGripper(world)
+    array = TwinArray(world) if noise_seed is None else NoisyArray(world, seed=noise_seed)
+    gripper = TwinGripper(world)
     open_fully(gripper, clock=world.clock)
     world.clock.sleep_s(3.0)
     return world, array, gripper
@@ -85,6 +102,37 @@ def test_three_weights_and_a_block_suffice_for_a_grasp_to_a_force(weighed: Calib
         assert result.force_n.low <= truth.force_n <= result.force_n.high
         assert result.size_mm.low <= truth.size_mm <= result.size_mm.high
         assert truth.peak_force_n < 6.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_of_the_open_hand_is_no_touch_of_the_block(weighed: Calibration, seed: int) -> None:
+    block = draw("rigid-block", 1)
+    world, array, gripper = open_world(block, seed=72, noise_seed=seed)
+    bench = make_sheet_bench(
+        array,
+        gripper=gripper,
+        clock=world.clock,
+        calibration=weighed,
+        block_mm=block.size_mm,
+    )
+    said: list[str] = []
+    found = measure_block(
+        bench, block_mm=block.size_mm, up_to_n=6.0, repeats=2, dwell_s=0.42, tell=said.append
+    )
+    assert max(found.width_mm) < block.size_mm + 1.0
+    assert max(found.force_n) > 5.0
+    assert len(said) == 2
+
+
+@pytest.mark.slow
+def test_closing_on_nothing_names_the_missing_block(weighed: Calibration) -> None:
+    world, array, gripper = open_world(None, seed=74, noise_seed=4)
+    bench = make_sheet_bench(
+        array, gripper=gripper, clock=world.clock, calibration=weighed, block_mm=30.0
+    )
+    with pytest.raises(CalibrationError, match="no force was measured"):
+        measure_block(bench, block_mm=30.0, up_to_n=6.0, repeats=1, dwell_s=0.42)
 
 
 @pytest.mark.slow

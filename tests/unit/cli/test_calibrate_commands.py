@@ -166,12 +166,16 @@ def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
 def test_calibrate_force_mistyped_weight_is_requested_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    typed = iter(["1.5", "4,0", "-4", "408", "4", "9", ""])
+    typed = iter(["1.5", "4,0", "-4", "408", "5 mm", "400 g", "0.9kg", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
-    assert list(_prompt_for_loads(WeightSeries(layout=RIGID_LAYOUT, tolerance_percent=0.0))) == [
-        1.5,
-        4.0,
-        9.0,
+    given = list(_prompt_for_loads(WeightSeries(layout=RIGID_LAYOUT, tolerance_percent=0.0)))
+    assert given == pytest.approx([1.5, 3.92266, 8.825985])
+    answers = [line.split(";")[0] for line in capsys.readouterr().err.splitlines()]
+    refused = [line.split(": ", 1)[0] for line in answers if line.startswith("load ")]
+    assert refused == ["load '4,0'", "load '-4'", "load '408'", "load '5 mm'"]
+    # What was understood is shown.
+    assert [line for line in answers if not line.startswith("load ")] == [
+        "1.5: 1.5 N",
+        "400 g: 3.923 N",
+        "0.9kg: 8.826 N",
     ]
-    errors = capsys.readouterr().err.splitlines()
-    assert [line.split(": ", 1)[0] for line in errors] == ["load '4,0'", "load '-4'", "load '408'"]

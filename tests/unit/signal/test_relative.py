@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, NoiseError
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.rest_baseline import rest_baseline
 from palpate.sensor.sample import (
@@ -60,6 +60,47 @@ def test_rest_baseline_of_unrest_too_few_frames_or_dead_pixels_raises(
 ) -> None:
     with pytest.raises(CalibrationError, match=message):
         rest_baseline(frames)
+
+
+SHEET = np.full((4, 2), 5e4)
+
+
+def make_frames(
+    noise: float, *, seconds: float, touch_percent: float = 0.0, touch_s: float = 1.0, seed: int = 0
+) -> np.ndarray:
+    """Return 60 frames a second of eight pixels with white noise, touched in the middle."""
+    rng, n, touched = np.random.default_rng(seed), int(60 * seconds), int(60 * touch_s)
+    common = np.ones(n)
+    common[n // 2 : n // 2 + touched] -= 0.01 * touch_percent
+    return SHEET * common[:, None, None] * rng.normal(1.0, noise, (n, 4, 2))
+
+
+@pytest.mark.parametrize("seconds", [1.0, 5.0, 20.0])
+def test_rest_baseline_noise_is_no_touch_however_long_it_is_measured(seconds: float) -> None:
+    for seed in range(20):
+        rest = rest_baseline(make_frames(0.03, seconds=seconds, seed=seed))
+        np.testing.assert_allclose(rest.rest_ohm, SHEET, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("noise", "touch_percent", "touch_s"),
+    [(0.001, 3.0, 1.0), (0.03, 3.0, 1.0), (0.001, 3.0, 0.05), (0.03, 9.0, 0.05)],
+)
+@pytest.mark.parametrize("seconds", [5.0, 20.0])
+def test_rest_baseline_touch_is_refused_with_and_without_noise(
+    noise: float, touch_percent: float, touch_s: float, seconds: float
+) -> None:
+    for seed in range(10):
+        frames = make_frames(
+            noise, seconds=seconds, touch_percent=touch_percent, touch_s=touch_s, seed=seed
+        )
+        with pytest.raises(CalibrationError, match="jumped"):
+            rest_baseline(frames)
+
+
+def test_rest_baseline_noise_that_hides_a_touch_is_named_as_the_cause() -> None:
+    with pytest.raises(NoiseError, match="average more conversions"):
+        rest_baseline(make_frames(0.3, seconds=2.0))
 
 
 def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:

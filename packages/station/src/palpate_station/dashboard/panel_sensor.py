@@ -8,7 +8,7 @@ from functools import partial
 from markupsafe import Markup
 from nicegui import run, ui
 
-from palpate.calibrate.dead_weights import check_loads
+from palpate.calibrate.dead_weights import check_loads, parse_load
 from palpate.calibration import Calibration
 from palpate.errors import InputError, PalpateError
 from palpate.sensor.findings import Severity
@@ -51,7 +51,7 @@ def add_calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
 
 def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
     instructions = ui.html("", sanitize=False)
-    loads = ui.input("Loads in newtons, in order, up and down", value=_LOADS)
+    loads = ui.input("Loads in order, up and down: newtons, or 100g", value=_LOADS)
     loads.props("outlined dense")
 
     def start() -> None:
@@ -61,7 +61,9 @@ def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
         if source is None or not source.has_load_cell:
             typed = loads.value
             try:
-                weights = tuple(check_loads(_parse_numbers(typed), where="loads"))
+                weights = tuple(
+                    check_loads(map(parse_load, typed.replace(",", " ").split()), where="loads")
+                )
             except InputError as error:
                 viewer.refuse(error, holds=lambda: loads.value == typed)
                 return
@@ -95,15 +97,8 @@ def _instructions(*, cell: bool, simulated: bool) -> str:
         return "This simulated rig has no load cell, so its force can't be calibrated."
     return (
         "Place dead weights on one pad as instructed, in increasing and then decreasing order. "
-        "Each weight settles for 20 s. Newtons are grams × 0.00981."
+        "Each weight settles for 20 s."
     )
-
-
-def _parse_numbers(text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.replace(",", " ").split()]
-    except ValueError as error:
-        raise InputError(f"loads {text!r}: enter numbers separated by spaces") from error
 
 
 def _add_calibration_result(app_state: AppState, viewer: Viewer) -> None:
