@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
+import math
 import socket
 import threading
+import time
+import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from palpate.errors import InputError, StoreError, require_extra
@@ -28,13 +30,16 @@ MAX_QUEUED_RESULTS = 10_000
 #: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
 #: half periods, and the client reconnects after two.
 _KEEPALIVE_S = 10
+#: Period at which a connected publisher repeats that it is online, seconds: another client of the
+#: topic may have ended since, or the broker may have published the last will of an older connection.
+_ONLINE_PERIOD_S = 10.0
 _CONNECT_TIMEOUT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
 #: Maximum time that `close` waits for the thread, seconds.
 _CLOSE_TIMEOUT_S = 3.0
 
 
 class Publisher:
-    """Publisher of documents, which never blocks the caller.
+    """Publisher of documents, which never blocks the caller; it connects with `start`.
 
     Each result is queued in the store's outbox until the broker acknowledges it. Only one result is
     in flight at a time, which preserves the order across lost connections. A result is sent twice
@@ -66,8 +71,12 @@ class Publisher:
         self._link = _Link()
         self._client = self._create_client(broker)
         self._client.connect_async(broker.host, broker.effective_port, keepalive=_KEEPALIVE_S)
-        self._client.loop_start()
+        self._online_s = -math.inf
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+
+    def start(self) -> None:
+        """Connect to the broker, which from then on shows that this station is online."""
+        self._client.loop_start()
         self._thread.start()
 
     def publish_result(self, document: GraspDocument) -> None:
@@ -102,9 +111,10 @@ class Publisher:
             self._on_error(f"mqtt: {error}; unsent results are kept in memory only")
             store = Store.open("sqlite://")
         try:
-            while (call := self._calls.get()) is not None:
+            while (call := self._next_call()) is not None:
                 try:
                     call(store)
+                    self._publish_online()
                     self._send(store)
                 except StoreError as error:
                     self._on_error(f"mqtt: {error}; a result may be lost")
@@ -115,12 +125,26 @@ class Publisher:
             self._client.disconnect()
             self._client.loop_stop()
 
+    def _next_call(self) -> Callable[[Store], object] | None:
+        """Return the next call, or one without effect after a time; None at the end."""
+        try:
+            return self._calls.get(timeout=_ONLINE_PERIOD_S)
+        except Empty:
+            return lambda store: None
+
+    def _publish_online(self) -> None:
+        """Publish after a connection, and then regularly, that the station is online."""
+        now_s = time.monotonic()
+        if self._link.is_up and now_s - self._online_s >= _ONLINE_PERIOD_S:
+            self._online_s = now_s
+            self._publish("online", _payload({"online": True, "dropped": self._dropped}))
+
     def _on_connected(self, store: Store) -> None:
         self._link.is_up, self._link.is_state_sent = True, False
+        self._online_s = -math.inf
         if self._link.fault:
             self._on_return(f"mqtt: the broker {self._address} answers again")
             self._link.fault = ""
-        self._publish("online", _payload({"online": True, "dropped": self._dropped}))
 
     def _on_disconnected(self, store: Store) -> None:
         self._link.is_up = False
@@ -161,7 +185,7 @@ class Publisher:
     # -- client callbacks, called on the client's own thread -------------------------------------
 
     def _create_client(self, broker: Broker) -> paho.Client:
-        name = f"palpate-{socket.gethostname()}-{os.getpid()}"
+        name = f"palpate-{socket.gethostname()}-{uuid.uuid4().hex[:8]}"
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name)
         client.connect_timeout = _CONNECT_TIMEOUT_S
         client.reconnect_delay_set(_MIN_RECONNECT_S, _MAX_RECONNECT_S)
