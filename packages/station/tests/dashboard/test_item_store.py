@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import logging
 import socket
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -36,7 +37,7 @@ from palpate_station.sorting.rules import Rule, RuleBook
 from palpate_station.store import Store
 from palpate_station.store import sender as store_sender
 from palpate_station.store.export import export, find_bins
-from palpate_station.store.item_history import item_document
+from palpate_station.store.item_history import AWAY_NOTE, item_document
 from palpate_station.store.labels import add_label
 
 RESULT = GraspResult(
@@ -126,7 +127,7 @@ def test_shared_store_that_hangs_delays_only_the_first_item(
     with socket.create_server(("127.0.0.1", 0), backlog=50) as silent:
         silent.setblocking(False)
         port = silent.getsockname()[1]
-        item_store = ItemStore(f"postgresql://nobody@127.0.0.1:{port}/items")
+        item_store = ItemStore(f"postgresql://nobody@127.0.0.1:{port}/items", rules=RULES)
         place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
         told.get(timeout=60.0)
         accept_all(silent)
@@ -134,7 +135,16 @@ def test_shared_store_that_hangs_delays_only_the_first_item(
             place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
         page = item_store.page("berry-7")
         assert len(page.grasps) == 3
-        assert "no answer" in item_document(page)["away"]
+        # Neither what is stored nor what a screen shows contains the address or the error.
+        assert item_document(page)["away"] == AWAY_NOTE
+        explanation = page.latest_verdict(About.BIN).explanation
+        assert AWAY_NOTE in explanation
+        assert str(port) not in explanation
+        # A label waits for the store as little as a grasp does.
+        began_s = time.monotonic()
+        item_store.change(Item(item_id="berry-7"), labels={"bruise": "sound"}, by="maria")
+        assert time.monotonic() - began_s < 4.0
+        assert (item_store.shared_fault, item_store.waiting()) == (StoreFault.AWAY, 8)
         # Each grasp lets the sender try again.
         assert accept_all(silent) <= 2
     LOG.removeHandler(handler)

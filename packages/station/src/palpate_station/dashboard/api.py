@@ -92,8 +92,11 @@ class Released(BaseModel):
 class Health(BaseModel):
     """Whether a station can be used."""
 
-    healthy: bool
-    problems: list[str] = Field(description="One line for each; empty if healthy.")
+    healthy: bool = Field(description="Whether it can grasp and store.")
+    problems: list[str] = Field(
+        description="One line for each. If healthy, these don't keep the station from grasping and "
+        "storing: a broker or a shared store that does not answer."
+    )
     version: str
     uptime_s: float
     state: str = Field(description="As in the state document.")

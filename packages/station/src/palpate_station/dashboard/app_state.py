@@ -115,6 +115,7 @@ class AppState:
         """Start the device process, wait until it accepts stops, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         await self._report_interrupted_before()
+        self.item_store.watch_shared()
         settings = self.settings
         self._process = DeviceClient(self.receive_update)
         first = OpenRig(

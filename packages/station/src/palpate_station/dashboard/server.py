@@ -92,7 +92,7 @@ def serve(
     listening = bind_port(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    monitor = Monitor(app_state)
+    monitor = Monitor(app_state, publisher)
     api = build_api(app_state, monitor, token=token is not None or bool(users))
     # The path without a version is that of the newest one.
     app.mount("/api/v1", api)

@@ -30,8 +30,8 @@ MAX_QUEUED_RESULTS = 10_000
 #: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
 #: half periods, and the client reconnects after two.
 _KEEPALIVE_S = 10
-#: Period at which a connected publisher repeats that it is online, seconds: another client of the
-#: topic may have ended since, or the broker may have published the last will of an older connection.
+#: Period at which a connected publisher repeats that it is online, seconds: since then another
+#: client of the topic may have ended, or the broker have published an older connection's last will.
 _ONLINE_PERIOD_S = 10.0
 _CONNECT_TIMEOUT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
 #: Maximum time that `close` waits for the thread, seconds.
@@ -64,8 +64,9 @@ class Publisher:
         self._on_error, self._on_return = on_error, on_return
         self._address = f"{broker.host}:{broker.effective_port}"
         self._dropped = 0
+        #: Receiver of the results in the store's outbox.
         # Several stations may share a store; the topic identifies the station.
-        self._receiver = f"mqtt {broker.topic}"
+        self.receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
@@ -73,6 +74,16 @@ class Publisher:
         self._client.connect_async(broker.host, broker.effective_port, keepalive=_KEEPALIVE_S)
         self._online_s = -math.inf
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the broker has accepted the connection."""
+        return self._link.is_up
+
+    @property
+    def fault(self) -> str:
+        """What the broker does wrong, in a few words; empty while it is connected."""
+        return "" if self._link.is_up else self._link.fault or "is not connected"
 
     def start(self) -> None:
         """Connect to the broker, which from then on shows that this station is online."""
@@ -85,7 +96,7 @@ class Publisher:
 
         def queue(store: Store) -> None:
             self._dropped += store.add_message(
-                text, receiver=self._receiver, most=MAX_QUEUED_RESULTS
+                text, receiver=self.receiver, most=MAX_QUEUED_RESULTS
             )
 
         self._calls.put(queue)
@@ -173,7 +184,7 @@ class Publisher:
             return
         if link.state is not None and not link.is_state_sent and link.state_message is None:
             link.state_message, link.is_state_sent = self._publish("state", link.state), True
-        waiting = None if link.sent is not None else store.oldest_message(self._receiver)
+        waiting = None if link.sent is not None else store.oldest_message(self.receiver)
         if waiting is not None:
             number, text = waiting
             link.sent = self._publish("result", text.encode(), retain=False), number
