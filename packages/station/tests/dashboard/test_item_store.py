@@ -19,6 +19,7 @@ import openpyxl
 import pytest
 from packages.station.tests.dashboard.test_live import SOURCE as PAGE_SOURCE
 
+from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -264,6 +265,31 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     (event,) = epcis_document(page, created_at=verdict.given_at)["epcisBody"]["eventList"]
     reports = event["sensorElementList"][0]["sensorReport"]
     assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ({"ripeness": "rype"}, "hard, conditioned, ripe, overripe, breaker"),
+        ({"bruise": "brused"}, "bruised, sound"),
+        ({"identity": "kiwi", "bin": "smal"}, "green, small, by hand"),
+    ],
+)
+def test_label_with_an_unknown_word_is_refused_with_the_known_ones_and_stores_nothing(
+    tmp_path: Path, label: dict[str, str], words: str
+) -> None:
+    own = Rule(bin="green", conditions=(OneOf("ripeness", frozenset({"breaker"})),), line=1)
+    rules = replace(RULES, rules=(own, RULES.rules[1]))
+    item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=rules)
+    with pytest.raises(InputError, match=f"must be one of {words}$"):
+        item_store.change(Item(item_id="A1"), labels=label, by="maria")
+    assert item_store.pages(limit=1) == ()
+    known = {"ripeness": "breaker", "bruise": "sound", "identity": "any name", "bin": "by hand"}
+    page = item_store.change(Item(item_id="A1"), labels=known, by="maria")
+    assert {str(one.about): one.text for one in page.verdicts} == known
+    # Without rules every bin is possible.
+    unsorted = ItemStore(str(tmp_path / "items.sqlite"))
+    assert unsorted.change(Item(item_id="A1"), labels={"bin": "smal"}, by="maria").verdicts
 
 
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from palpate.errors import InputError, PalpateError, StoreAwayError, StoreError, StoreMissingError
 from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate_station.bruise.model import BRUISED, SOUND
 from palpate_station.dashboard.audit import LOG
 from palpate_station.dashboard.messages import FrameSource, Grasped
 from palpate_station.dashboard.panel_html import draw_panel_svg
@@ -23,7 +24,7 @@ from palpate_station.grasp_record import make_grasp_record
 from palpate_station.identify.identifier import Identifier
 from palpate_station.identify.kinds import learn_kinds
 from palpate_station.line.results import NO_ITEM
-from palpate_station.records import Grasp, Item, Verdict
+from palpate_station.records import About, Grasp, Item, Verdict, check_printable
 from palpate_station.ripeness.history import (
     firmness_history,
     judge_ripeness,
@@ -31,6 +32,7 @@ from palpate_station.ripeness.history import (
     learn_rule,
 )
 from palpate_station.ripeness.stages import RIPE, STAGES
+from palpate_station.sorting.conditions import OneOf
 from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook, decide
 from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence
@@ -43,6 +45,7 @@ from palpate_station.store.item_history import (
     read_item_histories,
     read_item_history,
 )
+from palpate_station.store.labels import add_label
 from palpate_station.store.outbox import SHARED
 from palpate_station.store.sender import Sender
 
@@ -222,11 +225,12 @@ class ItemStore:
         PalpateError
             If a label is invalid, or the store can't be used.
         """
-        from palpate_station.records import About
-        from palpate_station.store import Store
-        from palpate_station.store.item_history import read_item_history
-        from palpate_station.store.labels import add_label
-
+        # Before anything is written.
+        for about, text in labels.items():
+            check_printable(text, what=about)
+            known = self._label_words(About(about))
+            if known and text not in known:
+                raise InputError(f"{about} {text[:40]!r}: must be one of {', '.join(known)}")
         with Store.open(self._where) as store:
             store.away = self._away
             store.add_item(item)
@@ -234,6 +238,17 @@ class ItemStore:
                 add_label(store, item.item_id, about=About(about), text=text, by=by)
             self._send()
             return read_item_history(store, item.item_id)
+
+    def _label_words(self, about: About) -> tuple[str, ...]:
+        """Return the words for a label; empty if it may be any text."""
+        rules = () if self._rules is None else self._rules.rules
+        if about is About.RIPENESS:
+            named = (one for rule in rules for one in rule.conditions if one.key == about)
+            own = [name for one in named if isinstance(one, OneOf) for name in sorted(one.names)]
+            return tuple(dict.fromkeys([*STAGES, *own]))
+        if about is About.BRUISE:
+            return BRUISED, SOUND
+        return self._rules.bins if about is About.BIN and self._rules is not None else ()
 
     def page(self, item_id: str) -> ItemHistory:
         """Return the history of an item.
