@@ -64,8 +64,8 @@ class Publisher:
         self._on_error, self._on_return = on_error, on_return
         self._address = f"{broker.host}:{broker.effective_port}"
         self._dropped = 0
-        #: Receiver of the results in the store's outbox.
-        # Several stations may share a store; the topic identifies the station.
+        #: Receiver of the results in the store's outbox. Several stations may share a store; the
+        #: topic identifies the station.
         self.receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
