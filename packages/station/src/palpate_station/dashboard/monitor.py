@@ -96,7 +96,7 @@ class Monitor:
         }
         healthy, uptime_s = not self.problems(), time.monotonic() - self._began_s
         families: list[_Family] = [
-            ("healthy", "gauge", "Whether /api/v1/health reports no problem.", healthy),
+            ("healthy", "gauge", "Whether the station can grasp and store.", healthy),
             ("state", "gauge", "State, numbered as in the line protocols.", state["state_number"]),
             ("frames_fresh", "gauge", "Whether frames are arriving.", state["fresh"]),
             ("grasps_total", "counter", "Finished grasps by outcome.", outcomes),
