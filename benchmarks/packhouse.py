@@ -142,6 +142,7 @@ def time_results(port: int, folder: Path, *, count: int) -> None:
     broker = Broker(host="127.0.0.1", port=port, tls=False, topic="bench")
     errors: Queue[str] = Queue()
     publisher = Publisher(broker, store=folder / "bench.sqlite", on_error=errors.put)
+    publisher.start()
     subscriber.until("online")
     text, call_ms, arrived_ms = "x" * 3000, [], []
     for number in range(count):

@@ -16,6 +16,11 @@ from palpate_station.dashboard.access import (
     AccessControl,
     WrongTokens,
 )
+from palpate_station.dashboard.audit import (
+    MAX_REFUSALS,
+    MAX_REFUSALS_OF_CLIENT,
+    RefusalLog,
+)
 
 TOKEN = "correct-horse"
 
@@ -214,3 +219,20 @@ def test_client_addresses_beyond_the_maximum_share_one_count() -> None:
     clock[0] = 60.1
     assert not wrong_tokens.is_throttled("one more")
     assert not wrong_tokens.is_throttled("0")
+
+
+def test_flood_of_refusals_is_logged_in_few_lines_with_the_number_of_the_others(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = [0.0]
+    refusals = RefusalLog(now_s=lambda: clock[0])
+    for _ in range(100):
+        refusals.record("HTTP 10.0.0.1", "wrong token")
+    assert len(caplog.records) == MAX_REFUSALS_OF_CLIENT
+    for number in range(1000):
+        refusals.record(f"HTTP 10.1.0.{number}", "wrong token")
+    assert len(caplog.records) == MAX_REFUSALS
+    clock[0] = 60.1
+    refusals.record("HTTP 10.0.0.1", "wrong token")
+    omitted = 1000 - (MAX_REFUSALS - MAX_REFUSALS_OF_CLIENT)
+    assert caplog.records[-1].audit[1] == f"refused: wrong token ({omitted} more refusals before)"

@@ -38,13 +38,15 @@ RULES = RuleBook(
 )
 
 
-def app_state_of(folder: Path, rules: RuleBook | None = None) -> AppState:
+def app_state_of(
+    folder: Path, rules: RuleBook | None = None, *, store: str | None = None
+) -> AppState:
     return AppState(
         Settings(
             rigs=("sim-rigid",),
             objects=(),
             folder=folder,
-            store=None,
+            store=store,
             object_name=None,
             seed=0,
             speed=1.0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import logging
 import socket
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -18,6 +19,7 @@ import openpyxl
 import pytest
 from packages.station.tests.dashboard.test_live import SOURCE as PAGE_SOURCE
 
+from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -36,7 +38,7 @@ from palpate_station.sorting.rules import Rule, RuleBook
 from palpate_station.store import Store
 from palpate_station.store import sender as store_sender
 from palpate_station.store.export import export, find_bins
-from palpate_station.store.item_history import item_document
+from palpate_station.store.item_history import AWAY_NOTE, item_document
 from palpate_station.store.labels import add_label
 
 RESULT = GraspResult(
@@ -126,7 +128,7 @@ def test_shared_store_that_hangs_delays_only_the_first_item(
     with socket.create_server(("127.0.0.1", 0), backlog=50) as silent:
         silent.setblocking(False)
         port = silent.getsockname()[1]
-        item_store = ItemStore(f"postgresql://nobody@127.0.0.1:{port}/items")
+        item_store = ItemStore(f"postgresql://nobody@127.0.0.1:{port}/items", rules=RULES)
         place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
         told.get(timeout=60.0)
         accept_all(silent)
@@ -134,7 +136,16 @@ def test_shared_store_that_hangs_delays_only_the_first_item(
             place_and_add(item_store, GraspDocument(result=RESULT, item_id="berry-7"))
         page = item_store.page("berry-7")
         assert len(page.grasps) == 3
-        assert "no answer" in item_document(page)["away"]
+        # Neither what is stored nor what a screen shows contains the address or the error.
+        assert item_document(page)["away"] == AWAY_NOTE
+        explanation = page.latest_verdict(About.BIN).explanation
+        assert AWAY_NOTE in explanation
+        assert str(port) not in explanation
+        # A label waits for the store as little as a grasp does.
+        began_s = time.monotonic()
+        item_store.change(Item(item_id="berry-7"), labels={"bruise": "sound"}, by="maria")
+        assert time.monotonic() - began_s < 4.0
+        assert (item_store.shared_fault, item_store.waiting()) == (StoreFault.AWAY, 8)
         # Each grasp lets the sender try again.
         assert accept_all(silent) <= 2
     LOG.removeHandler(handler)
@@ -254,6 +265,31 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     (event,) = epcis_document(page, created_at=verdict.given_at)["epcisBody"]["eventList"]
     reports = event["sensorElementList"][0]["sensorReport"]
     assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ({"ripeness": "rype"}, "hard, conditioned, ripe, overripe, breaker"),
+        ({"bruise": "brused"}, "bruised, sound"),
+        ({"identity": "kiwi", "bin": "smal"}, "green, small, by hand"),
+    ],
+)
+def test_label_with_an_unknown_word_is_refused_with_the_known_ones_and_stores_nothing(
+    tmp_path: Path, label: dict[str, str], words: str
+) -> None:
+    own = Rule(bin="green", conditions=(OneOf("ripeness", frozenset({"breaker"})),), line=1)
+    rules = replace(RULES, rules=(own, RULES.rules[1]))
+    item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=rules)
+    with pytest.raises(InputError, match=f"must be one of {words}$"):
+        item_store.change(Item(item_id="A1"), labels=label, by="maria")
+    assert item_store.pages(limit=1) == ()
+    known = {"ripeness": "breaker", "bruise": "sound", "identity": "any name", "bin": "by hand"}
+    page = item_store.change(Item(item_id="A1"), labels=known, by="maria")
+    assert {str(one.about): one.text for one in page.verdicts} == known
+    # Without rules every bin is possible.
+    unsorted = ItemStore(str(tmp_path / "items.sqlite"))
+    assert unsorted.change(Item(item_id="A1"), labels={"bin": "smal"}, by="maria").verdicts
 
 
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(

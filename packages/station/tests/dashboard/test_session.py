@@ -313,3 +313,16 @@ def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
     for again, name in steps:
         form.return_item(make_order(ordered), again=again)
         assert form.item_id == name
+
+
+def test_order_beyond_a_role_is_reported_with_its_viewer() -> None:
+    refused: list[tuple[str, str]] = []
+    session = Session(send=print, on_refused=lambda who, what: refused.append((who, what)))
+    for name, role in (("maria", Role.OPERATE), ("screen", Role.VIEW)):
+        session.join(name, name=name, role=role)
+        with pytest.raises(InputError):
+            session.order(name, OpenRig(name="sim-rigid"))
+    assert refused == [
+        ("maria", "open a rig, role operate"),
+        ("screen", "open a rig, role view"),
+    ]

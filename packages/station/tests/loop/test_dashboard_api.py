@@ -12,7 +12,8 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from http.client import HTTPConnection
 from pathlib import Path
 from time import monotonic
 from urllib.parse import urlsplit
@@ -125,6 +126,8 @@ def test_gateway_example_fills_its_registers(
                 ({"item_id": "\n"}, "item"),
                 ({"kind": "kiwi"}, "kind kiwi: requires a damage file"),
                 (b"{", "body.1: JSON decode error"),
+                (b"[]", "body: must be a JSON object"),
+                (b'{"item_id": "\xff"}', "body: not UTF-8 at byte 13"),
             )
         ),
         ("GET", "/items?limit=0", None, 422, "query.limit"),
@@ -140,6 +143,16 @@ def test_api_refuses_invalid_input_in_one_line(
     assert refused["detail"].startswith(why)
     assert "\n" not in refused["detail"]
     assert machine.ask("GET", "/state")[1]["activity"] == "watching"
+
+
+def test_api_refuses_a_body_without_its_header_by_the_name_of_the_header(address: str) -> None:
+    for sent in ({}, {"Content-Type": "text/plain"}):
+        connection = HTTPConnection(urlsplit(address).netloc, timeout=60.0)
+        with closing(connection):
+            connection.request("POST", "/api/grasp", b"{}", sent)
+            reply = connection.getresponse()
+            assert reply.status == 422
+            assert "Content-Type: must be application/json" in json.loads(reply.read())["detail"]
 
 
 def test_api_openapi_document_contains_the_published_schemas(machine: Machine) -> None:

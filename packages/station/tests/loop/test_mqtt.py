@@ -9,10 +9,18 @@ from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from queue import Queue
+from urllib.parse import urlsplit
 
 import pytest
+from packages.station.tests.loop.test_line import free_port
 from packages.station.tests.mosquitto import PROGRAM, TIMEOUT_S, BrokerProcess, Subscriber
-from packages.station.tests.served_pages import SIMULATED, Machine, run_server, write_certificate
+from packages.station.tests.served_pages import (
+    SERVE,
+    SIMULATED,
+    Machine,
+    run_server,
+    write_certificate,
+)
 from tests.fixtures import skip
 from tests.whole.test_json_schemas import faults
 
@@ -58,7 +66,9 @@ def publisher_to(
 ) -> Publisher:
     plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
     on_error = (Queue() if complaints is None else complaints).put
-    return Publisher(plain, store=folder / "items.sqlite", on_error=on_error)
+    publisher = Publisher(plain, store=folder / "items.sqlite", on_error=on_error)
+    publisher.start()
+    return publisher
 
 
 def numbered(number: int) -> GraspDocument:
@@ -178,6 +188,34 @@ def test_mqtt_results_queued_at_exit_are_sent_first_in_the_next_run(
     assert subscriber.until("online", lambda content: not content["online"]) == {"online": False}
 
 
+def test_mqtt_station_stays_online_when_a_second_server_finds_its_port_in_use(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    modbus, mqtt = str(free_port()), ("--mqtt", broker_file(tmp_path, broker.port))
+    with run_server(tmp_path, *SIMULATED, "--modbus", modbus, *mqtt) as (address, _):
+        subscriber.until("online", lambda content: content["online"])
+        for taken in (("--port", str(urlsplit(address).port)), ("--port", "0", "--modbus", modbus)):
+            again = [*SERVE, *SIMULATED, *mqtt, *taken]
+            refused = subprocess.run(again, cwd=tmp_path, capture_output=True, timeout=TIMEOUT_S)
+            assert b"in use" in refused.stderr
+            late = Subscriber(broker.port, TOPIC)
+            assert late.until("online")["online"]
+            late.close()
+    assert [one for name, one in subscriber.seen if name == "online" and not one["online"]] == []
+
+
+def test_mqtt_station_is_online_again_after_another_client_of_its_topic_has_ended(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    first, second = (publisher_to(broker, tmp_path) for _ in range(2))
+    for _ in range(2):
+        subscriber.until("online", lambda content: content["online"])
+    second.close()
+    subscriber.until("online", lambda content: not content["online"])
+    subscriber.until("online", lambda content: content["online"])
+    first.close()
+
+
 def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
@@ -199,6 +237,7 @@ def test_mqtt_outage_of_the_broker_is_reported_once_and_so_is_its_return(
     publisher = Publisher(
         plain, store=tmp_path / "items.sqlite", on_error=told.put, on_return=told.put
     )
+    publisher.start()
     assert "does not answer; results wait" in told.get(timeout=TIMEOUT_S)
     for _ in range(2):
         broker.start()
@@ -231,6 +270,7 @@ def test_mqtt_connects_with_tls_and_password(tmp_path: Path) -> None:
         complaints: Queue[str] = Queue()
         asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
         publisher = Publisher(asked, store=tmp_path / "items.sqlite", on_error=complaints.put)
+        publisher.start()
         publisher.publish_result(replace(numbered(1), item_id=password))
         if password == "guess":
             assert "check username and password" in complaints.get(timeout=TIMEOUT_S)

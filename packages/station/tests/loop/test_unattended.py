@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -12,7 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from asyncua import Client, ua
 from packages.station.tests.epcis import read_epcis
+from packages.station.tests.loop.test_line import OpcUa, free_port
 from packages.station.tests.served_pages import (
     SIMULATED,
     Machine,
@@ -132,7 +135,8 @@ def test_station_without_devices_is_not_healthy_and_ends(tmp_path: Path) -> None
 
 def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path) -> None:
     write_certificate(tmp_path)
-    options = ("--certificate", "certificate.pem", "--key", "key.pem")
+    opcua_port = free_port()
+    options = ("--certificate", "certificate.pem", "--key", "key.pem", "--opcua", str(opcua_port))
     with run_server(tmp_path, *SIMULATED, *write_users(tmp_path), *options) as (address, _):
         assert address.startswith("https://")
         trusted = ssl.create_default_context(cafile=str(tmp_path / "certificate.pem"))
@@ -149,10 +153,40 @@ def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path
         assert screen.ask("GET", "/state")[1]["driver_name"] == "maria"
         assert screen.ask("POST", "/stop") == (200, {"stopped": True})
         maria.until(lambda at: at["activity"] == "watching")
+        assert maria.ask("DELETE", "/driver")[0] == 204
+        assert Machine(address, "guess", trusted=trusted).ask("GET", "/state")[0] == 403
+
+        async def drive_over_opcua(password: str) -> str:
+            client = Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate")
+            client.set_user("maria")
+            client.set_password(password)
+            client.application_uri = "urn:example:client"
+            await client.set_security_string(
+                f"Basic256Sha256,SignAndEncrypt,{tmp_path}/data/opcua-certificate.der,"
+                f"{tmp_path}/data/opcua-key.pem"
+            )
+            async with client:
+                await OpcUa(client).call("TakeOver")
+                driver: str = await OpcUa(client).value("Driver")
+                return driver
+
+        with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
+            asyncio.run(drive_over_opcua("guess"))
+        assert asyncio.run(drive_over_opcua("marias-token")) == "maria"
+        wanted = {
+            ("maria", "grasp"),
+            ("screen", "stop"),
+            ("screen", "refused: POST '/api/grasp', role view"),
+            ("HTTP 127.0.0.1", "refused: wrong token"),
+            ("OPC UA 127.0.0.1", "refused: login as 'maria'"),
+        }
         deadline_s, audit = time.monotonic() + 30.0, tmp_path / "data" / "audit.jsonl"
-        while '"screen", "what": "stop"' not in audit.read_text():
-            assert time.monotonic() < deadline_s
-        assert '"maria", "what": "grasp"' in audit.read_text()
+        events = set[tuple[str, str]]()
+        while not wanted <= events:
+            assert time.monotonic() < deadline_s, wanted - events
+            lines = [json.loads(line) for line in audit.read_text().splitlines()]
+            events = {(one["who"], one["what"]) for one in lines}
+        assert ("OPC UA 127.0.0.1", "drives") not in events
 
 
 def test_simulated_line_brings_a_new_object_unless_the_item_is_grasped_again(

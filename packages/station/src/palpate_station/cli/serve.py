@@ -250,6 +250,7 @@ def open_lines(
     """
     openers: list[LineOpener] = []
     if opcua is not None:
+        from palpate_station.dashboard.audit import record_refusal
         from palpate_station.line.opcua import USER, OpcUaStation
 
         host, port = _parse_unused_address("--opcua", opcua)
@@ -261,7 +262,9 @@ def open_lines(
                 f"--opcua {host}:{port}: other machines could move the gripper; add --token, the "
                 f"password of user {USER}, or --users"
             )
-        station = partial(OpcUaStation, passwords=passwords, folder=folder)
+        station = partial(
+            OpcUaStation, passwords=passwords, folder=folder, on_refused=record_refusal
+        )
         text = "OPC UA at opc.tcp://{}:{}/palpate"
         openers.append(partial(_start, station_of=station, host=host, port=port, text=text))
     if modbus is not None:

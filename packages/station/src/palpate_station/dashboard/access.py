@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as ASGIMessage
 
 from palpate.errors import InputError
+from palpate_station.dashboard.audit import record_refusal
 from palpate_station.dashboard.panel_html import panel_html
 from palpate_station.dashboard.users import User
 
@@ -132,6 +133,9 @@ class AccessControl:
                 answer = await self._ask_for_token(scope, receive)
             scope["palpate_user"] = user
             if is_api and user is not None and not _may_send(user, scope):
+                record_refusal(
+                    user.name, f"{scope.get('method')} {scope['path'][:80]!r}, role view"
+                )
                 answer = _error_response(403, f"{user.name} may only watch and stop")
         if answer is None:
             await self.app(scope, receive, send)
@@ -175,6 +179,7 @@ class AccessControl:
         user = _find_user(sent, [(one.token, one) for one in self._users])
         if user is not None:
             return user, False
+        record_refusal(f"HTTP {client}", "wrong token")
         if self._wrong_tokens.is_throttled(client):
             return None, True
         self._wrong_tokens.add(client)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import cache
@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal
 from fastapi import Depends, FastAPI, HTTPException, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, ConfigDict, Field
 
 import palpate_station
@@ -62,7 +63,9 @@ class ItemChange(BaseModel):
     batch: str | None = Field(None, min_length=1, max_length=80)
     label: str | None = Field(None, min_length=1, max_length=200, description="A note for people.")
     labels: dict[Literal["ripeness", "bruise", "identity", "bin"], str] = Field(
-        default_factory=dict, description="Labels of the item as it is now, as training data."
+        default_factory=dict,
+        description="Labels of the item as it is now, as training data: a stage of ripeness, "
+        "`bruised` or `sound`, a bin of the rules file, or any name of a kind.",
     )
 
 
@@ -92,8 +95,11 @@ class Released(BaseModel):
 class Health(BaseModel):
     """Whether a station can be used."""
 
-    healthy: bool
-    problems: list[str] = Field(description="One line for each; empty if healthy.")
+    healthy: bool = Field(description="Whether it can grasp and store.")
+    problems: list[str] = Field(
+        description="One line for each. If healthy, these don't keep the station from grasping and "
+        "storing: a broker or a shared store that does not answer."
+    )
     version: str
     uptime_s: float
     state: str = Field(description="As in the state document.")
@@ -101,6 +107,35 @@ class Health(BaseModel):
     fresh: bool
     simulated: bool | None
     rig: str | None
+
+
+class _JsonRoute(APIRoute):
+    """A route that names what is wrong with a body that can't be JSON.
+
+    The framework would validate the bytes as they are, and describe its own types.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the handler with the checks."""
+        handle = super().get_route_handler()
+
+        async def check_and_handle(request: Request) -> Response:
+            """Refuse a body without its header, or in another encoding."""
+            if self.body_field is not None and (body := await request.body()):
+                kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+                if kind != "application/json" and not kind.endswith("+json"):
+                    sent = f"not {kind[:40]!r}" if kind else "which is missing"
+                    detail = f"header Content-Type: must be application/json, {sent}"
+                    raise HTTPException(422, detail)
+                try:
+                    body.decode()
+                except UnicodeDecodeError as error:
+                    raise HTTPException(
+                        422, f"body: not UTF-8 at byte {error.start}; send JSON in UTF-8"
+                    ) from error
+            return await handle(request)
+
+        return check_and_handle
 
 
 class Refusal(BaseModel):
@@ -138,6 +173,7 @@ def build_api(app_state: AppState, monitor: Monitor, *, token: bool) -> FastAPI:
         responses=_refusals(401, 403, 429) if token else {},
     )
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
+    api.router.route_class = _JsonRoute
     _add_validation_handler(api)
     _add_queries(api, app_state)
     _add_health(api, monitor)
@@ -268,6 +304,8 @@ def _add_validation_handler(api: FastAPI) -> None:
     async def refuse(request: Request, error: RequestValidationError) -> JSONResponse:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
+        if first["type"] == "model_attributes_type":
+            return JSONResponse({"detail": f"{where}: must be a JSON object"}, status_code=422)
         return JSONResponse({"detail": f"{where}: {first['msg']}"}, status_code=422)
 
 

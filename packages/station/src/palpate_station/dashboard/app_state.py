@@ -17,7 +17,7 @@ from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig.file import find_calibration_file
-from palpate_station.dashboard.audit import LOG, record_event
+from palpate_station.dashboard.audit import LOG, record_event, record_refusal
 from palpate_station.dashboard.device_client import DeviceClient
 from palpate_station.dashboard.folder import (
     Entry,
@@ -94,6 +94,7 @@ class AppState:
             on_grasped=self._finish_grasp,
             silent_s=lambda: self.silent_s,
             on_event=record_event,
+            on_refused=record_refusal,
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item or (rules is not None and rules.requires_item),
         )
@@ -115,6 +116,7 @@ class AppState:
         """Start the device process, wait until it accepts stops, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         await self._report_interrupted_before()
+        self.item_store.watch_shared()
         settings = self.settings
         self._process = DeviceClient(self.receive_update)
         first = OpenRig(

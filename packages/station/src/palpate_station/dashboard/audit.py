@@ -6,16 +6,21 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from logging.handlers import QueueHandler, QueueListener
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Lock
 
 LOG = logging.getLogger("palpate.serve")
 #: Lines of JSON with `time`, `who` and `what`, in the folder of the recordings.
 AUDIT_FILE = "audit.jsonl"
+#: Refusals written in a minute, and of them those of one client.
+MAX_REFUSALS, MAX_REFUSALS_OF_CLIENT, _REFUSAL_WINDOW_S = 30, 5, 60.0
 #: systemd reads the level of a line from this prefix (sd-daemon(3)).
 _SYSTEMD_LEVELS = {logging.INFO: "<6>", logging.WARNING: "<4>", logging.ERROR: "<3>"}
 
@@ -23,6 +28,38 @@ _SYSTEMD_LEVELS = {logging.INFO: "<6>", logging.WARNING: "<4>", logging.ERROR: "
 def record_event(who: str, what: str, *, level: int = logging.INFO) -> None:
     """Log that a client has done something; `write_log` also adds it to the audit file."""
     LOG.log(level, "%s: %s", who, what, extra={"audit": (who, what)})
+
+
+class RefusalLog:
+    """Logs refused logins and orders, but so few a minute that a flood does not fill the disk.
+
+    The next line has the number of refusals that were left out.
+    """
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s, self._lock = now_s, Lock()
+        #: Times and clients of the lines within the last minute.
+        self._written = deque[tuple[float, str]]()
+        self._omitted = 0
+
+    def record(self, who: str, what: str) -> None:
+        """Log and audit that a client was refused something, unless there were too many lines."""
+        with self._lock:
+            now_s = self._now_s()
+            while self._written and now_s - self._written[0][0] > _REFUSAL_WINDOW_S:
+                self._written.popleft()
+            of_client = [name for _, name in self._written].count(who)
+            if len(self._written) >= MAX_REFUSALS or of_client >= MAX_REFUSALS_OF_CLIENT:
+                self._omitted += 1
+                return
+            self._written.append((now_s, who))
+            omitted, self._omitted = self._omitted, 0
+        more = f" ({omitted} more refusals before)" if omitted else ""
+        record_event(who, f"refused: {what}{more}", level=logging.WARNING)
+
+
+#: The log of all protocols, with common limits.
+record_refusal = RefusalLog().record
 
 
 @contextmanager
@@ -68,8 +105,8 @@ class _AuditHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if (event := getattr(record, "audit", None)) is None:
             return
-        time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        line = json.dumps({"time": time, "who": event[0], "what": event[1]}, ensure_ascii=False)
+        at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"time": at, "who": event[0], "what": event[1]}, ensure_ascii=False)
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with self._path.open("a", encoding="utf-8") as file:

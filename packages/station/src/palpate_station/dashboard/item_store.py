@@ -6,6 +6,7 @@ other programs.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -13,8 +14,9 @@ from enum import StrEnum
 from functools import partial
 from typing import TypeVar
 
-from palpate.errors import InputError, PalpateError, StoreAwayError, StoreMissingError
+from palpate.errors import InputError, PalpateError, StoreAwayError, StoreError, StoreMissingError
 from palpate.grasp.document import GraspDocument, ItemFacts
+from palpate_station.bruise.model import BRUISED, SOUND
 from palpate_station.dashboard.audit import LOG
 from palpate_station.dashboard.messages import FrameSource, Grasped
 from palpate_station.dashboard.panel_html import draw_panel_svg
@@ -22,7 +24,7 @@ from palpate_station.grasp_record import make_grasp_record
 from palpate_station.identify.identifier import Identifier
 from palpate_station.identify.kinds import learn_kinds
 from palpate_station.line.results import NO_ITEM
-from palpate_station.records import Grasp, Item, Verdict
+from palpate_station.records import About, Grasp, Item, Verdict, check_printable
 from palpate_station.ripeness.history import (
     firmness_history,
     judge_ripeness,
@@ -30,16 +32,21 @@ from palpate_station.ripeness.history import (
     learn_rule,
 )
 from palpate_station.ripeness.stages import RIPE, STAGES
+from palpate_station.sorting.conditions import OneOf
 from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook, decide
 from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence
 from palpate_station.store import Store
+from palpate_station.store.engine import store_url
 from palpate_station.store.item_history import (
+    AWAY_NOTE,
     ItemHistory,
     item_facts,
     read_item_histories,
     read_item_history,
 )
+from palpate_station.store.labels import add_label
+from palpate_station.store.outbox import SHARED
 from palpate_station.store.sender import Sender
 
 _Read = TypeVar("_Read")
@@ -75,7 +82,7 @@ class ItemStore:
     ) -> None:
         self._where, self._rules, self._station = where, rules, station
         self._sender: Sender | None = None
-        #: Reason why the last record was not stored; empty after a success.
+        #: Reason why the last record was not stored or read; empty after a success.
         self.trouble = ""
 
     def place(self, grasped: Grasped, *, item_id: str, source: FrameSource) -> Placement:
@@ -160,16 +167,45 @@ class ItemStore:
         except (PalpateError, OSError) as error:
             return replace(completed, not_stored=self._report(error))
         self.trouble = ""
+        self._send()
+        return replace(completed, stored=True, not_stored="", grasp_id=grasp.grasp_id)
+
+    def watch_shared(self) -> None:
+        """Send waiting records to a shared store, and check from now on whether it answers."""
+        self._send()
+
+    def _send(self) -> None:
+        """Wake the sender, if there is a shared store."""
+        if store_url(self._where).get_backend_name() == "sqlite":
+            return
         if self._sender is None:
             self._sender = Sender(self._where, on_error=LOG.warning, on_return=LOG.info)
         self._sender.wake()
-        return replace(completed, stored=True, not_stored="", grasp_id=grasp.grasp_id)
+
+    @property
+    def shared_fault(self) -> StoreFault | None:
+        """Fault of the shared store; None without one, or without a shared store."""
+        fault = None if self._sender is None else self._sender.fault
+        return None if fault is None else _store_fault(fault)
+
+    @property
+    def shared_silence_s(self) -> float | None:
+        """Time since the last answer of the shared store, seconds; None without a shared store."""
+        return None if self._sender is None else time.monotonic() - self._sender.answered_s
+
+    def waiting(self, receiver: str = SHARED) -> int | None:
+        """Return the number of records that wait for a receiver; None if it can't be read."""
+        try:
+            return self._read(lambda store: store.waiting(receiver)) or 0
+        except PalpateError:
+            return None
 
     def _report(self, error: Exception) -> StoreFault:
         """Log a fault of the store; return its words for the screens."""
-        self.trouble = str(error)
         LOG.error("%s", error)
-        return StoreFault.AWAY if isinstance(error, StoreAwayError) else StoreFault.UNUSABLE
+        fault = _store_fault(error)
+        self.trouble = str(fault)
+        return fault
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the histories of the newest items, newest first; empty without a store.
@@ -189,17 +225,30 @@ class ItemStore:
         PalpateError
             If a label is invalid, or the store can't be used.
         """
-        from palpate_station.records import About
-        from palpate_station.store import Store
-        from palpate_station.store.item_history import read_item_history
-        from palpate_station.store.labels import add_label
-
+        # Before anything is written.
+        for about, text in labels.items():
+            check_printable(text, what=about)
+            known = self._label_words(About(about))
+            if known and text not in known:
+                raise InputError(f"{about} {text[:40]!r}: must be one of {', '.join(known)}")
         with Store.open(self._where) as store:
+            store.away = self._away
             store.add_item(item)
             for about, text in labels.items():
                 add_label(store, item.item_id, about=About(about), text=text, by=by)
-            store.try_send()
+            self._send()
             return read_item_history(store, item.item_id)
+
+    def _label_words(self, about: About) -> tuple[str, ...]:
+        """Return the words for a label; empty if it may be any text."""
+        rules = () if self._rules is None else self._rules.rules
+        if about is About.RIPENESS:
+            named = (one for rule in rules for one in rule.conditions if one.key == about)
+            own = [name for one in named if isinstance(one, OneOf) for name in sorted(one.names)]
+            return tuple(dict.fromkeys([*STAGES, *own]))
+        if about is About.BRUISE:
+            return BRUISED, SOUND
+        return self._rules.bins if about is About.BIN and self._rules is not None else ()
 
     def page(self, item_id: str) -> ItemHistory:
         """Return the history of an item.
@@ -257,9 +306,13 @@ class ItemStore:
         except StoreMissingError:
             return None
         with store:
-            # While records can't be sent, each item would wait for the server's timeout.
-            store.away = None if self._sender is None else self._sender.away
+            store.away = self._away
             return read(store)
+
+    @property
+    def _away(self) -> StoreAwayError | None:
+        """Error of a shared store that does not answer; each item would wait for its timeout."""
+        return None if self._sender is None else self._sender.away
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,8 +338,17 @@ class _StoredItem:
             grasps=store.grasps_of(item_id) if items else (),
             verdicts=store.verdicts_of(item_id) if items else (),
             identifier=learn_kinds(store, without=item_id) if is_guessed else None,
-            away="" if store.away is None else str(store.away),
+            away="" if store.away is None else AWAY_NOTE,
         )
+
+
+def error_text(error: PalpateError) -> str:
+    """Return an error for the screens, which never show the address or the error of a database."""
+    return str(_store_fault(error) if isinstance(error, StoreError) else error)
+
+
+def _store_fault(error: Exception) -> StoreFault:
+    return StoreFault.AWAY if isinstance(error, StoreAwayError) else StoreFault.UNUSABLE
 
 
 def _ripening(store: Store, page: ItemHistory) -> str:

@@ -13,6 +13,7 @@ from nicegui import run, ui
 from palpate.errors import PalpateError
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import LISTED_GRASPS, Entry, History
+from palpate_station.dashboard.item_store import error_text
 from palpate_station.dashboard.panel_html import day_text, panel_html
 from palpate_station.dashboard.viewer import Viewer, add_heading
 from palpate_station.store.item_history import ItemHistory, item_facts
@@ -58,7 +59,7 @@ def add_items_panel(
                 figures[0] = await run.io_bound(app_state.item_store.figures_html, found) or ""
                 drawn[0] = version
         except PalpateError as error:
-            box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
+            box.set_content(f"<p class='note'>{html.escape(error_text(error))}</p>")
             return
         if not box.is_deleted:
             box.set_content(item_html(found, figures=figures[0]))
@@ -68,7 +69,7 @@ def add_items_panel(
         try:
             pages = await run.io_bound(partial(app_state.item_store.pages, limit=_MAX_ITEMS))
         except PalpateError as error:
-            app_state.item_store.trouble = str(error)
+            app_state.item_store.trouble = error_text(error)
             return
         if box.is_deleted:
             return

@@ -92,18 +92,19 @@ def serve(
     listening = bind_port(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    monitor = Monitor(app_state)
+    monitor = Monitor(app_state, publisher)
     api = build_api(app_state, monitor, token=token is not None or bool(users))
     # The path without a version is that of the newest one.
     app.mount("/api/v1", api)
     app.mount("/api", api)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
-    if publisher is not None:
-        _add_publisher(app, app_state, publisher)
     line_thread = LoopThread("lines") if lines else None
     if line_thread is not None:
         _serve_lines(app, app_state, lines, thread=line_thread)
+    # Last, because a server that finds a port in use must not be online for a moment.
+    if publisher is not None:
+        _add_publisher(app, app_state, publisher)
     _add_stop_route(app, app_state)
     _add_metrics_route(app, monitor)
     _add_retention(app, app_state)
@@ -293,6 +294,7 @@ def _add_page_routes(app_state: AppState) -> None:
 def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
     """Publish every result and the state over MQTT while the application runs."""
     app_state.on_result.append(publisher.publish_result)
+    app.router.on_startup.append(publisher.start)
 
     async def publish() -> None:
         while True:

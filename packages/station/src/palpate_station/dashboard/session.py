@@ -76,6 +76,8 @@ class Session:
         The clock of the leases.
     on_event : callable, optional
         Called with the name of a viewer and what it has done, for the log.
+    on_refused : callable, optional
+        Called with the name of a viewer and what its role has not allowed.
 
     Examples
     --------
@@ -96,11 +98,12 @@ class Session:
         silent_s: Callable[[], float] = lambda: 0.0,
         now_s: Callable[[], float] = time.monotonic,
         on_event: Callable[[str, str], None] = lambda who, what: None,
+        on_refused: Callable[[str, str], None] = lambda who, what: None,
         words: Words | None = None,
         requires_item: bool = False,
     ) -> None:
         self._send, self._silent_s, self._now_s = send, silent_s, now_s
-        self._on_event = on_event
+        self._on_event, self._on_refused = on_event, on_refused
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item = requires_item
@@ -255,15 +258,12 @@ class Session:
         activity, guide, words = self.devices.activity, self.devices.guide, self.words
         if why := self._devices_refusal():
             return why
-        if not self.may_drive(viewer):
-            return words("refusal.view", name=self._names[viewer])
+        if why := self._role_refusal(action, viewer=viewer):
+            return why
         if not self.may_act(viewer):
             if self.driver is None:
                 return words("refusal.no_driver")
             return words("refusal.other_driver", name=self.driver_name)
-        role = self._roles.get(viewer, Role.CONFIGURE)
-        if role is not Role.CONFIGURE and action not in _OPERATE:
-            return words("refusal.role", name=self._names[viewer], action=action)
         if action is Action.CONFIRM:
             has_step = guide is not None and guide.needs_confirmation
             return "" if has_step else words("refusal.no_step")
@@ -280,6 +280,14 @@ class Session:
         if action in (Action.OPEN, Action.PLAY):
             return ""
         return self._rig_refusal(action)
+
+    def _role_refusal(self, action: Action, *, viewer: str) -> str:
+        if not self.may_drive(viewer):
+            return self.words("refusal.view", name=self._names[viewer])
+        role = self._roles.get(viewer, Role.CONFIGURE)
+        if role is not Role.CONFIGURE and action not in _OPERATE:
+            return self.words("refusal.role", name=self._names[viewer], action=action)
+        return ""
 
     def _rig_refusal(self, action: Action) -> str:
         devices, words = self.devices, self.words
@@ -302,7 +310,7 @@ class Session:
 
     def order(self, viewer: str, order: Order) -> None:
         """Send an order of a viewer if it is allowed."""
-        self._check(ACTIONS[type(order)], viewer)
+        self.check(ACTIONS[type(order)], viewer)
         check_ranges(order)
         if self.requires_item and isinstance(order, GraspOrder) and not order.item_id:
             self.form.is_refused = True
@@ -337,7 +345,7 @@ class Session:
 
     def request(self, viewer: str, request: Request) -> None:
         """Send a request to the running job: confirm, speed, seek, pause or release."""
-        self._check(ACTIONS[type(request)], viewer)
+        self.check(ACTIONS[type(request)], viewer)
         check_ranges(request)
         self.claim(viewer)
         self._send(request)
@@ -346,7 +354,9 @@ class Session:
         if isinstance(request, SetSpeed) and self.devices.activity is not DeviceActivity.REPLAYING:
             self.rig = self.rig and replace(self.rig, speed=request.speed)
 
-    def _check(self, action: Action, viewer: str) -> None:
-        why = self.refusal(action, viewer=viewer)
-        if why:
+    def check(self, action: Action, viewer: str) -> None:
+        """Refuse an action that is not allowed now."""
+        if self._role_refusal(action, viewer=viewer):
+            self._on_refused(self._names[viewer], f"{action}, role {self._roles[viewer]}")
+        if why := self.refusal(action, viewer=viewer):
             raise InputError(why)

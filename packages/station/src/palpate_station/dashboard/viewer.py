@@ -108,9 +108,7 @@ class Viewer:
 
         def run_if_allowed() -> None:
             """Run the function if the session allows the action."""
-            why = self._session.refusal(action, viewer=self._id)
-            if why:
-                raise InputError(why)
+            self._session.check(action, self._id)
             self.claim()
             function()
 

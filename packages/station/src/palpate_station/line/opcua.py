@@ -107,8 +107,8 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[GraspDocument], Any]]] = {
 class _PasswordUserManager(UserManager):
     """User manager with a password for each username."""
 
-    def __init__(self, passwords: Mapping[str, str]) -> None:
-        self._passwords = passwords
+    def __init__(self, passwords: Mapping[str, str], *, on_refused: Callable[[str], None]) -> None:
+        self._passwords, self._on_refused = passwords, on_refused
 
     def get_user(
         self,
@@ -120,7 +120,10 @@ class _PasswordUserManager(UserManager):
         """Return the user if the credentials are correct, otherwise None."""
         expected = self._passwords.get(username or "", "")
         is_correct = hmac.compare_digest((password or "").encode(), expected.encode())
-        return User(role=UserRole.User, name=username) if expected and is_correct else None
+        if expected and is_correct:
+            return User(role=UserRole.User, name=username)
+        self._on_refused(f"login as {(username or '')[:40]!r}")
+        return None
 
 
 class OpcUaStation:
@@ -129,11 +132,22 @@ class OpcUaStation:
     `machine`: its methods are called on the event loop that runs `start`.
     `passwords`: password of each username; empty allows anonymous access without encryption.
     `folder`: folder of the server certificate, which is created at the first start.
+    `on_refused`: called with the address of a client and the login that was refused.
     """
 
-    def __init__(self, machine: Machine, *, passwords: Mapping[str, str], folder: Path) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        *,
+        passwords: Mapping[str, str],
+        folder: Path,
+        on_refused: Callable[[str, str], None],
+    ) -> None:
         self._machine, self._is_open, self._folder = machine, not passwords, folder
-        self._server = Server(user_manager=_PasswordUserManager(passwords) if passwords else None)
+        manager = _PasswordUserManager(
+            passwords, on_refused=lambda what: on_refused(self._client(), what)
+        )
+        self._server = Server(user_manager=manager if passwords else None)
         #: Nodes with their types, and the last written values, by path below the station.
         self._nodes: dict[str, tuple[Node, ua.VariantType]] = {}
         self._shown: dict[str, Any] = {}
@@ -338,6 +352,11 @@ def _detect_lost_clients(listening: socket.socket) -> None:
 
 
 def _client_name(connection: Any) -> str:
+    """Return the username of a connection; without one, and of the token's user, its address."""
+    session = connection.processor and connection.processor.session
+    name = session and session.user and session.user.name
+    if name and name != USER:
+        return str(name)
     return f"{DRIVER} {connection.peer_name[0]}" if connection.peer_name else DRIVER
 
 

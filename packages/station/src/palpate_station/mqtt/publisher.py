@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
+import math
 import socket
 import threading
+import time
+import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from palpate.errors import InputError, StoreError, require_extra
@@ -28,13 +30,16 @@ MAX_QUEUED_RESULTS = 10_000
 #: Keepalive period, seconds. Without an answer, the broker publishes the last will after one and a
 #: half periods, and the client reconnects after two.
 _KEEPALIVE_S = 10
+#: Period at which a connected publisher repeats that it is online, seconds: since then another
+#: client of the topic may have ended, or the broker have published an older connection's last will.
+_ONLINE_PERIOD_S = 10.0
 _CONNECT_TIMEOUT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
 #: Maximum time that `close` waits for the thread, seconds.
 _CLOSE_TIMEOUT_S = 3.0
 
 
 class Publisher:
-    """Publisher of documents, which never blocks the caller.
+    """Publisher of documents, which never blocks the caller; it connects with `start`.
 
     Each result is queued in the store's outbox until the broker acknowledges it. Only one result is
     in flight at a time, which preserves the order across lost connections. A result is sent twice
@@ -59,15 +64,30 @@ class Publisher:
         self._on_error, self._on_return = on_error, on_return
         self._address = f"{broker.host}:{broker.effective_port}"
         self._dropped = 0
-        # Several stations may share a store; the topic identifies the station.
-        self._receiver = f"mqtt {broker.topic}"
+        #: Receiver of the results in the store's outbox. Several stations may share a store; the
+        #: topic identifies the station.
+        self.receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
         self._client = self._create_client(broker)
         self._client.connect_async(broker.host, broker.effective_port, keepalive=_KEEPALIVE_S)
-        self._client.loop_start()
+        self._online_s = -math.inf
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the broker has accepted the connection."""
+        return self._link.is_up
+
+    @property
+    def fault(self) -> str:
+        """What the broker does wrong, in a few words; empty while it is connected."""
+        return "" if self._link.is_up else self._link.fault or "is not connected"
+
+    def start(self) -> None:
+        """Connect to the broker, which from then on shows that this station is online."""
+        self._client.loop_start()
         self._thread.start()
 
     def publish_result(self, document: GraspDocument) -> None:
@@ -76,7 +96,7 @@ class Publisher:
 
         def queue(store: Store) -> None:
             self._dropped += store.add_message(
-                text, receiver=self._receiver, most=MAX_QUEUED_RESULTS
+                text, receiver=self.receiver, most=MAX_QUEUED_RESULTS
             )
 
         self._calls.put(queue)
@@ -102,9 +122,10 @@ class Publisher:
             self._on_error(f"mqtt: {error}; unsent results are kept in memory only")
             store = Store.open("sqlite://")
         try:
-            while (call := self._calls.get()) is not None:
+            while (call := self._next_call()) is not None:
                 try:
                     call(store)
+                    self._publish_online()
                     self._send(store)
                 except StoreError as error:
                     self._on_error(f"mqtt: {error}; a result may be lost")
@@ -115,12 +136,26 @@ class Publisher:
             self._client.disconnect()
             self._client.loop_stop()
 
+    def _next_call(self) -> Callable[[Store], object] | None:
+        """Return the next call, or one without effect after a time; None at the end."""
+        try:
+            return self._calls.get(timeout=_ONLINE_PERIOD_S)
+        except Empty:
+            return lambda store: None
+
+    def _publish_online(self) -> None:
+        """Publish after a connection, and then regularly, that the station is online."""
+        now_s = time.monotonic()
+        if self._link.is_up and now_s - self._online_s >= _ONLINE_PERIOD_S:
+            self._online_s = now_s
+            self._publish("online", _payload({"online": True, "dropped": self._dropped}))
+
     def _on_connected(self, store: Store) -> None:
         self._link.is_up, self._link.is_state_sent = True, False
+        self._online_s = -math.inf
         if self._link.fault:
             self._on_return(f"mqtt: the broker {self._address} answers again")
             self._link.fault = ""
-        self._publish("online", _payload({"online": True, "dropped": self._dropped}))
 
     def _on_disconnected(self, store: Store) -> None:
         self._link.is_up = False
@@ -149,7 +184,7 @@ class Publisher:
             return
         if link.state is not None and not link.is_state_sent and link.state_message is None:
             link.state_message, link.is_state_sent = self._publish("state", link.state), True
-        waiting = None if link.sent is not None else store.oldest_message(self._receiver)
+        waiting = None if link.sent is not None else store.oldest_message(self.receiver)
         if waiting is not None:
             number, text = waiting
             link.sent = self._publish("result", text.encode(), retain=False), number
@@ -161,7 +196,7 @@ class Publisher:
     # -- client callbacks, called on the client's own thread -------------------------------------
 
     def _create_client(self, broker: Broker) -> paho.Client:
-        name = f"palpate-{socket.gethostname()}-{os.getpid()}"
+        name = f"palpate-{socket.gethostname()}-{uuid.uuid4().hex[:8]}"
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name)
         client.connect_timeout = _CONNECT_TIMEOUT_S
         client.reconnect_delay_set(_MIN_RECONNECT_S, _MAX_RECONNECT_S)

@@ -29,6 +29,7 @@ from palpate_station.store.engine import (
 from palpate_station.store.outbox import (
     SHARED,
     copy_record,
+    count_waiting,
     enqueue,
     item_kind,
     read_waiting,
@@ -169,6 +170,18 @@ class Store(StoreReader):
                 remove(connection, [row.number for row in rows])
             sent += len(rows)
         return sent
+
+    def check_shared(self) -> None:
+        """Do nothing if the shared store answers, or if there is none.
+
+        Raises `StoreAwayError` if it does not answer, and `StoreError` if it is unusable.
+        """
+        if self._shared_url is not None:
+            self._open_server()._fetch(lambda connection: connection.scalar(sa.select(1)))
+
+    def waiting(self, receiver: str = SHARED) -> int:
+        """Return the number of records or messages that wait for a receiver."""
+        return super()._fetch(lambda connection: count_waiting(connection, receiver))
 
     def try_send(self) -> str:
         """Send the queued records; return a warning on failure, otherwise an empty string."""

@@ -101,11 +101,16 @@ def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
     return next((measured.middle for measured in found if measured is not None), None)
 
 
+#: Note on an item while the shared store does not answer. Notes are stored and shown to operators,
+#: so they contain neither its address nor its error, which are in the log.
+AWAY_NOTE = "the shared store does not answer: grasps of other stations may be missing"
+
+
 def read_item_histories(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
     """Read the histories of several items, in the same order."""
     histories = store.histories([item.item_id for item in items])
     read = list(zip(items, histories, strict=True))
-    away = "" if store.away is None else f"{store.away}; shown from {store.local_name} only"
+    away = "" if store.away is None else AWAY_NOTE
     return tuple(
         ItemHistory(item=item, grasps=grasps, verdicts=verdicts, away=away)
         for item, (grasps, verdicts) in read

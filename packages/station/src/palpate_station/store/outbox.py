@@ -38,6 +38,12 @@ def read_waiting(connection: sa.Connection, receiver: str, *, limit: int) -> Seq
     return connection.execute(query.order_by(OUTBOX.c.number).limit(limit)).all()
 
 
+def count_waiting(connection: sa.Connection, receiver: str) -> int:
+    """Return the number of a receiver's rows."""
+    query = sa.select(sa.func.count()).select_from(OUTBOX)
+    return int(connection.scalar(query.where(OUTBOX.c.receiver == receiver)) or 0)
+
+
 def remove(connection: sa.Connection, numbers: Sequence[int]) -> None:
     """Remove acknowledged rows."""
     connection.execute(OUTBOX.delete().where(OUTBOX.c.number.in_(numbers)))

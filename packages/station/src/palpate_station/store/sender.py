@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,6 +13,8 @@ from palpate_station.store.database import Store
 
 #: Retry interval after an error if there are no new records, seconds.
 _RETRY_S = 10.0
+#: Interval of checks whether the shared store answers if there are no new records, seconds.
+_CHECK_S = 30.0
 #: Maximum wait in `Sender.close`, seconds.
 _CLOSE_TIMEOUT_S = 3.0
 
@@ -32,11 +35,18 @@ class Sender:
         on_return: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._where, self._on_error, self._on_return = where, on_error, on_return
-        #: The error while the shared store does not answer.
-        self.away: StoreAwayError | None = None
+        #: The error while no records can be sent.
+        self.fault: PalpateError | None = None
+        #: Time of the last answer, at first of the start, on the monotonic clock.
+        self.answered_s = time.monotonic()
         self._wake, self._closing = threading.Event(), False
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
         self._thread.start()
+
+    @property
+    def away(self) -> StoreAwayError | None:
+        """The error while the shared store does not answer."""
+        return self.fault if isinstance(self.fault, StoreAwayError) else None
 
     def wake(self) -> None:
         """Start sending without waiting."""
@@ -64,14 +74,16 @@ class Sender:
                 try:
                     store = store or opened.enter_context(Store.open(self._where))
                     sent = store.send()
+                    if not sent:
+                        store.check_shared()
                     if last:
                         self._on_return(f"{store.name}: answers again, {sent} records sent")
-                    last, self.away = "", None
+                    last, self.fault, self.answered_s = "", None, time.monotonic()
                 except PalpateError as error:
-                    self.away = error if isinstance(error, StoreAwayError) else None
+                    self.fault = error
                     if str(error) != last:
                         self._on_error(f"{error}; the records wait in the local store")
                     last = str(error)
                 if not is_last_round:
-                    self._wake.wait(_RETRY_S if last else None)
+                    self._wake.wait(_RETRY_S if last else _CHECK_S)
                     self._wake.clear()
