@@ -27,7 +27,7 @@ from palpate.holds import Hold, measure_settled_value
 from palpate.plots.style import check_plot
 from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
 from palpate.scoring.table import ScoreTable
-from palpate.settling.calibrated import Calibrated
+from palpate.settling.calibrated import MIN_PROOF_HOLDS, Calibrated
 from palpate.settling.predict import find_method
 from palpate.settling.result import SettlingMethod
 
@@ -305,6 +305,11 @@ def _make_methods(
             raise InputError(
                 f"--learn-from {learn_from[0]}: no hold lasts {horizon_s:g} s, so no settled value "
                 "is known; record longer holds"
+            )
+        if len(own) < MIN_PROOF_HOLDS:
+            print_message(
+                f"palpate: --learn-from: {len(own)} holds last {horizon_s:g} s; with fewer than "
+                f"{MIN_PROOF_HOLDS} a prediction can be worse than without, and is `unproven`"
             )
         made["relaxation"] = Calibrated(holds=tuple(own))
     if not fit_on:

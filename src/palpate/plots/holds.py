@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.plots.settle import Panel, settle_figure
 from palpate.plots.style import save_figure
 from palpate.settling.percent import adapt_method
-from palpate.settling.predict import CUTOFF_S, find_method
+from palpate.settling.predict import CUTOFF_S, name_methods
+from palpate.settling.result import SettlingMethod
 
 #: Maximum number of holds in a figure; more panels would not be legible.
 MOST_HOLDS = 9
@@ -23,7 +25,7 @@ def plot_holds(
     *,
     cutoff_s: float = CUTOFF_S,
     horizon_s: float = 20.0,
-    method: str | Sequence[str] = "relaxation",
+    method: str | SettlingMethod | Sequence[str | SettlingMethod] = "relaxation",
     level: float = 0.9,
 ) -> None:
     """Draw holds with their forecasts, and write the figure.
@@ -36,8 +38,8 @@ def plot_holds(
         Output file; the suffix determines the format: .png, .svg or .pdf.
     cutoff_s, horizon_s, level
         As in `palpate.predict_settled`.
-    method : str or sequence of str, optional
-        Methods of `palpate.predict_settled` by name; each hold shows the forecasts of all.
+    method : str, SettlingMethod, or a sequence of them, optional
+        Methods as in `palpate.predict_settled`; each hold shows the forecasts of all.
 
     Raises
     ------
@@ -57,13 +59,15 @@ def plot_holds(
     """
     if not holds:
         raise InputError("no hold to plot; give at least one")
-    names = [method] if isinstance(method, str) else list(dict.fromkeys(method))
-    if not names:
+    one: Any = method
+    is_several = isinstance(method, Sequence) and not isinstance(method, str)
+    methods = name_methods(one if is_several else [one])
+    if not methods:
         raise InputError("no method to plot; give at least one, such as 'relaxation'")
     drawn = holds[:MOST_HOLDS]
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
-        methods={name: adapt_method(find_method(name), unit=drawn[0].unit) for name in names},
+        methods={name: adapt_method(one, unit=drawn[0].unit) for name, one in methods.items()},
         horizon_s=horizon_s,
         level=level,
     )

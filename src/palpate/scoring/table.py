@@ -12,7 +12,8 @@ import numpy as np
 from palpate.dataframe import to_dataframe
 from palpate.holds import Hold
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
-from palpate.settling.predict import find_method
+from palpate.settling.predict import name_methods
+from palpate.settling.result import SettlingMethod
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,7 +120,7 @@ class ScoreTable:
 def score(
     holds: Iterable[Hold],
     *,
-    methods: Sequence[str] = ("relaxation", "exponential", "recorded"),
+    methods: Sequence[str | SettlingMethod] = ("relaxation", "exponential", "recorded"),
     cutoffs_s: Sequence[float] = (1.0, 2.5, 5.0),
     horizon_s: float = 20.0,
     level: float = 0.9,
@@ -130,8 +131,8 @@ def score(
     ----------
     holds : iterable of Hold
         Holds to predict. Only holds that last until the horizon are scored.
-    methods : sequence of str
-        Names of methods, as in `predict_settled`.
+    methods : sequence of str or SettlingMethod
+        Names of methods, or your own, as in `predict_settled`.
     cutoffs_s : sequence of float
         Times of the last samples that the predictions may use, seconds.
     horizon_s : float
@@ -147,7 +148,7 @@ def score(
     Raises
     ------
     InputError
-        If a method is unknown.
+        If a method is unknown, or two have one name.
 
     Examples
     --------
@@ -159,7 +160,7 @@ def score(
     """
     found = predict_holds(
         holds,
-        methods={name: find_method(name) for name in methods},
+        methods=name_methods(methods),
         cutoffs_s=cutoffs_s,
         horizon_s=horizon_s,
         level=level,

@@ -25,7 +25,8 @@ from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
-#: Minimum number of calibration holds that raise a status to `ok`.
+#: Minimum number of calibration holds that raise a status to `ok`. Fewer of the same sensor prove
+#: nothing: with three, intervals of a Velostat sensor covered .6 to .9.
 MIN_PROOF_HOLDS = 6
 #: Number of the sensor's latest holds to use: a sensor wears, and more holds give no better result.
 _MAX_HOLDS = 60
@@ -119,6 +120,8 @@ class Calibrated:
         if count >= MIN_PROOF_HOLDS:
             is_proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
             status[is_proven] = Status.OK
+        elif self.learn:
+            status[status == Status.OK] = Status.UNPROVEN
         low, value, high = (
             last + unit * end for end in (change - sides[0], change, change + sides[1])
         )
@@ -142,7 +145,9 @@ class Calibrated:
                 features, truth, half_width = map(np.array, zip(*examples, strict=True))
                 errors = (truth - features[:, 1]) / np.where(np.isnan(half_width), 1.0, half_width)
                 if self.learn:
-                    line, errors = _learn_line(features, truth, float(half_width.mean()) / 2)
+                    own = np.abs(truth - features[:, 1])
+                    prior = np.where(np.isnan(half_width), own, half_width / 2)
+                    line, errors = _learn_line(features, truth, float(prior.mean()))
             self._cache[key] = line, np.sort(np.abs(errors))
         return self._cache[key]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from types import MappingProxyType
 
@@ -41,6 +41,24 @@ def find_method(name: str) -> SettlingMethod:
     if name not in METHODS:
         raise InputError(f"no method {name!r}; available: {', '.join(METHODS)}")
     return METHODS[name]()
+
+
+def name_methods(methods: Iterable[str | SettlingMethod]) -> dict[str, SettlingMethod]:
+    """Return methods, given by name or as objects, by their names.
+
+    Raises `InputError` for an unknown name, or two methods of one name.
+
+    >>> [*name_methods(["recorded", LogLaw(name="mine")])]
+    ['recorded', 'mine']
+    """
+    found: dict[str, SettlingMethod] = {}
+    for one in methods:
+        method = find_method(one) if isinstance(one, str) else one
+        if found.setdefault(method.name, method) != method:
+            raise InputError(
+                f"two methods are named {method.name!r}; give one of them another name"
+            )
+    return found
 
 
 def predict_settled(

@@ -9,12 +9,13 @@ import pytest
 from tests.commands import Command
 
 from palpate import read_holds, score
+from palpate.errors import InputError
 from palpate.holds import Hold, measure_settled_value
 from palpate.measurement import Status
 from palpate.scoring import predictions as evaluate
 from palpate.scoring.deciding import EARLIEST_S, find_decision
 from palpate.scoring.predictions import Prediction, decide_holds, predict_holds, summarise
-from palpate.settling.baselines import Recorded
+from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate_studies.bootstrap import bootstrap_interval
@@ -184,6 +185,16 @@ def test_score_agrees_with_the_settle_command(path: Path, palpate: Command) -> N
     assert table.to_dict()["summary"] == printed["summary"]
     lines = [line.rstrip() for line in palpate("settle", path, *options).out.splitlines()]
     assert [line for line in str(table).splitlines() if line.rstrip() not in lines] == []
+
+
+def test_score_compares_own_methods_with_those_by_name(path: Path) -> None:
+    mine = LogLaw(name="mine", from_s=1.0)
+    holds = read_holds(path)
+    rows = {row["method"]: row for row in score(holds, methods=["recorded", mine]).summary()}
+    assert rows["mine"]["median_abs_error_percent"] < 0.3
+    assert rows["recorded"]["median_abs_error_percent"] > 5.0
+    with pytest.raises(InputError, match="two methods are named 'mine'"):
+        score(holds, methods=[mine, LogLaw(name="mine", from_s=2.0)])
 
 
 def test_score_to_dataframe_has_a_row_per_method_and_cutoff(path: Path) -> None:

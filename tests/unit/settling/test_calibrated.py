@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.holds import Hold
+from palpate.holds import Hold, measure_settled_value
 from palpate.measurement import Status
+from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.calibrated import MIN_PROOF_HOLDS, Calibrated
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
+from palpate.settling.result import FloatArray, SettlingMethod
 
 TIME_S = np.arange(1, 303) / 15.0
 
@@ -121,6 +122,20 @@ def test_calibrated_status_is_ok_with_enough_own_holds() -> None:
     assert predict_settled(hold, cutoff_s=5.0, method=few).status is Status.UNPROVEN
     enough = Calibrated(holds=tuple(past))
     assert predict_settled(hold, cutoff_s=5.0, method=enough).status is Status.OK
+    # A status that needs no own holds is not proven by a few.
+    *past, creeping = make_holds(creeping_holds(MIN_PROOF_HOLDS + 1), LONG_S)
+    assert predict_settled(creeping, cutoff_s=5.0).status is Status.OK
+    few = Calibrated(holds=tuple(past[:-1]))
+    assert predict_settled(creeping, cutoff_s=5.0, method=few).status is Status.UNPROVEN
+
+
+@pytest.mark.parametrize("method", [LogLaw(), Recorded()])
+def test_calibrated_gives_a_method_without_an_interval_one(method: SettlingMethod) -> None:
+    *past, hold = make_holds(creeping_holds(13, seed=14), LONG_S)
+    found = predict_settled(hold, cutoff_s=5.0, method=Calibrated(holds=past, method=method))
+    truth = measure_settled_value(hold.time_s, hold.values, horizon_s=20.0)
+    assert found.low < truth < found.high
+    assert found.value == pytest.approx(truth, rel=0.01)
 
 
 def test_calibrated_ignores_holds_without_samples_before_the_cutoff() -> None:

@@ -107,6 +107,20 @@ def predict_by_power_law(
     return _in_newtons(value, half)
 
 
+def predict_by_own_power_law(
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
+) -> Predicted:
+    """Predict with a power law through the given steps alone, exponent and gain of this ladder."""
+    log_g, log_n = np.log(one.excess_s), np.log(one.load_n)
+    slope, offset = np.polyfit(log_g[given], log_n[given], 1)
+    left = log_n[given] - slope * log_g[given] - offset
+    freedom = left.size - 2
+    x = log_g[given] - log_g[given].mean()
+    spread = 1 + 1 / left.size + (log_g - log_g[given].mean()) ** 2 / float(x @ x)
+    half = student_t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(spread * (left @ left) / freedom)
+    return _in_newtons(slope * log_g + offset, half)
+
+
 def predict_without_weights(
     one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
 ) -> Predicted:
@@ -164,6 +178,7 @@ def _fit_shared_slope(
 MODELS: Mapping[str, Model] = {
     "line": predict_by_line,
     "power": predict_by_power_law,
+    "own_power": predict_by_own_power_law,
     "pooled": predict_without_weights,
     "ours": predict_by_force_law,
 }
