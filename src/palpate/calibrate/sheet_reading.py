@@ -31,6 +31,8 @@ _TOPS = {2**bits - 1: bits for bits in range(8, 17)}
 _NO_LOAD_N, _NO_LOAD_FRACTION = 0.1, 0.02
 #: A pixel that is open without load is loaded from this multiple of that quantile of its noise.
 _IDLE_RATIO, _IDLE_QUANTILE = 2.0, 0.95
+#: A reading without load above this fraction of the median reading under a load is a touch.
+_TOUCHED_FRACTION = 0.1
 #: A pixel is open without load if more than this fraction of these readings is.
 _OPEN_FRACTION = 0.1
 #: Fewest readings without load of a recording.
@@ -168,8 +170,20 @@ def learn_reading(
         spread = 100.0 * np.nanstd(np.where(np.isfinite(ohm), ohm, np.nan), axis=0) / rest
     idle = 0.0
     if form == "resistance" and values is not None and rest.max() >= OPEN_OHM:
-        excess = replace(reading, rest=tuple(rest.tolist())).excess(values)
-        idle = _IDLE_RATIO * float(np.nanquantile(excess, _IDLE_QUANTILE))
+        opened = replace(reading, rest=tuple(rest.tolist()))
+        touched = _is_touched(opened, values, sensor=sensor)
+        if touched.all():
+            raise InputError(
+                f"{sensor.name}: the readings without load are those of a load; give a stretch "
+                "without one with --rest"
+            )
+        if touched.any():
+            taken.append(
+                f"{np.count_nonzero(touched)} of {touched.size} readings without load are those "
+                "of a load; left out"
+            )
+        values = values[~touched]
+        idle = _IDLE_RATIO * float(np.nanquantile(opened.excess(values), _IDLE_QUANTILE))
     return replace(
         reading,
         idle_excess=idle,
@@ -177,6 +191,24 @@ def learn_reading(
         rest_spread_percent=tuple(np.minimum(spread, 100.0).tolist()),
         rest_readings=0 if values is None else len(values),
     ), taken
+
+
+def _is_touched(
+    reading: SheetReading, rest: FloatArray, *, sensor: LoadedSensor
+) -> NDArray[np.bool_]:
+    """Return which readings without load are those of a load, shape (n,): somebody touched it.
+
+    `rest`: readings without load of pixels that are then open, shape (n, columns).
+    """
+    loaded = [
+        reading.total(part.values)[np.isfinite(part.load_n) & ~is_unloaded(part.load_n)]
+        for part in sensor.parts
+    ]
+    usual = np.concatenate(loaded)
+    usual = usual[usual > 0]
+    if not usual.size:
+        return np.zeros(len(rest), dtype=bool)
+    return np.asarray(reading.total(rest) > _TOUCHED_FRACTION * np.median(usual))
 
 
 def _is_before_contact(part: LoadedPart) -> NDArray[np.bool_]:

@@ -231,6 +231,26 @@ def test_noise_of_a_sensor_that_is_open_at_rest_is_no_force() -> None:
     assert (trace.low_n[load_n > 1.5] > 0.0).all()
 
 
+def test_touch_before_the_first_contact_is_no_noise_of_a_sensor_that_is_open_at_rest() -> None:
+    table = press([4.0, 9.0, 6.0])
+    # Open at rest; the conductance under a load is left.
+    conductance = 1.0 / table["R_ohm"] - 1.0 / 20e3
+    counts = np.round(1023 / (1.0 + 4700.0 * conductance))
+    alone = fit_force({"time_s": table["time_s"], "A0": counts, "load_n": table["load_n"]})
+    touched = counts.copy()
+    touched[:5] = counts[table["load_n"] > 0].min() + 60
+    fitted = fit_force({"time_s": table["time_s"], "A0": touched, "load_n": table["load_n"]})
+    held = table["load_n"] > 3.0
+    (known,), (found,) = (
+        one.force({"time_s": table["time_s"], "A0": counts}, adc_bits=10) for one in (alone, fitted)
+    )
+    np.testing.assert_allclose(found.force_n[held], known.force_n[held], rtol=0.15)
+    assert (found.force_n[held] > 2.0).all()
+    touched[table["time_s"] < 2.1] = touched[0]
+    with pytest.raises(InputError, match="--rest"):
+        fit_force({"time_s": table["time_s"], "A0": touched, "load_n": table["load_n"]})
+
+
 def test_voltage_of_a_divider_with_its_supply_is_read_as_its_counts() -> None:
     volts = 3.3 * (1.0 - RATIO)
     fitted = fit_force({"load_n": LOADS_N, "out_V": volts}, supply_v=3.3)
