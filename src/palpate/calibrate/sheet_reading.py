@@ -172,11 +172,6 @@ def learn_reading(
     if form == "resistance" and values is not None and rest.max() >= OPEN_OHM:
         opened = replace(reading, rest=tuple(rest.tolist()))
         touched = _is_touched(opened, values, sensor=sensor)
-        if touched.all():
-            raise InputError(
-                f"{sensor.name}: the readings without load are those of a load; give a stretch "
-                "without one with --rest"
-            )
         if touched.any():
             taken.append(
                 f"{np.count_nonzero(touched)} of {touched.size} readings without load are those "

@@ -246,11 +246,6 @@ def test_touch_before_the_first_contact_is_no_noise_of_a_sensor_that_is_open_at_
     )
     np.testing.assert_allclose(found.force_n[held], known.force_n[held], rtol=0.15)
     assert (found.force_n[held] > 2.0).all()
-    touched[table["time_s"] < 2.1] = touched[0]
-    with pytest.raises(InputError, match="--rest"):
-        fit_force(
-            {"time_s": table["time_s"], "A0": touched, "load_n": table["load_n"]}, adc_bits=10
-        )
 
 
 def test_voltage_of_a_divider_with_its_supply_is_read_as_its_counts() -> None:
