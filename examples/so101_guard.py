@@ -27,8 +27,8 @@ LIMIT_N, SWAY_DEGREES = 3.0, 10.0
 def main(folder: Path) -> None:
     """Turn the shoulder and close the jaw until it is held, go on for 2 s, and open it."""
     rig_file = folder / "simulated.toml"
-    if not rig_file.exists():
-        sys.exit(f"{rig_file}: no such file; start `palpate demo so101`, and name its folder")
+    if not (folder / "arm").exists():
+        sys.exit(f"{folder}: no demo runs there; start `palpate demo so101`, and name its folder")
     robot = PalpateSO101(
         PalpateSO101Config(
             id="lerobot",  # the demo's calibration file, lerobot.json

@@ -2,9 +2,10 @@
 
 Run `python packages/lerobot-robot/check_so101.py` in an environment with `lerobot[feetech]`,
 `palpate[gripper]` and `lerobot_robot_palpate`. It starts `palpate demo so101`. LeRobot moves the
-arm while palpate grasps (`examples/so101.py`). Then the function of `lerobot-record` records two
-episodes of the robot `palpate_so101`, whose jaw is commanded to close while its shoulder turns, with
-a guard at 3 N. The exit status is 1 if a check fails.
+arm while palpate grasps, and goes on while the jaw is held (`examples/so101*.py`). Then the
+function of `lerobot-record` records two episodes of the robot `palpate_so101`, whose jaw is
+commanded to close while its shoulder turns, with a guard at 3 N. The exit status is 1 if a check
+fails.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from lerobot.scripts.lerobot_record import DatasetRecordConfig, RecordConfig, re
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "so101.py"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 14.0
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 #: Opening at the start of an episode, just wider than the fruit, and its change, about 2 mm/s.
@@ -70,6 +71,15 @@ class Leading(Teleoperator):
         action["shoulder_pan.pos"] = 10.0 * math.sin(now_s)
         action["gripper.pos"] = OPEN_PERCENT - PERCENT_PER_S * closing_s
         return action
+
+
+def run_example(name: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run an example, and show what it prints."""
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, folder], capture_output=True, text=True, check=False
+    )
+    print(done.stdout, done.stderr, sep="", end="")
+    return done
 
 
 def record_episodes(folder: Path, root: Path) -> None:
@@ -128,17 +138,20 @@ def main() -> None:
                     print(line, end="")
                     if line.startswith("SIMULATED"):
                         break
-                done = subprocess.run(
-                    [sys.executable, EXAMPLE, folder], capture_output=True, text=True, check=False
-                )
+                done = run_example("so101.py", folder)
+                raised = re.search(r"raised by (\d+) of 120 steps", done.stdout)
+                check(raised is not None and int(raised[1]) >= 60, "the arm moved")
+                check(not done.returncode and "held" in done.stdout, "held while the arm moved")
+                done = run_example("so101_guard.py", folder)
+                check(not done.returncode and ", held" in done.stdout, "the guard held the jaw")
                 record_episodes(folder, root)
             finally:
                 demo.send_signal(signal.SIGTERM)
-        print(done.stdout, done.stderr, sep="", end="")
-        raised = re.search(r"raised by (\d+) of 120 steps", done.stdout)
-        check(raised is not None and int(raised[1]) >= 60, "the arm moved")
-        check(not done.returncode and "held" in done.stdout, "held while the arm moved")
         check_episodes(root)
+        for name in ("so101.py", "so101_guard.py"):
+            done = run_example(name, Path(parent) / "none")
+            one_line = len(done.stderr.splitlines()) == 1 and "demo so101" in done.stderr
+            check(done.returncode != 0 and one_line, f"{name} names a wrong folder in one line")
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from tests.pages import ROOT, blocks, run_line
 from tests.so101 import run_so101
 
 import palpate
+from palpate.demo.so101 import simulate_so101
 from palpate.gripper import sts_series as sts
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import ServoLine
@@ -92,3 +94,25 @@ def test_second_demo_in_a_folder_is_refused_and_leaves_the_first(tmp_path: Path)
         lift = ServoLine(str(folder / "arm"), servo_id=2, baud=1_000_000, packets=PROTOCOL_1)
         assert lift.ping() == 0
         lift.close()
+
+
+def test_running_demo_shows_the_true_force(tmp_path: Path) -> None:
+    shown: list[str] = []
+
+    def show(line: str) -> None:
+        shown.append(line)
+        raise KeyboardInterrupt
+
+    def squeeze() -> None:
+        jaw = ServoLine(str(tmp_path / "hand"), servo_id=6, baud=1_000_000, packets=PROTOCOL_1)
+        jaw.write(sts.TORQUE_ENABLE, 1)
+        jaw.write(sts.GOAL_POSITION, jaw.read(sts.PRESENT_POSITION) - 440)
+        jaw.close()
+
+    with simulate_so101(tmp_path) as robot:
+        threading.Thread(target=squeeze).start()
+        with pytest.raises(KeyboardInterrupt):
+            robot.run(show=show)
+        force_n, width_mm = robot.truth()
+    assert force_n > 0.0
+    assert shown == [f"SIMULATED truth: {force_n:.2f} N, {width_mm:.1f} mm between the pads"]

@@ -113,9 +113,7 @@ class SimulatedSo101:
         self._clock, self._scanned = clock, 0
         self.arm = {number: ArmServo() for number in _ARM}
         jaw = HingedJaw(jaw_mm=_JAW_MM)
-        self._servos = StsBus(
-            self.world, jaw=jaw, closed_tick=_CLOSED_TICK, arm=self.arm
-        )
+        self._servos = StsBus(self.world, jaw=jaw, closed_tick=_CLOSED_TICK, arm=self.arm)
         # The servo holds where it is when its torque is switched on, and has the limits that
         # LeRobot's calibration stores.
         open_tick = _CLOSED_TICK + math.ceil(jaw.angle_rad(_HIGHEST_MM) / sts.RAD_PER_TICK)

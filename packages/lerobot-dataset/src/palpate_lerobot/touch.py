@@ -99,8 +99,9 @@ class Touch:
         assert force is not None
         if force.known_ends == (None, None):
             raise DeviceTimeoutError("no pixel has a reading; check the sensor's cable")
-        values = (force.middle, force.low, force.high, np.nanmean(reading.change_percent))
-        return {name: float(value) for name, value in zip(TOUCH_NAMES, values, strict=True)}
+        change_percent = float(np.nanmean(reading.change_percent))
+        values = (force.middle, force.low, force.high, change_percent)
+        return dict(zip(TOUCH_NAMES, values, strict=True))
 
     def limit(self, position: float) -> float:
         """Return the position to command instead of a wanted one; call it with `lock` held."""

@@ -40,11 +40,12 @@ class _Servo:
         self._bus = bus
 
     def read(self) -> float:
-        position: float = self._bus.read("Present_Position", _GRIPPER)
         # LeRobot rounds goals down to steps of the servo: half a step more, so that holding does
         # not close.
         known = self._bus.calibration[_GRIPPER]
-        return position + 50.0 / (known.range_max - known.range_min)
+        half_step: float = 50.0 / (known.range_max - known.range_min)
+        position: float = self._bus.read("Present_Position", _GRIPPER)
+        return position + half_step
 
     def write(self, position: float) -> None:
         self._bus.write("Goal_Position", _GRIPPER, position)
@@ -74,13 +75,8 @@ class PalpateSO101(Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        """Joints, touch and cameras."""
-        return {**self.action_features, **dict.fromkeys(TOUCH_NAMES, float), **self._images}
-
-    @property
-    def _images(self) -> dict[str, Any]:
-        every = self.arm.observation_features
-        return {name: every[name] for name in self.cameras}
+        """Those of the follower, and the touch."""
+        return {**self.arm.observation_features, **dict.fromkeys(TOUCH_NAMES, float)}
 
     @property
     def action_features(self) -> dict[str, Any]:
