@@ -18,12 +18,14 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from check_record_loop import H264, check
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.motors.feetech import FeetechMotorsBus
 from lerobot.robots import RobotConfig
 from lerobot.scripts.lerobot_record import DatasetRecordConfig, RecordConfig, record
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
@@ -34,6 +36,11 @@ LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 14.0
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 #: Opening at the start of an episode, just wider than the fruit, and its change, about 2 mm/s.
 OPEN_PERCENT, PERCENT_PER_S = 60.0, 2.5
+#: LeRobot waits 50 ms for a reply, once; simulated servos on a busy computer can be later.
+ATTEMPTS = 6
+for method in ("sync_read", "read", "write"):
+    patient = partialmethod(getattr(FeetechMotorsBus, method), num_retry=ATTEMPTS)
+    setattr(FeetechMotorsBus, method, patient)
 #: The first seconds of an episode open the jaw.
 OPENING_S = 1.0
 
@@ -74,11 +81,14 @@ class Leading(Teleoperator):
 
 
 def run_example(name: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run an example, and show what it prints."""
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / name, folder], capture_output=True, text=True, check=False
-    )
-    print(done.stdout, done.stderr, sep="", end="")
+    """Run an example, again if a simulated servo was late, and show what it prints."""
+    for _ in range(ATTEMPTS):
+        done = subprocess.run(
+            [sys.executable, EXAMPLES / name, folder], capture_output=True, text=True, check=False
+        )
+        print(done.stdout, done.stderr, sep="", end="")
+        if "no status packet" not in done.stderr:
+            break
     return done
 
 
