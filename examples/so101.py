@@ -43,9 +43,13 @@ def open_arm(port: str) -> FeetechMotorsBus:
 
 def main(folder: Path) -> None:
     """Grasp, raise the object while the force is watched, lower it, and release it."""
-    rig_file = next(
-        folder / name for name in ("simulated.toml", "rig.toml") if (folder / name).exists()
-    )
+    files = [folder / name for name in ("simulated.toml", "rig.toml")]
+    rig_file = next((file for file in files if file.exists()), None)
+    if rig_file is None or not (folder / "arm").exists():
+        sys.exit(
+            f"{folder}: has no rig file and port `arm` together; start `palpate demo so101` or "
+            "`python -m palpate.gripper.bus_share`, and name its folder"
+        )
     arm = open_arm(str(folder / "arm"))
     start = arm.sync_read("Present_Position", normalize=False)
     try:

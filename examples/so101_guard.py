@@ -1,70 +1,67 @@
-"""Guard the gripper of an SO-101 that LeRobot drives: servo 6 stops before the force passes 3 N.
+"""Teleoperate an SO-101 whose jaw is held before the force passes 3 N, while the arm goes on.
 
     palpate demo so101                       # simulated; in another terminal
     python examples/so101_guard.py demo-so101
 
-The folder has the rig file `simulated.toml` or `rig.toml`, of which the sensor is used, and the
-port `arm`; on a real arm that is LeRobot's own port. Needs `lerobot[feetech]`.
+The robot is `palpate_so101` of `packages/lerobot-robot`: LeRobot's own follower with the touch in
+its observations. Here a program takes the place of the leader arm: it turns the shoulder and closes
+the gripper. On a real arm use `lerobot-teleoperate` (docs/so101.md). Needs `lerobot[feetech]` and
+that package.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-import threading
 import time
 from pathlib import Path
 
-from lerobot.motors import Motor, MotorNormMode
-from lerobot.motors.feetech import FeetechMotorsBus
+from lerobot_robot_palpate import PalpateSO101, PalpateSO101Config
 
-import palpate
-
-#: A step of the servo (4096 a turn), about 0.1 mm, and the time between steps: the force still
-#: rises while the stop is under way, by the more the faster the jaw is. Closing lowers the ticks.
-STEP_TICKS, STEP_S = 1, 0.05
-LIMIT_N, MOST_STEPS = 3.0, 800
-# The guard stops from its own thread, and a bus has one user at a time.
-BUS_LOCK = threading.Lock()
-
-
-class Jaw:
-    """Servo 6 on LeRobot's bus, as the guard needs it."""
-
-    def __init__(self, bus: FeetechMotorsBus) -> None:
-        self.bus = bus
-
-    def stop(self) -> None:
-        with BUS_LOCK:
-            here = self.bus.read("Present_Position", "gripper", normalize=False)
-            self.bus.write("Goal_Position", "gripper", here, normalize=False)
+#: Percent of the jaw's opening per frame, about 2 mm/s: the force still rises while the stop is
+#: under way, by the more the faster the jaw is.
+STEP_PERCENT, FRAME_S, FRAMES = 0.15, 0.05, 600
+LIMIT_N, SWAY_DEGREES = 3.0, 10.0
 
 
 def main(folder: Path) -> None:
-    """Close servo 6 step by step until the guard stops it, then open it."""
-    rig_file = next(
-        folder / name for name in ("simulated.toml", "rig.toml") if (folder / name).exists()
+    """Turn the shoulder and close the jaw until it is held, go on for 2 s, and open it."""
+    rig_file = folder / "simulated.toml"
+    if not (folder / "arm").exists():
+        sys.exit(f"{folder}: no demo runs there; start `palpate demo so101`, and name its folder")
+    robot = PalpateSO101(
+        PalpateSO101Config(
+            id="lerobot",  # the demo's calibration file, lerobot.json
+            calibration_dir=folder,
+            port=str(folder / "arm"),
+            rig=str(rig_file),
+            guard_n=LIMIT_N,
+        )
     )
-    motor = Motor(6, "sts3215", MotorNormMode.RANGE_0_100)
-    bus = FeetechMotorsBus(port=str(folder / "arm"), motors={"gripper": motor})
-    bus.connect()
+    robot.connect(calibrate=False)
     try:
-        with palpate.open_rig(str(rig_file)) as rig:
-            start = goal = bus.read("Present_Position", "gripper", normalize=False)
-            bus.enable_torque()
-            with palpate.ForceGuard(rig, limit_n=LIMIT_N, gripper=Jaw(bus)) as guard:
-                print(guard)
-                for _ in range(MOST_STEPS):
-                    goal -= STEP_TICKS
-                    with BUS_LOCK:
-                        if guard.is_tripped:
-                            break
-                        bus.write("Goal_Position", "gripper", goal, normalize=False)
-                    time.sleep(STEP_S)
-                print(guard.reason or "nothing between the jaws")
-            bus.write("Goal_Position", "gripper", start, normalize=False)
-            time.sleep(1.0)
+        start = {name: robot.get_observation()[name] for name in robot.action_features}
+        goal, held = dict(start), 0
+        for frame in range(FRAMES):
+            goal["shoulder_pan.pos"] = SWAY_DEGREES * math.sin(frame * FRAME_S)
+            goal["gripper.pos"] -= STEP_PERCENT
+            sent = robot.send_action(goal)
+            seen = robot.get_observation()
+            held += sent["gripper.pos"] > goal["gripper.pos"]
+            if frame % 20 == 0 or held == 1:
+                print(
+                    f"gripper {seen['gripper.pos']:.1f} %, shoulder "
+                    f"{seen['shoulder_pan.pos']:+.1f} degrees, {seen['force_n']:.2f} N"
+                    f"{', held' if held else ''}"
+                )
+            if held * FRAME_S > 2.0:
+                break
+            time.sleep(FRAME_S)
+        robot.send_action(start)
+        time.sleep(1.0)
+        print(f"opened, {robot.get_observation()['force_n']:.2f} N")
     finally:
-        bus.disconnect(disable_torque=False)
+        robot.disconnect()
 
 
 if __name__ == "__main__":

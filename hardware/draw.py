@@ -1,4 +1,4 @@
-"""Draws `wiring.svg` and `layouts.svg`: run `python hardware/draw.py` after a change."""
+"""Draws `wiring.svg`, `one_pad.svg` and `layouts.svg`: run `python hardware/draw.py`."""
 
 from __future__ import annotations
 
@@ -124,6 +124,35 @@ def wiring() -> Drawing:
     selects(d, col_mux, SELECTS["col"], lane=300)
     divider(d, row_mux, col_mux)
     legend(d)
+    return d
+
+
+def one_pad() -> Drawing:
+    """Draw one pad and one resistor on an Uno or an ESP32."""
+    d = Drawing(760, 330, title="Wiring of one pad and one resistor to an Uno or an ESP32")
+    d.text(40, 40, "One pad, one resistor", size=22, weight=700)
+    d.box(40, 70, 170, 220, fill="#e3f4f1", round_=12)
+    d.text(54, 95, "Uno (ESP32)", weight=700)
+    supply, signal, ground = (
+        pin(d, 130, "5V (3V3)"),
+        pin(d, 190, "A0 (GPIO 34)"),
+        pin(d, 260, "GND"),
+    )
+    d.wire(supply, (700, 130), (700, 158), (640, 158), color=POWER)
+    d.wire(signal, (520, 190), color=SIGNAL, width=2.6)
+    d.wire(ground, (330, 260), (330, 246), color=GROUND)
+    d.wire((330, 202), (330, 190), color=SIGNAL)
+    d.box(321, 202, 18, 44, fill=PAPER)
+    d.dot(330, 190, color=SIGNAL)
+    d.text(350, 229, "resistor 4.7 kΩ", size=13)
+    # Velostat extends beyond the copper, so that the two sheets of copper can't touch.
+    for top, left, width, color in (
+        (151, 520, 120, COPPER),
+        (167, 512, 136, VELOSTAT),
+        (183, 520, 120, COPPER),
+    ):
+        d.box(left, top, width, 14, fill=color, round_=3)
+    d.text(580, 226, "copper, Velostat, copper", size=13, color=DIM, anchor="middle")
     return d
 
 
@@ -289,4 +318,5 @@ def layers(d: Drawing, x: float, y: float) -> None:
 
 if __name__ == "__main__":
     wiring().save(HERE / "wiring.svg")
+    one_pad().save(HERE / "one_pad.svg")
     layouts().save(HERE / "layouts.svg")

@@ -6,8 +6,9 @@ cable: a grasp then ends as a gripper fault, and is tried again.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from tests.pages import ROOT, blocks, run_line
 from tests.so101 import run_so101
 
 import palpate
+from palpate.demo.so101 import simulate_so101
 from palpate.gripper import sts_series as sts
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import ServoLine
@@ -71,40 +73,46 @@ def test_arm_moves_while_palpate_holds_on_the_same_line(tmp_path: Path) -> None:
     assert moved > 0.8 * RAISE_TICKS
     assert all(1.0 < force_n < 3.5 for force_n in forces_n)
     # The ports of a demo that has ended are gone.
-    assert {path.name for path in folder.iterdir()} == {"simulated.toml", "calibration.json"}
+    assert {path.name for path in folder.iterdir()} == {
+        *("simulated.toml", "calibration.json", "lerobot.json")
+    }
 
 
-class Jaw:
-    """Servo 6 on the arm's port, as another program drives it."""
-
-    def __init__(self, folder: Path) -> None:
-        self.line = ServoLine(str(folder / "arm"), servo_id=6, baud=1_000_000, packets=PROTOCOL_1)
-        self.lock, self.stops = threading.Lock(), 0
-
-    def stop(self) -> None:
-        with self.lock:
-            self.line.write(sts.GOAL_POSITION, self.line.read(sts.PRESENT_POSITION))
-        self.stops += 1
-
-
-def test_guard_stops_a_jaw_that_another_program_drives(tmp_path: Path) -> None:
+def test_second_demo_in_a_folder_is_refused_and_leaves_the_first(tmp_path: Path) -> None:
     with run_so101(tmp_path) as folder:
-        jaw = Jaw(folder)
-        jaw.line.write(sts.TORQUE_ENABLE, 1)
-        goal = jaw.line.read(sts.PRESENT_POSITION) - 250
-        with palpate.open_rig(str(folder / "simulated.toml")) as rig:
-            with palpate.ForceGuard(rig, limit_n=2.5, gripper=jaw) as guard:
-                for _ in range(800):
-                    goal -= 1  # 2 mm/s
-                    with jaw.lock:
-                        if guard.is_tripped:
-                            break
-                        jaw.line.write(sts.GOAL_POSITION, goal)
-                    time.sleep(0.05)
-                reason = guard.reason
-            forces = [rig.read().force_n for _ in range(10)]
-        jaw.line.close()
-    assert "above the limit of 2.5 N" in reason
-    assert jaw.stops >= 1
-    values = [one.value for one in forces if one is not None and one.value is not None]
-    assert 0.8 < max(values) < 3.3
+        second = subprocess.run(
+            [sys.executable, "-m", "palpate", "demo", "so101"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert second.returncode == 2
+        assert len(second.stderr.splitlines()) == 1
+        assert "demo-so101" in second.stderr
+        assert all((folder / name).exists() for name in ("hand", "arm", "sensor"))
+        lift = ServoLine(str(folder / "arm"), servo_id=2, baud=1_000_000, packets=PROTOCOL_1)
+        assert lift.ping() == 0
+        lift.close()
+
+
+def test_running_demo_shows_the_true_force(tmp_path: Path) -> None:
+    shown: list[str] = []
+
+    def show(line: str) -> None:
+        shown.append(line)
+        raise KeyboardInterrupt
+
+    def squeeze() -> None:
+        jaw = ServoLine(str(tmp_path / "hand"), servo_id=6, baud=1_000_000, packets=PROTOCOL_1)
+        jaw.write(sts.TORQUE_ENABLE, 1)
+        jaw.write(sts.GOAL_POSITION, jaw.read(sts.PRESENT_POSITION) - 440)
+        jaw.close()
+
+    with simulate_so101(tmp_path) as robot:
+        threading.Thread(target=squeeze).start()
+        with pytest.raises(KeyboardInterrupt):
+            robot.run(show=show)
+        force_n, width_mm = robot.truth()
+    assert force_n > 0.0
+    assert shown == [f"SIMULATED truth: {force_n:.2f} N, {width_mm:.1f} mm between the pads"]

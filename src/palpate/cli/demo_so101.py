@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -30,6 +31,6 @@ def run_so101(folder: Path, commands: Sequence[str]) -> None:
                 print("  " + command)
             # A reader of the output may wait for the ports.
             sys.stdout.flush()
-            robot.run()
+            robot.run(show=partial(print, flush=True))
     else:
         raise InputError("demo so101: needs pseudo-terminals; use Linux or macOS")

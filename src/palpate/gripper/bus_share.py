@@ -8,6 +8,7 @@ Run ``python -m palpate.gripper.bus_share /dev/ttyACM0 hand arm`` to share a por
 
 from __future__ import annotations
 
+import argparse
 import os
 import select
 import sys
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import serial
 
-from palpate.errors import DeviceError, DeviceNotFoundError, InputError
+from palpate.errors import DeviceNotFoundError, InputError, PalpateError
 from palpate.gripper.servo_line import PORT_ERRORS
 from palpate.sensor.byte_stream import explain_refusal
 from palpate.sensor.exclusive_port import claim_port, release_port
@@ -72,6 +73,23 @@ def split_packets(waiting: bytes) -> tuple[list[bytes], bytes]:
     return packets, waiting
 
 
+def check_names(names: Sequence[Path]) -> None:
+    """Raise `InputError` if a port can't have its name.
+
+    A link to a port that no longer exists is of a program that was killed, and is replaced.
+    """
+    for name in names:
+        if name.is_symlink() and name.exists():
+            raise InputError(
+                f"{name}: is in use as {name.readlink()}; end the program that made it, choose "
+                "another name or folder, or delete the link"
+            )
+        if name.exists():
+            raise InputError(f"{name}: is a file; choose another name for the shared port")
+        if not name.parent.is_dir():
+            raise InputError(f"{name}: no folder {name.parent}; create it")
+
+
 class _Client:
     """The port of one program: a pseudo-terminal with a stable name."""
 
@@ -102,7 +120,7 @@ class SharedBus:
     port : str
         The line, e.g. ``"/dev/ttyACM0"``.
     names : sequence of Path
-        Names of the programs' ports, which are created as links; an old link is replaced.
+        Names of the programs' ports, which are created as links; see `check_names`.
     baud : int
         Baud rate of the servos. Programs may open their ports with any.
     reply_s : float
@@ -116,7 +134,7 @@ class SharedBus:
     Raises
     ------
     InputError
-        If a name belongs to a file that is not a link.
+        If a name belongs to a file or to a port that exists.
     DeviceError
         If the port does not exist or another program uses it.
     """
@@ -124,9 +142,7 @@ class SharedBus:
     def __init__(
         self, port: str, names: Sequence[Path], *, baud: int = 1_000_000, reply_s: float = REPLY_S
     ) -> None:
-        for name in names:
-            if name.exists() and not name.is_symlink():
-                raise InputError(f"{name}: is a file; choose another name for the shared port")
+        check_names(names)
         try:
             self._line = serial.Serial(port, baud, timeout=0, exclusive=True)
         except OSError as error:
@@ -154,14 +170,19 @@ class SharedBus:
         self._line.close()
 
     def _serve(self) -> None:
-        by_master = {client.master: client for client in self._clients}
+        by_master, line = {client.master: client for client in self._clients}, self._line.fileno()
         try:
             while True:
-                ready = select.select([*by_master, self._wake], [], [])[0]
+                ready = select.select([*by_master, self._wake, line], [], [])[0]
                 if self._wake in ready:
                     return
+                if line in ready:
+                    # A reply that came too late. Of a lost line, reading fails.
+                    self._line.read(_CHUNK)
                 # In turn, so that no program keeps the other from the line.
                 for master in ready:
+                    if master == line:
+                        continue
                     client = by_master[master]
                     client.waiting += os.read(master, _CHUNK)
                     requests, client.waiting = split_packets(client.waiting)
@@ -200,23 +221,30 @@ def share_bus(
         bus.close()
 
 
-def main(port: str, *names: str) -> None:
-    """Share a port until Ctrl-C.
+def main() -> None:
+    """Share the port of the command line until Ctrl-C.
 
     Raises `DeviceError` if the line is lost.
     """
-    with share_bus(port, [Path(name) for name in names]) as bus:
-        sys.stdout.write(f"{port} is shared as {' and '.join(names)}, until Ctrl-C\n")
+    parser = argparse.ArgumentParser(
+        prog="bus_share", description="Share a servo line with other programs until Ctrl-C."
+    )
+    parser.add_argument("port", help="the line, such as /dev/ttyACM0")
+    parser.add_argument("names", nargs="+", help="names of the ports to create, such as hand arm")
+    given = parser.parse_args()
+    with share_bus(given.port, [Path(name) for name in given.names]) as bus:
+        sys.stdout.write(f"{given.port} is shared as {' and '.join(given.names)}, until Ctrl-C\n")
         sys.stdout.flush()
         while bus.failure is None:
             time.sleep(0.2)
-    raise DeviceNotFoundError(f"{port}: {bus.failure}; connect it and start again")
+    raise DeviceNotFoundError(f"{given.port}: {bus.failure}; connect it and start again")
 
 
 if __name__ == "__main__":
     try:
-        main(*sys.argv[1:])
-    except (DeviceError, InputError) as problem:
-        sys.exit(f"bus_share: {problem}")
+        main()
+    except PalpateError as problem:
+        sys.stderr.write(f"bus_share: {problem}\n")
+        sys.exit(problem.exit_status)
     except KeyboardInterrupt:
         sys.exit(130)

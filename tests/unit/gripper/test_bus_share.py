@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -112,6 +114,26 @@ def test_shared_ports_vanish_at_the_end_and_the_line_is_free(
         assert list(tmp_path.iterdir()) == []
 
 
+def test_line_lost_without_a_request_is_noticed(shared: SharedBus, servos: StsBus) -> None:
+    servos.unplug()
+    end_s = time.monotonic() + 20.0
+    while shared.failure is None:
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_names_in_use_are_refused_and_stay(
+    shared: SharedBus, servos: StsBus, tmp_path: Path
+) -> None:
+    other = StsBus(make_world("rigid"), jaw=JAW, closed_tick=CLOSED_TICK)
+    with pytest.raises(InputError, match="hand: is in use"):
+        SharedBus(other.name, [tmp_path / "hand"])
+    other.close()
+    line = open_line(tmp_path / "hand", 6)
+    assert line.ping() == 0
+    line.close()
+
+
 def test_share_refuses_a_file_as_a_port_and_a_missing_line(servos: StsBus, tmp_path: Path) -> None:
     (tmp_path / "notes").write_text("mine")
     with pytest.raises(InputError, match="choose another name"):
@@ -119,3 +141,28 @@ def test_share_refuses_a_file_as_a_port_and_a_missing_line(servos: StsBus, tmp_p
     assert (tmp_path / "notes").read_text() == "mine"
     with pytest.raises(DeviceNotFoundError):
         SharedBus(str(tmp_path / "no-port"), [tmp_path / "hand"])
+    with pytest.raises(InputError, match="no folder"):
+        SharedBus(servos.name, [tmp_path / "absent" / "hand"])
+
+
+@pytest.mark.slow
+def test_command_ends_with_a_line_and_a_status(servos: StsBus, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "palpate.gripper.bus_share"]
+    missing = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert missing.returncode == 2
+    assert "port" in missing.stderr
+    assert "Traceback" not in missing.stderr
+    assert subprocess.run([*command, "--help"], capture_output=True, check=False).returncode == 0
+    with subprocess.Popen(
+        [*command, servos.name, str(tmp_path / "hand")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as shared:
+        assert shared.stdout is not None
+        shared.stdout.readline()
+        servos.unplug()
+        errors = shared.communicate(timeout=30.0)[1]
+    assert shared.returncode == 3
+    assert len(errors.splitlines()) == 1
+    assert servos.name in errors

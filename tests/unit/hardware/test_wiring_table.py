@@ -120,7 +120,7 @@ def test_wiring_table_states_the_pins_of_the_firmware(board: str, title: str) ->
     assert len(direct) == (2 if board == "mega2560" else 1)
 
 
-@pytest.mark.parametrize("name", ["wiring", "layouts", "perfboard"])
+@pytest.mark.parametrize("name", ["wiring", "one_pad", "layouts", "perfboard"])
 def test_hardware_drawings_match_their_scripts(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
