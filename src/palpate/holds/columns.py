@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.moments import parse_datetimes, parse_moments
 from palpate.holds.units import (
+    PER_SECOND,
     TIME_UNITS,
     UNITS,
     NamedUnit,
@@ -84,15 +85,6 @@ _SENSORS |= {"signal", "name", "label", "variable", "topic", "measurement", "dev
 _NUMBERED = {"id", "no", "nr", "number", "index", "name", "address"}
 _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
-_PER_SECOND = {
-    "d": 1 / 86400,
-    "h": 1 / 3600,
-    "min": 1 / 60,
-    "s": 1.0,
-    "ms": 1e3,
-    "us": 1e6,
-    "ns": 1e9,
-}
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
 _EARLIEST_UNIX_S = 1e8
 #: A board's 32-bit clock wraps to 0 after 71 min in microseconds, 49 days in milliseconds.
@@ -160,7 +152,7 @@ def unit_of(name: str) -> Unit | None:
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     if known is not None:
         return known.quantity
     words = split_words(name)
@@ -180,11 +172,11 @@ def scale_of(name: str) -> float:
     >>> scale_of("weight [g]")
     0.00980665
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     return 1.0 if known is None else known.factor
 
 
-def _find_named_unit(name: str) -> NamedUnit | None:
+def find_named_unit(name: str) -> NamedUnit | None:
     """Return the unit in a name, if any."""
     bracketed = find_bracketed_unit(name)
     if bracketed is not None:
@@ -210,7 +202,7 @@ def is_load(name: str) -> bool:
     >>> [is_load(name) for name in ("force_n", "Weight [g]", "R_ohm", "Strain [mm]")]
     [True, True, False, False]
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     if known is not None:
         return known.quantity in ("newton", "pascal")
     return bool(_LOADS & {*split_words(name)})
@@ -317,9 +309,9 @@ def convert_to_seconds(
     if found == "unix" or (found == "s" and absolute and unit is None):
         # Large values are milliseconds, microseconds or nanoseconds.
         found = next(
-            u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * _PER_SECOND[u]
+            u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * PER_SECOND[u]
         )
-    per_second = _PER_SECOND[found]
+    per_second = PER_SECOND[found]
     counts = column - known[0] if known[0] / per_second >= _EARLIEST_UNIX_S else column
     if found in ("ms", "us"):
         counts = _unwrap_counter(counts)

@@ -259,7 +259,7 @@ def _read_rows(
         name: column[rows][known]
         for name, column in table.columns.items()
         if name not in (clock, find_recording_column([name]))
-        and (column.dtype == object or names_sensor(name))
+        and (column.dtype == object or names_sensor(name) or name.isdigit())
     }
     # A column that is not read names the sensors rather than one of several readings.
     sensor = find_sensor_column(time_s, {n: c for n, c in texts.items() if n not in columns})

@@ -13,6 +13,8 @@ from palpate.holds.columns import convert_to_seconds, find_clocks, split_words
 from palpate.holds.table import Table
 from palpate.holds.units import TIME_UNITS
 
+#: Seconds since 1970 of a date of 1973.
+_EARLIEST_UNIX_S = 1e8
 #: Counts in a second of the units of fractions.
 _COUNTS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
@@ -44,7 +46,10 @@ def join_split_clock(table: Table) -> tuple[Table, list[str]]:
 
 def _find_seconds(table: Table) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Yield the clocks in whole seconds of which some repeat, and their seconds."""
-    for name in find_clocks([*table.columns]):
+    first = next(iter(table.columns), "")
+    numbers = table.columns[first] if first.isdigit() else np.empty(0, object)
+    is_unix = numbers.dtype == np.float64 and (numbers >= _EARLIEST_UNIX_S).all()
+    for name in [first] if is_unix else find_clocks([*table.columns]):
         try:
             time_s, _ = convert_to_seconds(
                 table.columns[name], name=name, unit="s", file=table.name
@@ -59,6 +64,10 @@ def _find_seconds(table: Table) -> Iterator[tuple[str, NDArray[np.float64]]]:
 def _find_fractions(table: Table) -> Iterator[tuple[str, float]]:
     """Yield the columns of fractions of a second, and their counts in a second."""
     for name in table.numeric():
+        if name.isdigit():
+            # The second column without a name: nanoseconds or microseconds up to their second.
+            top = np.nanmax(table.columns[name])
+            yield from ((name, counts) for counts in (1e6, 1e9) if 0.5 * counts <= top < counts)
         units = [TIME_UNITS.get(word, "") for word in split_words(name)]
         unit = next((unit for unit in units if unit in _COUNTS), None)
         if unit is not None:
