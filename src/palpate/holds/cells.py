@@ -11,6 +11,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds.columns import (
     find_named_unit,
+    is_load,
     names_sensor,
     split_words,
     time_unit_of,
@@ -25,7 +26,7 @@ _Factor = tuple[str | None, float]
 _BASIC = {"ohm": "Ohm", "percent": "%", "volt": "V", "newton": "N", "pascal": "Pa", "time": "s"}
 #: Names of a column with the units of the numbers in the column before it.
 _UNIT_NAMES = {"unit", "units", "einheit", "einheiten"}
-#: Up to this fraction of cells with a unit among plain numbers are notes.
+#: Up to this fraction of rows with a unit are notes.
 _NOTES = 0.01
 
 
@@ -88,7 +89,8 @@ class CellUnits:
         is_plain = np.isfinite(numbers) & (numbers != 0.0)
         is_plain[with_unit] = False
         is_unclear = bool(kinds) and quantity is None and is_plain.any()
-        if is_unclear and with_unit.size <= _NOTES * is_plain.sum():
+        is_note = usual is None and not is_load(self.column)
+        if (is_unclear or is_note) and with_unit.size <= _NOTES * numbers.size:
             numbers[with_unit] = np.nan
             return self.column
         one, row = next((unit, rows[0]) for unit, rows in self.rows.items())
@@ -141,6 +143,9 @@ def join_parts(texts: dict[str, list[str]], *, mark: str) -> None:
         if is_unnamed and "+" in cells and cells <= {"+", "-"} and place + 1 < len(names):
             target, form = names[place + 1], "{1}{0}"
         elif cells and all(not is_number(cell) and _factor_of(cell) for cell in cells):
+            if len({(_factor_of(cell) or ("", 1.0))[0] for cell in cells}) > 1:
+                # The rows have several quantities, which another column names.
+                continue
             beside = [names[at] for at in (place - 1, place + 1) if 0 <= at < len(names)]
             numbers = [one for one in beside if _is_numeric(texts[one][0].split(mark))]
             target = next((one for one in numbers if time_unit_of(one) is None), "")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.columns import (
+    bracketed_time_unit,
     convert_to_seconds,
     find_clocks,
     find_readings,
@@ -50,6 +51,8 @@ def find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -
         for name in find_clocks(list(table.columns))
         if table.columns[name].dtype != object or name in moments
     ]
+    if not named and not moments:
+        named = [n for n in table.columns if bracketed_time_unit(n) and _counts(table, n)]
     clocks = list(dict.fromkeys([*named, *moments]))
     if not named:
         clocks += _find_counters(table, clocks)

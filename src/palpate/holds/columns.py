@@ -68,6 +68,8 @@ _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "loca
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
 _OTHERS |= {"batterie", "akku", "vbat", "vbatt", "bat", "supply", "vcc", "temperatur", "feuchte"}
+#: Settings of an instrument.
+_OTHERS |= {"range", "bereich", "messbereich", "gain", "threshold", "setpoint", "limit", "ref"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
 #: Scatter of the readings beside them, in a table of means.
 _OTHERS |= {"spread", "std", "sd", "stdev", "stddev", "sigma", "deviation", "uncertainty", "noise"}
@@ -131,6 +133,15 @@ def time_unit_of(name: str) -> str | None:
     if unit is not None and (clock or (len(words) == 1 and unit not in ("min", "h", "d"))):
         return unit
     return "" if clock and len(words) <= _MOST_CLOCK_WORDS and not words_after & _OTHERS else None
+
+
+def bracketed_time_unit(name: str) -> str | None:
+    """Return the unit of time in the last brackets of a name in any language.
+
+    >>> bracketed_time_unit("Tiempo (min)"), bracketed_time_unit("R (kOhm)")
+    ('min', None)
+    """
+    return next((TIME_UNITS.get(text.lower()) for text in find_brackets(name)[-1:]), None)
 
 
 def find_clocks(names: Sequence[str]) -> list[str]:
@@ -304,7 +315,8 @@ def convert_to_seconds(
         raise InputError(f"{file}: column {name} contains no times; choose another --time-column")
     if unit is None:
         _check_clock(known, name=name, file=file)
-    found = unit or time_unit_of(name) or _infer_time_unit(known, name=name, file=file)
+    found = unit or time_unit_of(name) or bracketed_time_unit(name)
+    found = found or _infer_time_unit(known, name=name, file=file)
     absolute = float(known[0]) >= _EARLIEST_UNIX_S
     if found == "unix" or (found == "s" and absolute and unit is None):
         # Large values are milliseconds, microseconds or nanoseconds.
@@ -337,10 +349,24 @@ def _check_clock(known: NDArray[np.float64], *, name: str, file: str) -> None:
         )
 
 
+def _check_hms(known: NDArray[np.float64], *, name: str, file: str) -> None:
+    """Raise `InputError` if a clock seems to be hours, minutes and seconds in one number."""
+    steps = np.diff(known)
+    seconds, minutes = known % 1e2, known // 1e2 % 1e2
+    is_fast = steps.size > 0 and 0.0 < float(np.median(steps)) < 20.0
+    # Seconds would pass 60 to 99, and hours and minutes skip them.
+    if is_fast and (steps >= 40.0).any() and (seconds < 60).all() and (minutes < 60).all():
+        raise InputError(
+            f"{file}: column {name}: {known[0]:.6g} seems to be hours, minutes and seconds in one "
+            "number; write it in the form 12:30:00.5, or give --time-unit"
+        )
+
+
 def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str:
     """Infer the time unit from the sampling interval."""
     if known[0] >= _EARLIEST_UNIX_S and np.ptp(known) < known[0] / 10:
         return "unix"
+    _check_hms(known, name=name, file=file)
     steps = np.diff(known)
     steps = steps[steps > 0]
     step = float(np.median(steps)) if steps.size else 0.0

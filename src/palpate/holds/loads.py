@@ -102,8 +102,8 @@ def find_load_column(
         found = [name for name in found if not _is_row_number(table, name)]
         if not found:
             raise InputError(
-                f"{table.name}: column n may be newtons or the number of the row; say --load-column "
-                "n --load-unit N, or name it number"
+                f"{table.name}: column n may be newtons or the number of the row; say "
+                "--load-column n --load-unit N, or name it number"
             )
     if not found:
         return None

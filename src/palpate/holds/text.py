@@ -27,7 +27,7 @@ from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_nu
 from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form, is_repeated
 from palpate.holds.moments import is_moment, join_spaced
 from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
-from palpate.holds.units import is_unit_field
+from palpate.holds.units import find_unit, is_unit_field
 
 if TYPE_CHECKING:
     from _csv import Reader as CsvReader
@@ -209,7 +209,7 @@ def read_text(
 
     Separators are commas, semicolons, tabs, bars or spaces; numbers have decimal points or commas;
     the encoding is UTF-8, UTF-16 or a Western code page. Notes before the header and lines that
-    begin with ``#``, ``%`` or ``//`` are skipped, unless the last of them above the data is the
+    begin with ``#``, ``%`` or ``//`` are skipped, unless the last of them above the data are the
     only header. Lines of terminals and sketches may have times
     and labels (`palpate.holds.log_lines`).
 
@@ -224,8 +224,9 @@ def read_text(
         lines = ("\n" if _COMMENT.match(line) else line for line in chain(raw, plain))
         sample = list(islice(lines, SAMPLE_ROWS))
         layout = find_layout(sample, name=name, decimal=decimal, without_clock=without_clock)
-        if not layout.header and layout.form.names is None:
-            layout = replace(layout, names=_names_in_comments(raw[: layout.first], layout))
+        if not (layout.header or layout.form.names or layout.form.stamped):
+            names = _find_names(raw[: layout.first], layout, name=name)
+            layout = replace(layout, names=names)
         rest = chain(sample[layout.first :], lines)
         rows = split_rows(
             (prepare_line(line, layout.form, layout.separator) for line in rest),
@@ -243,22 +244,31 @@ def read_text(
         return found
 
 
-def _names_in_comments(lines: Sequence[str], layout: Layout) -> list[str]:
-    """Return the column names of the last comments, as of `numpy.savetxt`, or those of the layout.
+def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]:
+    """Return the column names in the last lines above the data, or those of the layout.
 
-    The separator may be another one than that of the data.
+    The lines may be comments, as of `numpy.savetxt`, or have another separator than the data.
+
+    Raises `InputError` if there are more names than columns.
     """
-    comments = [_COMMENT.sub("", line).strip("\r\n") for line in lines if _COMMENT.match(line)]
+    above = [_COMMENT.sub("", line).strip("\r\n") for line in lines if line.strip()]
     width, found = len(layout.names), list[list[str]]()
-    for line in comments[-2:]:
+    for line in above[-2:]:
         # "# columns: time [ms], R [kOhm]"
         body = re.sub(r"^\s*\w+:(?=\s)|\s+(?=[\[(])", "", line)
         for separator in (layout.separator, *SEPARATORS):
             row = [field.strip() for field in split_line(body, separator)]
             is_names = all(_COLUMN_NAME.fullmatch(f) and not re.search("[:=]", f) for f in row)
-            if len(row) == width and is_names and _states_meaning(row):
+            if not (is_names and _states_meaning(row)):
+                continue
+            if len(row) == width:
                 found.append(row)
                 break
+            if width < len(row) <= width + 2 and separator is not None and line == above[-1]:
+                raise InputError(
+                    f"{name}: the header has {len(row)} names ({', '.join(row)[:60]}), but the "
+                    f"rows have {width} fields; write one name for each field"
+                )
     return _parse_header(found, width, stamped=False)[0] if found else layout.names
 
 
@@ -320,7 +330,12 @@ def _find_best(
         rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
         layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
         found += [layout] if layout else []
-    return max(found, key=lambda layout: layout.score, default=None)
+    best = max(found, key=lambda layout: layout.score, default=None)
+    if best is not None and best.separator is None and best.names[-1].startswith("column "):
+        # Spaces between groups of thousands leave fields without a name.
+        named = [one for one in found if one.header and 2 * one.score > best.score]
+        best = next((one for one in named if not one.names[-1].startswith("column ")), best)
+    return best
 
 
 def _check_commas(
@@ -434,18 +449,20 @@ def _score_row(row: Sequence[str], *, narrowest: int) -> int:
             number, moment = number + 1, moment + 1
         elif is_missing(field):
             missing += 1
-        else:
+        elif find_unit(field) is None:
             text += 1
     if not number or number + missing < narrowest:
         return 0
-    # A row with a moment and a number may have names and states as well.
-    return max(0, number - text, int(bool(moment) and number > moment))
+    # A row with a moment or another number may have names and states as well.
+    is_row = text <= number > 1 or (moment > 0 and number > moment)
+    return max(number - text, int(is_row))
 
 
 def _has_number(row: Sequence[str], form: LineForm) -> bool:
-    return any(
-        is_number(field) or is_moment(field) or split_cell(field) for field in row[form.stamped :]
-    )
+    own = row[form.stamped :]
+    # "5V" may be a name.
+    with_unit = all(split_cell(field) or is_missing(field) for field in own)
+    return any(is_number(field) or is_moment(field) for field in own) or with_unit
 
 
 def _parse_header(
