@@ -31,7 +31,8 @@ def join_split_clock(table: Table) -> tuple[Table, list[str]]:
     }
     if {"min", "s"} <= {*parts.values()}:
         seconds = next(name for name, unit in parts.items() if unit == "s")
-        time_s = sum(table.columns[name] / PER_SECOND[unit] for name, unit in parts.items())
+        each_s = [table.columns[name] / PER_SECOND[unit] for name, unit in parts.items()]
+        time_s = np.sum(each_s, axis=0)
         if (np.diff(table.columns[seconds]) < 0).any() and (np.diff(time_s) >= 0).all():
             columns = {key: one for key, one in table.columns.items() if key not in parts}
             return replace(table, columns={"time_s": time_s, **columns}), [

@@ -591,10 +591,10 @@ def gather_rows(
             column = units.convert(cells, place=lambda row: f"{word} {used[row]}", name=name)
         columns[column] = cells
     heads = {field.strip() for line in layout.header for field in line}
-    for row, fields in odd.items():
-        if len(fields) > 1 and (heads & {*fields} or _states_meaning(fields)):
+    for row, words in odd.items():
+        if len(words) > 1 and (heads & {*words} or _states_meaning(words)):
             raise InputError(
-                f"{name} {word} {used[row]}: another header ({', '.join(fields)[:60]}); save each "
+                f"{name} {word} {used[row]}: another header ({', '.join(words)[:60]}); save each "
                 "table as its own file"
             )
     for column in [c for c in columns if c.startswith("column ") or c.isdigit()]:
