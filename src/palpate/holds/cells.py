@@ -54,15 +54,15 @@ class CellUnits:
 
         `fields`: texts by row. `parse`: the file's format of numbers.
         """
-        found: dict[int, float] = {}
+        found: dict[int, str] = {}
         for row, text in fields.items():
             cell = split_cell(text)
             # A label such as "10 mm" may name a sensor.
             if cell is None or (names_sensor(self.column) and not _is_reading(cell[1])):
                 continue
             self.rows.setdefault(cell[1], []).append(row)
-            found[row] = float(parse([cell[0]])[0])
-        return found
+            found[row] = cell[0]
+        return dict(zip(found, parse([*found.values()]).tolist(), strict=True))
 
     def convert(self, numbers: FloatArray, *, place: Callable[[int], str], name: str) -> str:
         """Convert the numbers to one unit in place; return the column's name with it.
@@ -95,6 +95,12 @@ class CellUnits:
             return self.column
         one, row = next((unit, rows[0]) for unit, rows in self.rows.items())
         where = f"{name} {place(row)}"
+        words = self.column.strip("~<>≈ ").split(" ")
+        if any(split_cell(" ".join(words[-size:])) for size in (1, 2)):
+            raise InputError(
+                f"{name}: {self.column!a} above {place(row)} is not a number with a unit, nor a "
+                "name; correct it"
+            )
         if is_unclear:
             plain = int(np.flatnonzero(is_plain)[0])
             raise InputError(

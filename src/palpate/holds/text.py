@@ -453,8 +453,8 @@ def _score_row(row: Sequence[str], *, narrowest: int) -> int:
             text += 1
     if not number or number + missing < narrowest:
         return 0
-    # A row with a moment or another number may have names and states as well.
-    is_row = text <= number > 1 or (moment > 0 and number > moment)
+    # A row with a moment or another number may have names and states as well, and a weight a name.
+    is_row = (text <= number >= narrowest) or (moment > 0 and number > moment)
     return max(number - text, int(is_row))
 
 

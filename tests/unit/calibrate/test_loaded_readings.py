@@ -11,6 +11,7 @@ import pytest
 from palpate.calibrate.loaded_readings import read_loaded
 from palpate.calibrate.loaded_sensor import TableOptions
 from palpate.errors import InputError
+from palpate.holds.loads import read_weights
 
 
 @pytest.mark.parametrize(
@@ -204,6 +205,19 @@ def test_weights_with_their_units_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(sensor.parts[0].load_n, np.array([0, 0.25, 1.25]) * 9.80665)
     np.testing.assert_allclose(sensor.parts[0].values.ravel(), [41e3, 830.5, 260.4])
     assert sensor.unit == "ohm"
+    (same,) = read_loaded({"Gewicht": ["0", "250 g", "1.25 kg"], "R": ["41k", "830.5", ".2604k"]})
+    np.testing.assert_allclose(same.parts[0].load_n, sensor.parts[0].load_n)
+    np.testing.assert_allclose(same.parts[0].values, sensor.parts[0].values)
+    # The first line is no name of the others.
+    path.write_text("3 x 20 g\n100 g\n200 g\n")
+    with pytest.raises(InputError, match="'3 x 20 g' above line 2"):
+        read_weights(path)
+
+
+def test_names_of_weights_are_no_weights(tmp_path: Path) -> None:
+    path = tmp_path / "weights.csv"
+    path.write_text("what,mass_g\nnone,0\nwasher,7.5\nnut,30\n")
+    np.testing.assert_allclose(read_weights(path).load_n, np.array([0, 7.5, 30]) * 9.80665e-3)
 
 
 def test_unit_of_weights_stands_in_a_row_of_its_own(tmp_path: Path) -> None:
