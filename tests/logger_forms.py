@@ -391,4 +391,174 @@ FILES = (
         refused="a LabVIEW .tdms file",
     ),
 )
-FORMS = (*TERMINALS, *SENSORS, *TIMES, *NUMBERS, *FILES)
+CELLS = (
+    Form(
+        "unit in each cell",
+        lines(lambda r: f"{comma(TIME_S[r])} s;{comma(OHM[r] / 1e3, 4)} kOhm", head="Zeit;Wert\n"),
+        columns={"Wert [kOhm]": OHM},
+    ),
+    Form(
+        "a meter that changes its range",
+        lines(
+            lambda r: (
+                f"{TIME_S[r]},{FORCE_N[r]} N"
+                if FORCE_N[r] > 5.9
+                else f"{TIME_S[r]},{1e3 * FORCE_N[r]:.0f} mN"
+            ),
+            head="time_s,push\n",
+        ),
+        columns={"push [N]": FORCE_N},
+    ),
+    Form(
+        "the same behind a label",
+        lines(
+            lambda r: f"U: {ONE[r] / 1e3:.3f} V" if ONE[r] > 600 else f"U: {ONE[r]} mV",
+        ),
+        options={"interval_s": 0.1},
+        columns={"U [V]": ONE / 1e3},
+    ),
+    Form(
+        "a prefix without a unit",
+        lines(lambda r: f"{TIME_S[r]}\t{OHM[r] / 1e6:.7f}M", head="t\tR\n"),
+        columns={"R": OHM},
+    ),
+    Form(
+        "a column of units",
+        lines(lambda r: f"{TIME_S[r]},{FORCE_N[r] * 1e3:.0f},mN,OK", head="t_s,kraft,Einheit,\n"),
+        columns={"kraft [mN]": FORCE_N},
+    ),
+    Form(
+        "columns of signs and units",
+        lines(lambda r: stamp(r, "%H:%M:%S.%f") + f"  {'+-'[int(_HELD[r])]}  {FORCE_N[r]} N"),
+        columns={"3 [N]": -FORCE_N},
+    ),
+    Form(
+        "open with a unit",
+        lines(lambda r: f"{TIME_S[r]};{f'{OHM[r]} Ω' if _HELD[r] else 'OL MΩ'}", head="t;read\n"),
+        columns={"read [Ohm]": _OPEN_OHM},
+    ),
+    Form(
+        "a unit in some cells",
+        lines(lambda r: f"{TIME_S[r]},{ONE[r]}{' mV' * (r % 3 == 0)}", head="t,U\n"),
+        refused="write the unit in each cell",
+    ),
+    Form(
+        "two quantities in a column",
+        lines(lambda r: f"{TIME_S[r]},{ONE[r]} {('mV', 'g')[r % 2]}", head="t,U\n"),
+        refused="can't be converted to one",
+    ),
+    Form(
+        "a counter next to texts",
+        lines(lambda r: f"{TIME_S[r]},{r + 1},0x{ONE[r]:X}", head="time_s,number,fsr\n"),
+        refused="fsr has texts such as '0x26C'",
+    ),
+)
+HEADERS = (
+    Form(
+        "in a comment, with other separators",
+        lines(
+            lambda r: f"{TIME_S[r] / 60:.6f} {OHM[r] / 1e3}",
+            head="# NumPy\n# columns: time [min], R [kOhm]\n",
+        ),
+        columns={"R[kOhm]": OHM},
+    ),
+    Form(
+        "separated by other marks than the rows",
+        lines(lambda r: f"{TIME_S[r] / 60:.6f};{FORCE_N[r] * 1e3:.1f}", head="time_min|F_mN\n"),
+        columns={"F_mN": FORCE_N},
+    ),
+    Form(
+        "without a name for the number of the row",
+        lines(lambda r: f'"{r + 1}" {TIME_S[r]} {OHM[r]}', head='"time_s" "R_ohm"\n'),
+        columns={"R_ohm": OHM},
+    ),
+    Form(
+        "longer than the rows",
+        lines(lambda r: f"{TIME_S[r]},{OHM[r]}", head="time_min,R_kohm,humidity\n"),
+        refused="the header has 3 names",
+    ),
+    Form(
+        "another one in the middle",
+        lines(
+            lambda r: "ms,volt\n" * (r == 90) + f"{TIME_S[r]},{FORCE_N[r]}", head="time_s,force_n\n"
+        ),
+        refused="line 92: another header",
+    ),
+)
+MORE = (
+    Form(
+        "days and times",
+        lines(
+            lambda r: (
+                f"{(d := divmod(86395 + TIME_S[r], 86400))[0]:.0f} days "
+                f"{d[1] // 3600:02.0f}:{d[1] // 60 % 60:02.0f}:{d[1] % 60:06.3f},{ONE[r]}"
+            ),
+            head="elapsed,adc\n",
+        ),
+        columns={"adc": ONE},
+    ),
+    Form(
+        "hours, minutes and seconds in columns",
+        lines(
+            lambda r: f"{(TIME_S[r] + 50) // 60:.0f};{(TIME_S[r] + 50) % 60:.1f};{ONE[r]}",
+            head="min;s;adc\n",
+        ),
+        columns={"adc": ONE},
+    ),
+    Form(
+        "hours, minutes and seconds in one number",
+        lines(
+            lambda r: f"{1159 + (TIME_S[r] > 9.9) * 41:.0f}{(TIME_S[r] + 50) % 60:04.1f},{ONE[r]}",
+            head="time,adc\n",
+        ),
+        refused="hours, minutes and seconds in one number",
+    ),
+    Form(
+        "a first line that has lost its beginning",
+        lines(lambda r: f"{954321 + round(1e3 * TIME_S[r])} {ONE[r]}", head="21 620\n"),
+        columns={"2": ONE},
+    ),
+    Form(
+        "a clock in another language",
+        lines(lambda r: f"{TIME_S[r] / 60:.6f};{ONE[r]}", head="Czas [min];adc\n"),
+        columns={"adc": ONE},
+    ),
+    Form(
+        "seconds and microseconds without a header",
+        lines(
+            lambda r: f"{1_700_000_000 + int(TIME_S[r])} {1e6 * (TIME_S[r] % 1):.0f} {ONE[r]}",
+        ),
+        columns={"3": ONE},
+    ),
+    Form(
+        "numbers of the sensors without a header",
+        lines(lambda r: f"{100 * r}\t7\t{ONE[r]}\n{100 * r}\t8\t{TWO[r]}"),
+        columns={"7": ONE, "8": TWO},
+    ),
+    Form(
+        "groups of two digits",
+        lines(
+            lambda r: f'{TIME_S[r]},"{OHM[r] // 1000:.0f},{ONE[r] % 90 + 10},{ONE[r]}.5"',
+            head="time_s,R_ohm\n",
+        ),
+        columns={"R_ohm": OHM // 1000 * 1e5 + (ONE % 90 + 10) * 1e3 + ONE + 0.5},
+    ),
+    Form(
+        "thousands with spaces between tabs",
+        lines(lambda r: f"{TIME_S[r]}\t{OHM[r] // 1000:.0f} {ONE[r]}", head="time_s\tR_ohm\n"),
+        columns={"R_ohm": OHM // 1000 * 1000 + ONE},
+    ),
+    Form(
+        "JSON in a text of JSON lines",
+        lines(
+            lambda r: json.dumps(
+                {
+                    "tst": stamp(r, "%Y-%m-%dT%H:%M:%S.%fZ"),
+                    "payload": json.dumps({"p": int(ONE[r])}),
+                }
+            )
+        ),
+        columns={"payload.p": ONE},
+    ),
+)
+FORMS = (*TERMINALS, *SENSORS, *TIMES, *NUMBERS, *CELLS, *HEADERS, *MORE, *FILES)

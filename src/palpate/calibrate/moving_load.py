@@ -51,6 +51,12 @@ def fit_moving(
     scale = _find_scale(sensor, totals, reading)
     contacts = [*_find_contacts(sensor, totals, scale=scale)]
     if not contacts:
+        least_n = min(float(np.nanmin(part.load_n, initial=0.0)) for part in sensor.parts)
+        if least_n < -_CONTACT_N:
+            raise CalibrationError(
+                f"{sensor.name}: the loads are negative, down to {least_n:.3g} N; change their "
+                "sign, so that pressing is positive"
+            )
         raise CalibrationError(
             f"{sensor.name}: the load never stays above {_CONTACT_N:g} N for "
             f"{_FEWEST_READINGS} readings; press harder, or check the unit of the load"

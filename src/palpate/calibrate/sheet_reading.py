@@ -262,7 +262,12 @@ def _rest_values(
     if not sensor.is_settled and len(values) < _FEWEST_REST:
         values = np.concatenate([part.values[is_unloaded(part.load_n)] for part in sensor.parts])
     if len(values) < (1 if sensor.is_settled else _FEWEST_REST):
-        return None, "no reading without load"
+        least_n = min(float(np.nanmin(part.load_n, initial=np.inf)) for part in sensor.parts)
+        return None, (
+            "no reading without load"
+            if sensor.is_settled
+            else f"the load is never below {least_n:.3g} N: tare the load cell if that is no load"
+        )
     if sensor.is_settled:
         return values, "at 0 N"
     if any(part.weighed for part in sensor.parts):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.columns import (
+    bracketed_time_unit,
     convert_to_seconds,
     find_clocks,
     find_readings,
@@ -19,6 +20,7 @@ from palpate.holds.columns import (
     names_sensor,
     time_unit_of,
 )
+from palpate.holds.decimals import is_number
 from palpate.holds.moments import is_moment
 from palpate.holds.table import Table, find_runs, label_text
 from palpate.holds.units import find_multiple
@@ -49,6 +51,8 @@ def find_clock_column(table: Table, wanted: str | None, *, remarks: list[str]) -
         for name in find_clocks(list(table.columns))
         if table.columns[name].dtype != object or name in moments
     ]
+    if not named and not moments:
+        named = [n for n in table.columns if bracketed_time_unit(n) and _counts(table, n)]
     clocks = list(dict.fromkeys([*named, *moments]))
     if not named:
         clocks += _find_counters(table, clocks)
@@ -194,7 +198,7 @@ def find_value_columns(
         if name not in (clock, find_recording_column([name])) and time_unit_of(name) is None
     ]
     rows = [name for name in numeric if _counts(table, name) and _is_row_number(table, name)]
-    if rows and len(rows) < len(numeric):
+    if rows and (len(rows) < len(numeric) or len(table.columns) > len(rows) + 1):
         remarks.append(f"column {', '.join(rows)} counts the rows and is not read as a sensor")
         numeric = [name for name in numeric if name not in rows]
     counters = [n for n in numeric if n.isdigit() and _counts(table, n, restarts=True)]
@@ -203,9 +207,16 @@ def find_value_columns(
         numeric = [name for name in numeric if name not in counters]
     found = find_readings(numeric)
     if not found:
+        texts = [
+            f"{name} has texts such as {str(text)[:30]!a}"
+            for name, cells in table.columns.items()
+            if cells.dtype == object and name != clock
+            for text in [next((one for one in cells if not is_number(str(one))), "")]
+        ]
         raise InputError(
-            f"{table.name}: no column of readings besides {clock} (available: {available}); choose "
-            "one with --value-column"
+            f"{table.name}: no column of readings besides {clock} (available: {available}"
+            f"{''.join(f'; {text}' for text in texts[:2])}); choose one with --value-column, or "
+            "write its cells as numbers"
         )
     return found
 

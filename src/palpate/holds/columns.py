@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.moments import parse_datetimes, parse_moments
 from palpate.holds.units import (
+    PER_SECOND,
     TIME_UNITS,
     UNITS,
     NamedUnit,
@@ -67,6 +68,8 @@ _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "loca
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
 _OTHERS |= {"batterie", "akku", "vbat", "vbatt", "bat", "supply", "vcc", "temperatur", "feuchte"}
+#: Settings of an instrument.
+_OTHERS |= {"range", "bereich", "messbereich", "gain", "threshold", "setpoint", "limit", "ref"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
 #: Scatter of the readings beside them, in a table of means.
 _OTHERS |= {"spread", "std", "sd", "stdev", "stddev", "sigma", "deviation", "uncertainty", "noise"}
@@ -84,15 +87,6 @@ _SENSORS |= {"signal", "name", "label", "variable", "topic", "measurement", "dev
 _NUMBERED = {"id", "no", "nr", "number", "index", "name", "address"}
 _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "session", "hold_id")
 
-_PER_SECOND = {
-    "d": 1 / 86400,
-    "h": 1 / 3600,
-    "min": 1 / 60,
-    "s": 1.0,
-    "ms": 1e3,
-    "us": 1e6,
-    "ns": 1e9,
-}
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
 _EARLIEST_UNIX_S = 1e8
 #: A board's 32-bit clock wraps to 0 after 71 min in microseconds, 49 days in milliseconds.
@@ -141,6 +135,15 @@ def time_unit_of(name: str) -> str | None:
     return "" if clock and len(words) <= _MOST_CLOCK_WORDS and not words_after & _OTHERS else None
 
 
+def bracketed_time_unit(name: str) -> str | None:
+    """Return the unit of time in the last brackets of a name in any language.
+
+    >>> bracketed_time_unit("Tiempo (min)"), bracketed_time_unit("R (kOhm)")
+    ('min', None)
+    """
+    return next((TIME_UNITS.get(text.lower()) for text in find_brackets(name)[-1:]), None)
+
+
 def find_clocks(names: Sequence[str]) -> list[str]:
     """Return the names of the clock columns; columns with a unit come first, dates last.
 
@@ -160,7 +163,7 @@ def unit_of(name: str) -> Unit | None:
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     if known is not None:
         return known.quantity
     words = split_words(name)
@@ -180,11 +183,11 @@ def scale_of(name: str) -> float:
     >>> scale_of("weight [g]")
     0.00980665
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     return 1.0 if known is None else known.factor
 
 
-def _find_named_unit(name: str) -> NamedUnit | None:
+def find_named_unit(name: str) -> NamedUnit | None:
     """Return the unit in a name, if any."""
     bracketed = find_bracketed_unit(name)
     if bracketed is not None:
@@ -210,7 +213,7 @@ def is_load(name: str) -> bool:
     >>> [is_load(name) for name in ("force_n", "Weight [g]", "R_ohm", "Strain [mm]")]
     [True, True, False, False]
     """
-    known = _find_named_unit(name)
+    known = find_named_unit(name)
     if known is not None:
         return known.quantity in ("newton", "pascal")
     return bool(_LOADS & {*split_words(name)})
@@ -312,14 +315,15 @@ def convert_to_seconds(
         raise InputError(f"{file}: column {name} contains no times; choose another --time-column")
     if unit is None:
         _check_clock(known, name=name, file=file)
-    found = unit or time_unit_of(name) or _infer_time_unit(known, name=name, file=file)
+    found = unit or time_unit_of(name) or bracketed_time_unit(name)
+    found = found or _infer_time_unit(known, name=name, file=file)
     absolute = float(known[0]) >= _EARLIEST_UNIX_S
     if found == "unix" or (found == "s" and absolute and unit is None):
         # Large values are milliseconds, microseconds or nanoseconds.
         found = next(
-            u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * _PER_SECOND[u]
+            u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * PER_SECOND[u]
         )
-    per_second = _PER_SECOND[found]
+    per_second = PER_SECOND[found]
     counts = column - known[0] if known[0] / per_second >= _EARLIEST_UNIX_S else column
     if found in ("ms", "us"):
         counts = _unwrap_counter(counts)
@@ -345,10 +349,24 @@ def _check_clock(known: NDArray[np.float64], *, name: str, file: str) -> None:
         )
 
 
+def _check_hms(known: NDArray[np.float64], *, name: str, file: str) -> None:
+    """Raise `InputError` if a clock seems to be hours, minutes and seconds in one number."""
+    steps = np.diff(known)
+    seconds, minutes = known % 1e2, known // 1e2 % 1e2
+    is_fast = steps.size > 0 and 0.0 < float(np.median(steps)) < 20.0
+    # Seconds would pass 60 to 99, and hours and minutes skip them.
+    if is_fast and (steps >= 40.0).any() and (seconds < 60).all() and (minutes < 60).all():
+        raise InputError(
+            f"{file}: column {name}: {known[0]:.6g} seems to be hours, minutes and seconds in one "
+            "number; write it in the form 12:30:00.5, or give --time-unit"
+        )
+
+
 def _infer_time_unit(known: NDArray[np.float64], *, name: str, file: str) -> str:
     """Infer the time unit from the sampling interval."""
     if known[0] >= _EARLIEST_UNIX_S and np.ptp(known) < known[0] / 10:
         return "unix"
+    _check_hms(known, name=name, file=file)
     steps = np.diff(known)
     steps = steps[steps > 0]
     step = float(np.median(steps)) if steps.size else 0.0

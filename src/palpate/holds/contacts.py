@@ -34,6 +34,8 @@ MOVED_SIGMAS = 8.0
 BOUNCE_S = 0.4
 #: Shortest cell, seconds. Contacts are found in the median readings of the cells.
 CELL_S = 0.02
+#: Longest part of a gap without readings that is filled, seconds.
+LONGEST_GAP_S = 600.0
 #: Length of the running median above which it moves a knee by more than the loading's uncertainty.
 COARSE_S = 1.0
 #: Cells in the running median, which removes single outliers and preserves edges.
@@ -154,7 +156,8 @@ def find_stretches(
 def _median_cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the middle and median reading of equal cells, and the cell length.
 
-    An empty cell repeats the previous median, so a step across a gap is at the end of the gap.
+    An empty cell repeats the previous median, so a step across a gap is at the end of the gap. Of
+    a gap only the last `LONGEST_GAP_S` have cells, because a clock may jump by years.
     """
     interval_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else CELL_S
     cell_s = max(CELL_S, interval_s)
@@ -165,8 +168,13 @@ def _median_cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, F
     order = np.lexsort((height, number))
     ranked = height[order]
     median = 0.5 * (ranked[starts + (counts - 1) // 2] + ranked[starts + counts // 2])
-    filled = np.searchsorted(number[starts], np.arange(number[-1] + 1), side="right") - 1
-    return time_s[0] + cell_s * np.arange(filled.size), median[filled], cell_s
+    cell = number[starts]
+    counts = np.minimum(np.diff(cell, append=cell[-1] + 1), max(1, round(LONGEST_GAP_S / cell_s)))
+    filled = np.repeat(np.arange(cell.size), counts)
+    # Cells before the next reading, by their distance from it.
+    before = np.cumsum(counts)[filled] - np.arange(filled.size)
+    following = np.append(cell[1:], cell[-1] + 1)[filled]
+    return time_s[0] + cell_s * (following - before), median[filled], cell_s
 
 
 def _find_moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:

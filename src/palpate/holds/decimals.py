@@ -16,6 +16,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds.table import LARGEST_NUMBER
+from palpate.holds.units import PREFIXES, TIME_UNITS, find_unit
 
 MARKS = {"point": ".", "comma": ","}
 #: Fields that represent a missing reading, in lower case.
@@ -29,10 +30,17 @@ OPEN |= {">range", "inf", "infinity", "o l", "o. l", "o.l", "o.l.", "o/l", "ol",
 OPEN |= {"open circuit", "out of range", "over", "over limit", "over load", "over range"}
 OPEN |= {"over-range", "overflow", "overload", "overrange", "ovf", "ovfl", "ovl", "ovld"}
 OPEN |= {"ovrflw", "∞"}
-_SPACES = re.compile(r"(?<=\d)[ \u00a0\u202f\u2009'’](?=\d{3}(?:\D|$))")
+#: Thousands marks, and spaces between a sign and its number.
+_SPACES = re.compile(r"(?<=\d)[ \u00a0\u202f\u2009'’](?=\d{3}(?:\D|$))|(?<=^[-+]) +(?=[\d.,])")
 _NUMBER = re.compile(r"[-+\u2212]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?")
+_CELL = re.compile(
+    r"(?P<number>[-+\u2212]?[ ]*[\d.,][\d.,'’ \u00a0\u202f]*(?:[eE][-+]?\d+)?|[^\W\d]\S*(?= ))"
+    r"[ \u00a0\u202f]*(?P<unit>[^\s\d.,;:(\[{<]\S{0,8})"
+)
+#: Groups of three digits, or of two above the thousands, as in India.
 _GROUPS = {
-    mark: re.compile(rf"[1-9]\d{{0,2}}(?:{re.escape(mark)}\d{{3}})+") for mark in MARKS.values()
+    mark: re.compile(rf"[1-9]\d{{0,2}}(?:{re.escape(mark)}\d{{2,3}})*{re.escape(mark)}\d{{3}}")
+    for mark in MARKS.values()
 }
 
 
@@ -43,6 +51,22 @@ def is_number(text: str) -> bool:
     [True, True, True, False, False]
     """
     return _NUMBER.fullmatch(_SPACES.sub("", text.strip())) is not None
+
+
+def split_cell(text: str) -> tuple[str, str] | None:
+    """Return the number (or the word for a reading above the range) and the unit of a cell.
+
+    None for other texts. The unit may be an SI prefix alone.
+
+    >>> split_cell("12,5 N"), split_cell("6.2k"), split_cell("OL MΩ"), split_cell("3rd")
+    (('12,5', 'N'), ('6.2', 'k'), ('OL', 'MΩ'), None)
+    """
+    found = _CELL.fullmatch(text.strip())
+    if found is None:
+        return None
+    number, unit = found["number"].rstrip(), found["unit"]
+    is_known = unit in PREFIXES or unit.lower() in TIME_UNITS or find_unit(unit) is not None
+    return (number, unit) if is_known and (is_number(number) or number.lower() in OPEN) else None
 
 
 def is_missing(text: str) -> bool:
@@ -123,6 +147,9 @@ class MarkEvidence:
     def _look(self, text: str, place: object) -> None:
         digits = _SPACES.sub("", text).lstrip("+-\u2212")
         if not _NUMBER.fullmatch(digits):
+            cell = split_cell(text)
+            if cell is not None:
+                self._look(cell[0], place)
             return
         found, seen = (str(place), text), [mark for mark in digits if mark in ".,"]
         kinds = set(seen)

@@ -74,6 +74,11 @@ def find_sensor_column(
         alternates = names_sensor(name) and np.mean(labels[1:] != labels[:-1]) > _MOST
         if is_unique and (alternates or np.unique(time_s[known]).size < 0.6 * known.sum()):
             return name
+        # The numbers of sensors follow each other in one order.
+        period = counts.size
+        cycles = np.mean(labels[period:] == labels[:-period]) > _MOST
+        if name.isdigit() and cycles and np.mean(labels[1:] != labels[:-1]) > _MOST:
+            return name
     return None
 
 
@@ -188,7 +193,7 @@ def _split_at_markers(time_s: NDArray[np.float64], values: NDArray[np.float64]) 
             continue
         names = ["value"] if stride == 2 else [f"place {k + 1}" for k in range(stride - 1)]
         return Frames(
-            time_s=time_s[regular],
+            time_s=time_s[regular + 1],
             columns=dict(zip(names, grid.T, strict=True)),
             remarks=[
                 f"{what} separates the frames; the {stride - 1} readings of a frame are read as "

@@ -97,6 +97,14 @@ def find_load_column(
             for name in table.numeric()
             if is_load(name) and unit_of(name) in (None, "newton") and not is_index(name)
         ]
+    if wanted is None and any(_is_row_number(table, name) for name in found):
+        # "n" is newtons, or the number of the row.
+        found = [name for name in found if not _is_row_number(table, name)]
+        if not found:
+            raise InputError(
+                f"{table.name}: column n may be newtons or the number of the row; say "
+                "--load-column n --load-unit N, or name it number"
+            )
     if not found:
         return None
     if len(found) > 1:
@@ -109,6 +117,11 @@ def find_load_column(
     factor, text = _factor_of(name, unit, where=table.name)
     taken = f"{name}: newtons" if factor == 1.0 else f"{name}: {text}, times {factor:.6g} for N"
     return LoadColumn(name=name, load_n=factor * table.columns[name], taken=taken)
+
+
+def _is_row_number(table: Table, name: str) -> bool:
+    numbers = table.columns[name]
+    return name.lower() == "n" and bool((numbers[1:] == numbers[:-1] + 1.0).all())
 
 
 def read_weights(

@@ -104,7 +104,7 @@ class LineForm:
         return [found.get(label, "") for label in self.labels]
 
     def _row_of_labels(self, body: str) -> list[str] | None:
-        found = {_name(pair): pair["value"] for pair in _find_pairs(body)}
+        found = dict(_named_value(pair, {*self.labels}) for pair in _find_pairs(body))
         self.left_out.update(found.keys() - {*self.labels})
         if not found.keys() & {*self.labels}:
             return None
@@ -141,6 +141,9 @@ def find_line_form(lines: Sequence[str]) -> LineForm:
         return LineForm(stamped=stamped, in_brackets=_is_most(wrapped, len(bodies)))
     counts = Counter(_name(pair) for index in labelled for pair in pairs[index])
     names = tuple(name for name, count in counts.items() if is_repeated(count, len(labelled)))
+    # A meter that changes its range writes several units behind one label.
+    plain = Counter(_label(name) for name in names)
+    names = tuple(dict.fromkeys(_label(n) if plain[_label(n)] > 1 else n for n in names))
     own = [_OWN_CLOCK.match(bodies[index]) is not None for index in labelled]
     return LineForm(stamped=stamped, labels=names, own_clock=sum(own) > _MOST * len(own))
 
@@ -157,6 +160,19 @@ def _find_pairs(body: str) -> list[re.Match[str]]:
 
 def _is_most(count: int, total: int) -> bool:
     return count >= _FEWEST and count >= _MOST * total
+
+
+def _label(name: str) -> str:
+    """Return the name of a labelled number without its unit."""
+    return name.partition(" [")[0]
+
+
+def _named_value(pair: re.Match[str], names: set[str]) -> tuple[str, str]:
+    """Return the name and value of a labelled number, with the unit in either of them."""
+    name, value = _name(pair), str(pair["value"])
+    if name not in names and _label(name) in names:
+        return _label(name), f"{value} {pair['unit']}"
+    return name, value
 
 
 def _name(pair: re.Match[str]) -> str:
@@ -185,6 +201,9 @@ def _flatten(value: Any, name: str) -> Iterator[tuple[str, str]]:
     elif isinstance(value, list):
         for place, inner in enumerate(value):
             yield from _flatten(inner, f"{name}.{place}" if name else str(place))
+    elif isinstance(value, str) and (inner := _read_json(value)) is not None:
+        # A message may contain another as text.
+        yield from ((f"{name}.{key}", text) for key, text in inner.items())
     else:
         text = "" if value is None else str(value)
         yield name, " ".join(text.split())

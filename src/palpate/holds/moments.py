@@ -21,6 +21,8 @@ _DATE = (
     rf"|{_MONTH}[ _]\d{{1,2}},?[ _]\d{{4}}"
     rf"|{_MONTH}[ _]{{1,2}}\d{{1,2}})"
 )
+#: The days of a time difference, as Python and pandas write it.
+_DAYS = r"(?:\d{1,5} days?,? \+?)?"
 _TIME = r"(?:\d{1,3}:\d\d[.,]\d{1,6}|\d{1,2}:\d\d(?::\d\d(?:[.,:]\d{1,9})?)?(?: ?[ap]\.?m\b\.?)?)"
 _ZONE = r"(?: ?(?:z\b|utc\b|gmt\b|[+-]\d\d:?\d\d\b))?"
 _WEEKDAY = r"(?:(?:mon|tue|wed|thu|fri|sat|sun)[a-z]*\.?,? +)?"
@@ -30,7 +32,7 @@ _BASIC = r"(?:19|20)\d{6}[t_]\d{6}(?:[.,]\d{1,9})?"
 #: A date, a time of day, or both.
 MOMENT = (
     rf"(?:{_WEEKDAY}(?:{_YEAR_LAST}|{_BASIC}{_ZONE}|{_DATE}(?:(?:t| +|, *|_|;){_TIME}{_ZONE})?)"
-    rf"|{_TIME}{_ZONE})"
+    rf"|{_DAYS}{_TIME}{_ZONE})"
 )
 _MOMENT = re.compile(MOMENT, re.IGNORECASE)
 _RARE = re.compile(
@@ -41,8 +43,10 @@ _RARE = re.compile(
 #: Weekday, month or ISO 8601 without separators.
 _RARE_HINT = re.compile(r"[^\W\d_]{3}|\d{8}[t_]\d{6}", re.IGNORECASE)
 _SPACED = re.compile(rf"(?<!\w)({_DATE})[ t_]+({_TIME})({_ZONE})", re.IGNORECASE)
+_MASKED = re.compile(rf"{_SPACED.pattern}|\b{_DAYS[:-1]}{_TIME}", re.IGNORECASE)
 _PARTS = re.compile(
-    rf"(?P<date>{_DATE})?[t ,_;]*(?P<time>{_TIME})?(?P<zone>{_ZONE})", re.IGNORECASE
+    rf"(?P<date>{_DATE})?[t ,_;]*(?P<days>{_DAYS})(?P<time>{_TIME})?(?P<zone>{_ZONE})",
+    re.IGNORECASE,
 )
 
 
@@ -86,12 +90,12 @@ def _common_form(found: re.Match[str]) -> str:
 
 
 def mask_dates(line: str) -> str:
-    """Return a line with dates and their times of day replaced by ``#``.
+    """Return a line with dates or days and their times replaced by ``#``.
 
     >>> mask_dates("31-May-2024 12:30;620")
     '#################;620'
     """
-    return _SPACED.sub(lambda m: "#" * len(m[0]), line)
+    return _MASKED.sub(lambda m: "#" * len(m[0]), line)
 
 
 def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[np.float64] | None:
@@ -109,7 +113,7 @@ def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[n
     parts = [m if m and (m["date"] or m["time"]) else None for m in found]
     if not texts or sum(m is not None for m in parts) <= 0.5 * len(texts):
         return None
-    clock_s = np.array([np.nan if m is None else _time_s(m["time"], m["zone"]) for m in parts])
+    clock_s = np.array([np.nan if m is None else _clock_s(m) for m in parts])
     dates = [None if m is None or not m["date"] else m["date"] for m in parts]
     if any(dates):
         return _add_days(clock_s, dates, name=name, file=file)
@@ -122,6 +126,11 @@ def parse_moments(texts: Sequence[object], *, name: str, file: str) -> NDArray[n
     hour = clock_s[known] // 3600.0
     passed_s[known[1:]] += np.where((hour[:-1] == 12) & (hour[1:] == 1), 0.5 * _DAY_S, 0.0)
     return np.asarray(since + np.cumsum(passed_s))
+
+
+def _clock_s(found: re.Match[str]) -> float:
+    days = int(found["days"].split()[0]) if found["days"] else 0
+    return _DAY_S * days + _time_s(found["time"], found["zone"])
 
 
 def _time_s(text: str | None, zone: str) -> float:

@@ -54,6 +54,10 @@ TABLE_ENDINGS = (
 )
 
 
+#: A first row that is this many usual intervals before the others is not of the recording.
+_LONE_STEPS = 300.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingTable:
     """A recording: readings of one or more sensors on one clock.
@@ -253,13 +257,18 @@ def _read_rows(
         total=raw_s.size,
         name=where,
     )
+    steps_s = np.diff(raw_s[known])
+    if steps_s.size > 2 and steps_s[0] > _LONE_STEPS * np.median(np.abs(steps_s)):
+        # A log that begins within a line has lost digits of the first time.
+        notes.append(f"{table.place(rows.start + int(known[0]))} was omitted: its time is far off")
+        known = known[1:]
     time_s = raw_s[known]
     columns = {name: table.columns[name][rows][known] for name in values}
     texts = {
         name: column[rows][known]
         for name, column in table.columns.items()
         if name not in (clock, find_recording_column([name]))
-        and (column.dtype == object or names_sensor(name))
+        and (column.dtype == object or names_sensor(name) or name.isdigit())
     }
     # A column that is not read names the sensors rather than one of several readings.
     sensor = find_sensor_column(time_s, {n: c for n, c in texts.items() if n not in columns})

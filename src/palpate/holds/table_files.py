@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError, require_extra
 from palpate.holds import table
+from palpate.holds.cells import CellUnits
 from palpate.holds.columns import find_clocks
+from palpate.holds.decimals import NumberFormat, is_missing
 from palpate.holds.formats import START_BYTES, FileFormat, name_format
 from palpate.holds.moments import is_moment
 from palpate.holds.table import LARGEST_NUMBER, LONGEST_LINE, OPEN_NUMBER, Table
@@ -275,7 +277,7 @@ def table_of_arrays(source: Any, *, name: str) -> Table:
         if index is not None and (times or getattr(index, "name", None) is not None):
             arrays[str(index.name or "time")] = index
         arrays |= {str(key): source[key] for key in source.columns}
-    columns = {key: _to_column(value, key, name=name) for key, value in arrays.items()}
+    columns = dict(_to_column(value, key, name=name) for key, value in arrays.items())
     lengths = {key: column.size for key, column in columns.items()}
     if not columns or len(set(lengths.values())) > 1 or not next(iter(lengths.values())):
         raise InputError(
@@ -285,16 +287,26 @@ def table_of_arrays(source: Any, *, name: str) -> Table:
     return Table(name=name, columns=columns, numbers=range(1, rows + 1))
 
 
-def _to_column(values: Any, key: str, *, name: str) -> NDArray[Any]:
+def _to_column(values: Any, key: str, *, name: str) -> tuple[str, NDArray[Any]]:
+    """Return the name and cells of a column, with the unit of its cells in the name."""
     array = np.asarray(values)
     if array.ndim != 1:
         raise InputError(f"{name}: {key} has shape {array.shape}; columns must be one-dimensional")
     if array.dtype.kind in "mM":
-        return array
+        return key, array
     try:
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError):
-        return array.astype(object)
+        texts = [str(cell) for cell in array.tolist()]
+        numbers, units = NumberFormat().parse(texts), CellUnits(column=key)
+        filled = {row: text for row, text in enumerate(texts) if not is_missing(text)}
+        others = {row: text for row, text in filled.items() if np.isnan(numbers[row])}
+        with_unit = units.split(others, parse=NumberFormat().parse)
+        is_partly_text = with_unit.keys() != others.keys() or 2 * len(filled) < len(texts)
+        if not with_unit or is_partly_text:
+            return key, array.astype(object)
+        numbers[[*with_unit]] = [*with_unit.values()]
+        return units.convert(numbers, place=lambda row: f"row {row + 1}", name=name), numbers
     numbers[numbers >= OPEN_NUMBER] = np.inf
     numbers[~((np.abs(numbers) <= LARGEST_NUMBER) | (numbers == np.inf))] = np.nan
-    return numbers
+    return key, numbers

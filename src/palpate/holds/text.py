@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import table
-from palpate.holds.columns import find_recording_column
-from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number
+from palpate.holds.cells import CellUnits, join_parts
+from palpate.holds.columns import find_recording_column, time_unit_of, unit_of
+from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number, split_cell
 from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form, is_repeated
 from palpate.holds.moments import is_moment, join_spaced
 from palpate.holds.table import LONGEST_LINE, OPEN_NUMBER, Table, report_bad_rows
-from palpate.holds.units import TIME_UNITS, find_unit, is_unit_field
+from palpate.holds.units import find_unit, is_unit_field
 
 if TYPE_CHECKING:
     from _csv import Reader as CsvReader
@@ -48,11 +49,12 @@ _DATA_RUN = 3
 _TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
 #: A name of a column, such as "A0" or "R (kOhm)", but no note with numbers.
 _COLUMN_NAME = re.compile(r"\D*|\s*[^\W\d_]+[ _]?\d{1,3}[^,\d]*")
+#: Beginning of a comment.
+_COMMENT = re.compile(r"#+|%+|//+")
 #: Codes of colors for a terminal.
 _COLORS = re.compile(r"\x1b\[[\d;]*[A-Za-z]")
 #: Fields of a row below the units that states how a logger reduced its samples.
 _REDUCTIONS = {"", "Smp", "Avg", "Max", "Min", "Std", "Tot", "Med"}
-_CELL_WITH_UNIT = re.compile(r"(?:^|[,;|\t]) *[-+]?\d[\d.]* ?([^\s\d,;|]{1,6}) *(?=$|[,;|\t\r\n])")
 _TIME_FRACTION = re.compile(r"[^,]*\d:\d\d,(\d{3}|\d{6}),")
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_ERRORS = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -207,7 +209,8 @@ def read_text(
 
     Separators are commas, semicolons, tabs, bars or spaces; numbers have decimal points or commas;
     the encoding is UTF-8, UTF-16 or a Western code page. Notes before the header and lines that
-    begin with ``#``, ``%`` or ``//`` are skipped. Lines of terminals and sketches may have times
+    begin with ``#``, ``%`` or ``//`` are skipped, unless the last of them above the data are the
+    only header. Lines of terminals and sketches may have times
     and labels (`palpate.holds.log_lines`).
 
     `decimal`: decimal mark; by default found in the numbers.
@@ -215,11 +218,15 @@ def read_text(
     Raises `InputError` if the file isn't text, contains no table, or has too many unusable rows.
     """
     with open_text(file, name=name) as text:
-        # Comments become empty lines to preserve the line numbers.
         plain = (_COLORS.sub("", line) if "\x1b" in line else line for line in read_lines(text))
-        lines = ("\n" if line.startswith(("#", "%", "//")) else line for line in plain)
+        raw = list(islice(plain, SAMPLE_ROWS))
+        # Comments become empty lines to preserve the line numbers.
+        lines = ("\n" if _COMMENT.match(line) else line for line in chain(raw, plain))
         sample = list(islice(lines, SAMPLE_ROWS))
         layout = find_layout(sample, name=name, decimal=decimal, without_clock=without_clock)
+        if not (layout.header or layout.form.names or layout.form.stamped):
+            names = _find_names(raw[: layout.first], layout, name=name)
+            layout = replace(layout, names=names)
         rest = chain(sample[layout.first :], lines)
         rows = split_rows(
             (prepare_line(line, layout.form, layout.separator) for line in rest),
@@ -235,6 +242,40 @@ def read_text(
             if is_repeated(count, found.rows)
         )
         return found
+
+
+def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]:
+    """Return the column names in the last lines above the data, or those of the layout.
+
+    The lines may be comments, as of `numpy.savetxt`, or have another separator than the data.
+
+    Raises `InputError` if there are more names than columns.
+    """
+    above = [_COMMENT.sub("", line).strip("\r\n") for line in lines if line.strip()]
+    width, found = len(layout.names), list[list[str]]()
+    for line in above[-2:]:
+        # "# columns: time [ms], R [kOhm]"
+        body = re.sub(r"^\s*\w+:(?=\s)|\s+(?=[\[(])", "", line)
+        for separator in (layout.separator, *SEPARATORS):
+            row = [field.strip() for field in split_line(body, separator)]
+            is_names = all(_COLUMN_NAME.fullmatch(f) and not re.search("[:=]", f) for f in row)
+            if not (is_names and _states_meaning(row)):
+                continue
+            if len(row) == width:
+                found.append(row)
+                break
+            if width < len(row) <= width + 2 and separator is not None and line == above[-1]:
+                raise InputError(
+                    f"{name}: the header has {len(row)} names ({', '.join(row)[:60]}), but the "
+                    f"rows have {width} fields; write one name for each field"
+                )
+    return _parse_header(found, width, stamped=False)[0] if found else layout.names
+
+
+def _states_meaning(names: Sequence[str]) -> bool:
+    """Return whether names state a clock or units, which a note of as many words may not."""
+    is_units = all(unit_of(name) is not None or is_unit_field(name) for name in names)
+    return is_units or any(time_unit_of(name) is not None for name in names)
 
 
 def prepare_line(line: str, form: LineForm, separator: str | None) -> str:
@@ -261,12 +302,6 @@ def find_layout(
         plain = replace(form, labels=(), own_clock=False, is_json=False)
         best = _find_best(lines, plain, decimal=decimal, narrowest=narrowest)
     if best is None:
-        cell = next((text for line in lines if (text := _find_cell_with_unit(line))), None)
-        if cell is not None:
-            raise InputError(
-                f"{name}: fields such as {cell!a} are not numbers; write the unit in the header, "
-                "such as 'force [N]'"
-            )
         if lines and re.match(r"\s*(\[\s*([\[{]|$)|\{\s*(\"|$))", lines[0]):
             raise InputError(
                 f"{name}: a JSON document; write one object per line, or save the table as CSV"
@@ -295,14 +330,12 @@ def _find_best(
         rows = [split_line(prepare_line(line, form, separator), separator) for line in lines]
         layout = detect_layout(rows, separator=separator, form=form, narrowest=narrowest)
         found += [layout] if layout else []
-    return max(found, key=lambda layout: layout.score, default=None)
-
-
-def _find_cell_with_unit(line: str) -> str | None:
-    """Return a field with a number and a unit, if any."""
-    found = _CELL_WITH_UNIT.search(line)
-    is_unit = found is not None and (found[1] in TIME_UNITS or find_unit(found[1]) is not None)
-    return found[0].strip(" ,;|\t") if found and is_unit else None
+    best = max(found, key=lambda layout: layout.score, default=None)
+    if best is not None and best.separator is None and best.names[-1].startswith("column "):
+        # Spaces between groups of thousands leave fields without a name.
+        named = [one for one in found if one.header and 2 * one.score > best.score]
+        best = next((one for one in named if not one.names[-1].startswith("column ")), best)
+    return best
 
 
 def _check_commas(
@@ -391,7 +424,11 @@ def detect_layout(
         first = above.pop()
     names, header = form.names, list[list[str]]()
     if names is None or len(names) != width:
-        names, header = _parse_header([rows[index] for index in above], width, stamped=form.stamped)
+        heads = [rows[index] for index in above]
+        if heads and len(heads[-1]) == width - 1 and not form.stamped:
+            first_rows = [rows[index] for index in filled if index in data]
+            heads[-1] = ["", *heads[-1]] if _has_row_names(first_rows) else heads[-1]
+        names, header = _parse_header(heads, width, stamped=form.stamped)
     return Layout(
         separator=separator,
         names=names,
@@ -406,22 +443,26 @@ def _score_row(row: Sequence[str], *, narrowest: int) -> int:
     """Return the excess of number and time fields over text fields; 0 if not data."""
     number = text = missing = moment = 0
     for field in row:
-        if is_number(field):
+        if is_number(field) or split_cell(field):
             number += 1
         elif is_moment(field):
             number, moment = number + 1, moment + 1
         elif is_missing(field):
             missing += 1
-        else:
+        elif find_unit(field) is None:
             text += 1
     if not number or number + missing < narrowest:
         return 0
-    # A row with a moment and a number may have names and states as well.
-    return max(0, number - text, int(bool(moment) and number > moment))
+    # A row with a moment or another number may have names and states as well, and a weight a name.
+    is_row = (text <= number >= narrowest) or (moment > 0 and number > moment)
+    return max(number - text, int(is_row))
 
 
 def _has_number(row: Sequence[str], form: LineForm) -> bool:
-    return any(is_number(field) or is_moment(field) for field in row[form.stamped :])
+    own = row[form.stamped :]
+    # "5V" may be a name.
+    with_unit = all(split_cell(field) or is_missing(field) for field in own)
+    return any(is_number(field) or is_moment(field) for field in own) or with_unit
 
 
 def _parse_header(
@@ -434,7 +475,7 @@ def _parse_header(
     fitting = [row for row in above if not any(map(_is_name, row[width:]))]
     if fitting and not {*fitting[-1]} - _REDUCTIONS:
         fitting = fitting[:-1]
-    lines = [[field.strip() for field in row][:width] for row in fitting[-2:]]
+    lines = [[field.strip(' \t"') for field in row][:width] for row in fitting[-2:]]
     # The terminal's time in front of a header is no name.
     lines = [(["", *line[1:]] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
@@ -458,6 +499,18 @@ def _parse_header(
 def _is_name(field: str) -> bool:
     """Return whether a field beyond the data names a column; one of comments may be empty."""
     return field.strip().lower() not in ("", "comment", "comments", "remark", "remarks")
+
+
+def _has_row_names(rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether the first column numbers or names the rows, and the last one has readings.
+
+    R writes such a table with a header that is one name shorter than the rows.
+    """
+    firsts = [row[0].strip('" ') for row in rows]
+    counts = [int(first) for first in firsts if first.isdecimal()]
+    numbered = len(counts) == len(rows) and all(b - a == 1 for a, b in pairwise(counts))
+    named = not any(is_number(first) or is_moment(first) or is_missing(first) for first in firsts)
+    return len(rows) > 1 and (numbered or named) and any(row[-1].strip() for row in rows)
 
 
 def _is_header(line: Sequence[str], *, stamped: bool) -> bool:
@@ -520,12 +573,31 @@ def gather_rows(
     format_ = evidence.decide(name=name, separator=layout.separator, wanted=decimal)
     if format_.group and (evidence.group or evidence.either):
         omissions.append(f"{format_.group!r} separates thousands")
+    join_parts(texts, mark=_JOIN)
     columns: dict[str, NDArray[Any]] = {}
-    for column in names:
-        columns[column] = _parse_column(
-            texts.pop(column), column, format_, numbers=used, word=word, omissions=omissions
+    odd: dict[int, list[str]] = {}
+    for column in [*texts]:
+        units = CellUnits(column=column)
+        cells = _parse_column(
+            texts.pop(column),
+            format_,
+            units=units,
+            numbers=used,
+            word=word,
+            omissions=omissions,
+            odd=odd,
         )
-    for column in [c for c in names if c.startswith("column ")]:
+        if units.rows and cells.dtype != object:
+            column = units.convert(cells, place=lambda row: f"{word} {used[row]}", name=name)
+        columns[column] = cells
+    heads = {field.strip() for line in layout.header for field in line}
+    for row, words in odd.items():
+        if len(words) > 1 and (heads & {*words} or _states_meaning(words)):
+            raise InputError(
+                f"{name} {word} {used[row]}: another header ({', '.join(words)[:60]}); save each "
+                "table as its own file"
+            )
+    for column in [c for c in columns if c.startswith("column ") or c.isdigit()]:
         cells = columns[column]
         is_text = cells.dtype == object
         count = sum(map(bool, cells)) if is_text else int(np.isfinite(cells).sum())
@@ -540,38 +612,49 @@ def gather_rows(
 
 def _parse_column(
     parts: Sequence[str],
-    column: str,
     format_: NumberFormat,
     *,
+    units: CellUnits,
     numbers: Sequence[int],
     word: str,
     omissions: list[str],
+    odd: dict[int, list[str]],
 ) -> NDArray[Any]:
-    """Return a column of numbers, or of texts if half of the first are."""
+    """Return a column of numbers, or of texts if half of the first are.
+
+    `units`: receives the units of its cells. `odd`: receives fields that are no numbers, by row.
+    """
+    column = units.column
     is_text = column == find_recording_column([column])
     found: list[NDArray[Any]] = []
-    odd: list[int] = []
+    strange: dict[int, str] = {}
     start = 0
     for part in parts:
         fields = part.split(_JOIN)
         if not is_text:
             parsed = format_.parse(fields)
             parsed[parsed >= OPEN_NUMBER] = np.inf
-            strange = [
-                start + i
+            others = {
+                start + i: fields[i]
                 for i in np.flatnonzero(np.isnan(parsed)).tolist()
                 if not is_missing(fields[i])
-            ]
-            is_text = not found and 2 * len(strange) >= len(fields)
+            }
+            with_unit = units.split(others, parse=format_.parse)
+            for row, number in with_unit.items():
+                parsed[row - start] = number
+            others = {row: text for row, text in others.items() if row not in with_unit}
+            is_text = not found and 2 * len(others) >= len(fields)
             if not is_text:
-                odd += strange
+                strange |= others
                 found.append(parsed)
         if is_text:
             found.append(np.array(fields, dtype=object))
         start += len(fields)
-    if odd:
+    for row, text in strange.items():
+        odd.setdefault(row, []).append(text.strip())
+    if strange:
         omissions.append(
-            f"{column}: {len(odd)} fields are not numbers and count as missing (first at {word} "
-            f"{numbers[odd[0]]})"
+            f"{column}: {len(strange)} fields are not numbers and count as missing (first at "
+            f"{word} {numbers[next(iter(strange))]})"
         )
     return np.concatenate(found)

@@ -8,8 +8,8 @@ from typing import Literal, TypeAlias
 
 Unit: TypeAlias = Literal["ohm", "percent", "counts", "volt", "newton", "pascal"]
 
-#: SI prefixes of the units that accept one.
-_PREFIXES = {"G": 1e9, "M": 1e6, "K": 1e3, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6}
+#: SI prefixes of the units that accept one; a cell may have one alone (6.2k).
+PREFIXES = {"G": 1e9, "M": 1e6, "K": 1e3, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6}
 #: A unit as written -> quantity and factor. Letters are as written, because a case matters: N and
 #: n, mm and MM are the exceptions that `find_unit` accepts.
 _GRAVITY = 9.80665
@@ -51,7 +51,7 @@ _PLAIN: dict[str, tuple[Unit, float]] = {
 _WITH_PREFIX = ("ohm", "ohms", "Ohm", "Ohms", "OHM", "Ω", "\u2126", "V", "v", "N", "Pa", "pa")
 _PREFIXED = {
     f"{prefix}{unit}": (_PLAIN[unit][0], factor)
-    for prefix, factor in _PREFIXES.items()
+    for prefix, factor in PREFIXES.items()
     for unit in (*_WITH_PREFIX, "volt", "volts", "newton", "newtons", "pascal", "pascals")
 }
 UNITS: dict[str, tuple[Unit, float]] = {**_PREFIXED, **_PLAIN}
@@ -73,6 +73,15 @@ _TIME_UNITS = {
 }
 #: Word -> unit of time.
 TIME_UNITS = {word: unit for unit, words in _TIME_UNITS.items() for word in words}
+PER_SECOND = {
+    "d": 1 / 86400,
+    "h": 1 / 3600,
+    "min": 1 / 60,
+    "s": 1.0,
+    "ms": 1e3,
+    "us": 1e6,
+    "ns": 1e9,
+}
 #: Fields of a row of units for columns without one; Campbell loggers write TS and RN.
 _NO_UNITS = {"", "-", "1", "TS", "RN"}
 _BRACKETS = re.compile(r"[\[(<{]\s*([^\[\](){}<>]{1,16}?)\s*[\])>}]")
@@ -99,7 +108,7 @@ def find_unit(text: str) -> NamedUnit | None:
     (NamedUnit(quantity='pascal', factor=1000.0), NamedUnit(quantity=None, factor=1.0), None)
     """
     word = text.strip().strip("[](){}<>").strip()
-    for known in (word, word.lower()):
+    for known in (word, word.lower(), word.replace("-", "")):
         if known in UNITS:
             quantity, factor = UNITS[known]
             return NamedUnit(quantity=quantity, factor=factor)

@@ -11,6 +11,7 @@ import pytest
 from palpate.calibrate.loaded_readings import read_loaded
 from palpate.calibrate.loaded_sensor import TableOptions
 from palpate.errors import InputError
+from palpate.holds.loads import read_weights
 
 
 @pytest.mark.parametrize(
@@ -21,6 +22,7 @@ from palpate.errors import InputError
         ("Load (kg)", 9.80665),
         ("kraft [mN]", 1e-3),
         ("force_lbf", 4.4482216),
+        ("Load (kg-f)", 9.80665),
     ],
 )
 def test_load_is_converted_by_the_unit_in_its_name(head: str, factor: float) -> None:
@@ -62,6 +64,7 @@ SETTLED = {"R_ohm": [9.0, 8.0, 7.0]}
     [
         ({**SETTLED, "load": [0, 1, 2]}, {}, "no unit"),
         ({**SETTLED, "load_n": [0, 1, 2], "weight_g": [0, 9, 9]}, {}, "--load-column"),
+        ({**SETTLED, "n": [4, 5, 6]}, {}, "--load-unit N"),
         ({**SETTLED, "load_n": [0, 1, 2]}, {"weights": [0.0, 1.0, 2.0]}, "omit the weights"),
         (SETTLED, {"weights": [1.0]}, "no time column"),
         (ROW, {"weights": [-1.0, 2.0]}, "below 0"),
@@ -193,6 +196,28 @@ def test_weights_in_another_sheet_of_the_workbook_of_readings(tmp_path: Path) ->
     assert sensor.columns == ("R_ohm",)
     loads = [load for _, _, load in sensor.parts[0].weighed]
     assert loads == pytest.approx([0.980665, 1.96133, 2.941995])
+
+
+def test_weights_with_their_units_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("n;Gewicht;Wert\n1;0;41 kΩ\n2;250 g;830,5 Ω\n3;1,25 kg;0,2604 kΩ\n")
+    (sensor,) = read_loaded(path)
+    np.testing.assert_allclose(sensor.parts[0].load_n, np.array([0, 0.25, 1.25]) * 9.80665)
+    np.testing.assert_allclose(sensor.parts[0].values.ravel(), [41e3, 830.5, 260.4])
+    assert sensor.unit == "ohm"
+    (same,) = read_loaded({"Gewicht": ["0", "250 g", "1.25 kg"], "R": ["41k", "830.5", ".2604k"]})
+    np.testing.assert_allclose(same.parts[0].load_n, sensor.parts[0].load_n)
+    np.testing.assert_allclose(same.parts[0].values, sensor.parts[0].values)
+    # The first line is no name of the others.
+    path.write_text("3 x 20 g\n100 g\n200 g\n")
+    with pytest.raises(InputError, match="'3 x 20 g' above line 2"):
+        read_weights(path)
+
+
+def test_names_of_weights_are_no_weights(tmp_path: Path) -> None:
+    path = tmp_path / "weights.csv"
+    path.write_text("what,mass_g\nnone,0\nwasher,7.5\nnut,30\n")
+    np.testing.assert_allclose(read_weights(path).load_n, np.array([0, 7.5, 30]) * 9.80665e-3)
 
 
 def test_unit_of_weights_stands_in_a_row_of_its_own(tmp_path: Path) -> None:

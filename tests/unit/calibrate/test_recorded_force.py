@@ -146,6 +146,7 @@ def test_saving_keeps_the_layout_of_an_earlier_file() -> None:
         ({"load_n": [0, 1.0, 2.0], "A0": [3.0, 300.0, 400.0]}, "--adc-bits"),
         ({"load_n": [0, 1.0, 2.0], "R_ohm": [9.0, np.nan, np.nan]}, "no weight has a usable"),
         ({**press([0.2, 0.25]), "R_ohm": press([0.2, 0.25])["R_ohm"]}, "never stays above"),
+        ({**press([3.0, 4.0]), "load_n": -press([3.0, 4.0])["load_n"]}, "the loads are negative"),
     ],
 )
 def test_unusable_readings_are_refused(table: dict[str, Any], message: str) -> None:

@@ -38,6 +38,15 @@ def test_contacts_without_reading_at_rest_are_all_found(column: str, rest: float
     assert np.isnan(cut.values[~TOUCHED]).all()
 
 
+def test_clock_that_jumps_by_years_neither_fills_the_memory_nor_moves_a_hold() -> None:
+    jumped_s = TIME_S + np.where(0.5 * (TOUCHES[-1][1] + TIME_S[-1]) < TIME_S, 1.8e9, 0.0)
+    each = []
+    for time_s in (TIME_S, jumped_s):
+        [readings] = read_recordings({"time_s": time_s, "R_ohm": OHM})
+        each.append(cut_columns(readings)[0].spans)
+    np.testing.assert_allclose(*each)
+
+
 def test_lost_readings_during_a_hold_do_not_end_it() -> None:
     values = np.where((TIME_S > 12.0) & (TIME_S < 13.0), np.nan, OHM)
     [readings] = read_recordings({"time_s": TIME_S, "R_ohm": values})

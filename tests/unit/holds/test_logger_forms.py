@@ -93,7 +93,6 @@ def write(path: Path, head: str, line: Callable[[int], str]) -> Path:
             lambda r: f"{TIME_S[r]},{ONE[r]},{TIME_S[r] + 2:.1f},{TWO[r]}",
             "clocks of different readings",
         ),
-        ("time,force\n", lambda r: f"{TIME_S[r]} s,{ONE[r]} N", "write the unit in the header"),
         (
             "",
             lambda r: f"{2 * r}00 {ONE[r]} {TWO[r]}\n{2 * r + 1}00 {ONE[r] + 9} {TWO[r] + 9}\n",
