@@ -256,6 +256,33 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
 
 
+@pytest.mark.parametrize("is_labelled", [False, True])
+def test_rule_on_a_class_without_labels_gives_the_default_bin_and_the_reason(
+    tmp_path: Path, is_labelled: bool
+) -> None:
+    avocado = Rule(bin="export", conditions=(OneOf("class", frozenset({"avocado"})),), line=3)
+    book = RuleBook(rules=(avocado, *RULES.rules), default_bin="by hand", most_grasps=3)
+    where = str(tmp_path / "items.sqlite")
+    if is_labelled:
+        with Store.open(where) as store:
+            store.add_item(Item(item_id="A0", kind="avocado"))
+    item_store = ItemStore(where, rules=book)
+    placed = place_and_add(item_store, sized(60.0, item_id="A1"))
+    assert placed.bin is not None
+    assert (placed.bin.name, placed.bin.again, placed.no_bin) == ("by hand", False, "")
+    assert "class unknown: " in placed.bin.why
+    # The store works, so the station is healthy.
+    assert item_store.trouble == ""
+    # The other rules, and kinds that a person has stated, still decide.
+    small = place_and_add(item_store, sized(40.0, item_id="A2")).bin
+    assert small is not None
+    assert small.name == "small"
+    if is_labelled:
+        stated = place_and_add(item_store, sized(60.0, item_id="A0")).bin
+        assert stated is not None
+        assert stated.name == "export"
+
+
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
     recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
