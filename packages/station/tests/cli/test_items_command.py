@@ -205,3 +205,20 @@ def test_export_to_csv_and_excel_has_the_same_rows_and_no_formulas(
     assert len(list(book["verdicts"].iter_rows())) == 2
     book.close()
     assert ".xlsx" in palpate.refused("items", "--export", "all.ods")
+
+
+@pytest.mark.usefixtures("filled")
+@pytest.mark.parametrize(
+    ("selected", "near"),
+    [
+        (("--batch", "Mondey"), "did you mean: Monday?"),
+        (("--kind", "avocadoo"), "did you mean: avocado?"),
+        (("--kind", "kiwi", "--batch", "Monday"), "no items of kind kiwi in batch Monday"),
+    ],
+)
+def test_a_selection_without_items_is_refused_and_writes_no_file(
+    palpate: Command, selected: tuple[str, ...], near: str
+) -> None:
+    for wanted in (("--export", "none.csv"), ()):
+        assert near in palpate.refused("items", *selected, *wanted)
+    assert not Path("none.csv").exists()
