@@ -13,11 +13,11 @@ from palpate_station.records import Item
 
 
 def check_item(text: str) -> str:
-    """Return the item identifier of a typed or scanned text.
+    """Return the item identifier of a typed or scanned text; spaces after it are padding.
 
     Raises `InputError` if the label is damaged, or the text can't be a name.
     """
-    return Item(item_id=read_label(text)).item_id
+    return Item(item_id=read_label(text.rstrip(" "))).item_id
 
 
 @dataclass(slots=True)
