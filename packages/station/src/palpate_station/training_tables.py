@@ -103,7 +103,10 @@ def _means(grasps: Sequence[Grasp]) -> list[float]:
         values = [
             one.measurements[name].middle
             for one in grasps
-            if one.outcome is Outcome.HELD and name in one.measurements
+            if one.outcome is Outcome.HELD
+            and name in one.measurements
+            # The limits of a bound may be infinite.
+            and np.isfinite(one.measurements[name].middle)
         ]
         if not values:
             return []

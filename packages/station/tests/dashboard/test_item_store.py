@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import logging
+import math
 import socket
+import sqlite3
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -21,7 +23,7 @@ from packages.station.tests.dashboard.test_live import SOURCE as PAGE_SOURCE
 from palpate.grasp.document import GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.measurement import Measurement
+from palpate.measurement import Measurement, Status
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 from palpate_station.dashboard.audit import LOG
@@ -99,6 +101,41 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert grasp.recording == str(recorded.resolve())
     assert grasp.pixel_settled_percent is not None
     assert len(grasp.pixel_settled_percent) == 4
+
+
+def test_bounds_are_stored_and_exported_but_are_no_values(tmp_path: Path) -> None:
+    where = tmp_path / "items.sqlite"
+    at_least = Measurement(value=None, low=1.59, high=40.0, unit="n_per_mm", status=Status.AT_LEAST)
+    saturated = Measurement(value=None, low=12.0, high=math.inf, unit="n", status=Status.AT_LEAST)
+    result = replace(RESULT, stiffness_n_per_mm=at_least, force_n=saturated)
+    item_store = ItemStore(str(where))
+    for stiffer in (RESULT, result):
+        place_and_add(item_store, GraspDocument(result=stiffer, item_id="berry-7"))
+    with sqlite3.connect(where) as connection:
+        query = "SELECT value, low, high, status FROM measurements WHERE name = ? ORDER BY low"
+        bound, measured = connection.execute(query, ("stiffness_n_per_mm",)).fetchall()
+        (force,) = connection.execute(query, ("force_n",)).fetchall()
+        (mean,) = connection.execute(
+            "SELECT avg(value) FROM measurements WHERE name = 'stiffness_n_per_mm'"
+        ).fetchone()
+    connection.close()
+    assert bound == (None, 1.59, 40.0, "at_least")
+    assert force == (None, 12.0, None, "at_least")
+    assert mean == measured[0] == 2.1
+    page = item_store.page("berry-7")
+    _, last = page.grasps
+    shown = {name: last.measurements[name].to_dict() for name in ("stiffness_n_per_mm", "force_n")}
+    assert [(one["value"], one["low"], one["high"]) for one in shown.values()] == [
+        (None, 1.59, None),
+        (None, 12.0, None),
+    ]
+    assert last.find_value("stiffness_n_per_mm") is None
+    with Store.open(where) as store:
+        export(tmp_path / "all.csv", store.grasps(), (), items=store.items(), bins={})
+    with (tmp_path / "all.csv").open(newline="", encoding="utf-8") as file:
+        row = list(csv.DictReader(file))[1]
+    names = ("", "_low", "_high", "_status")
+    assert [row[f"stiffness_n_per_mm{end}"] for end in names] == ["", "1.59", "", "at_least"]
 
 
 def test_shared_store_that_does_not_answer_is_logged(

@@ -371,5 +371,7 @@ def _value(measured: Measurement | None, digits: int) -> str:
 def _interval_cell(measured: Measurement | None, digits: int) -> str:
     if measured is None:
         return "-"
+    if not measured.has_value:
+        return measured.text(digits=digits)
     low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
     return f"[bold]{measured.text(digits=digits)}[/]\n[dim]{low}…{high}[/]"

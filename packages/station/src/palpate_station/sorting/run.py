@@ -98,7 +98,7 @@ def combine_evidence(
 
 
 def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
-    found = [one.measurements[name] for one in grasps if name in one.measurements]
+    found = [one for grasp in grasps if (one := grasp.find_value(name)) is not None]
     return combine(found) if found else None
 
 
