@@ -109,13 +109,17 @@ class OpcUa:
         parent = await self._node()
         return await parent.call_method(await self._node(method), *arguments)
 
-    async def grasp(self, target_n: float = 0.0, item: str = "", stops: int = -1) -> Any:
+    async def grasp(
+        self, target_n: float = 0.0, item: str = "", stops: int = -1, batch: str | None = None
+    ) -> Any:
         return await self.call(
             "Grasp",
             ua.Variant(target_n, ua.VariantType.Double),
             item,
             "",
             ua.Variant(stops, ua.VariantType.Int64),
+            # Clients of the first version do not know the batch.
+            *([] if batch is None else [batch]),
         )
 
     async def reach(self, state: str) -> None:
@@ -164,7 +168,7 @@ def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
         async with opcua_driver(station) as hand:
             before = await hand.value("Result", "Number")
-            recording = await hand.grasp(2.0, "]C1010401234500001621B7")
+            recording = await hand.grasp(2.0, "]C1010401234500001621B7", batch="Monday ")
             await hand.reach("holding")
             await hand.call("Release")
             await wait_until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
@@ -185,6 +189,9 @@ def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     assert event["epcList"] == ["https://id.gs1.org/01/04012345000016/21/B7"]
     reports = event["sensorElementList"][0]["sensorReport"]
     assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
+    assert machine.ask("GET", f"/items/{item}")[1]["item"]["batch"] == "Monday"
+    refused = machine.ask("POST", "/grasp", {"batch": "Monday"})
+    assert refused == (422, {"detail": "batch 'Monday': a batch requires an item"})
 
 
 def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station: Station) -> None:

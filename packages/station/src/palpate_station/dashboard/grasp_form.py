@@ -9,7 +9,7 @@ from palpate_station.dashboard.messages import (
     GraspOrder,
 )
 from palpate_station.line.gs1 import read_label
-from palpate_station.records import Item
+from palpate_station.records import Item, check_printable
 
 
 def check_item(text: str) -> str:
@@ -18,6 +18,16 @@ def check_item(text: str) -> str:
     Raises `InputError` if the label is damaged, or the text can't be a name.
     """
     return Item(item_id=read_label(text.rstrip(" "))).item_id
+
+
+def check_batch(text: str) -> str:
+    """Return the name of a batch; spaces after it are padding.
+
+    Raises `InputError` if the text can't be a name.
+    """
+    batch = text.rstrip(" ")
+    check_printable(batch, what="batch")
+    return batch
 
 
 @dataclass(slots=True)
