@@ -4,12 +4,14 @@
 
 Rigid fingers at 250 frames/s on sheets that are drawn and calibrated anew for every five grasps, as
 `palpate grasp --rig sim-rigid` does. For each object it prints the fraction of 90 % intervals that
-contain the truth, and the median ratio of stiffness to its truth. Everything is simulated.
+contain the truth, and the median ratio of stiffness to its truth; at the end the smallest and the
+largest fraction on one sheet. Everything is simulated.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections import defaultdict
 
 import numpy as np
 
@@ -39,7 +41,7 @@ GRASPS_PER_SHEET = 5
 CYCLES = 20
 
 
-def grasp_object(name: str | None, *, seed: int, level: str) -> list[float]:
+def grasp_object(name: str | None, *, seed: int, sheet: int, level: str) -> list[float]:
     """Grasp one object; return whether force, size and stiffness are covered, and their errors.
 
     `name`: None draws an object. The errors are those of ln force, size in mm and ln stiffness. All
@@ -47,7 +49,6 @@ def grasp_object(name: str | None, *, seed: int, level: str) -> list[float]:
     """
     rng = np.random.default_rng([seed, 77])
     obj = draw_object(rng, name) if name else draw_random_object(rng, size_mm=SIZES_MM["rigid"])
-    sheet = seed // GRASPS_PER_SHEET
     world = World(
         obj,
         seed=seed,
@@ -87,12 +88,31 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=25, help="of each object (25)")
     parser.add_argument("--level", choices=("lab", "field"), default="lab")
     parser.add_argument("--seed", type=int, default=610_000, help="of the first grasp")
+    parser.add_argument("--objects", nargs="+", metavar="NAME", help="only these; drawn for any")
+    parser.add_argument(
+        "--same-sheets", action="store_true", help="every object once on each of the same sheets"
+    )
     options = parser.parse_args()
+    by_sheet: dict[int, list[list[float]]] = defaultdict(list)
     print("object, n: force, size, stiffness covered; size error, mm; force, stiffness over truth")
     for number, name in enumerate(NAMES):
+        if options.objects and (name or "drawn") not in options.objects:
+            continue
         seeds = options.seed + 1000 * number + np.arange(options.grasps)
-        rows = np.array([grasp_object(name, seed=int(s), level=options.level) for s in seeds])
-        held = rows[~np.isnan(rows[:, 0])]
+        if options.same_sheets:
+            sheets = options.seed + np.arange(options.grasps)
+        else:
+            sheets = seeds // GRASPS_PER_SHEET
+        rows = np.array(
+            [
+                grasp_object(name, seed=int(seed), sheet=int(sheet), level=options.level)
+                for seed, sheet in zip(seeds, sheets, strict=True)
+            ]
+        )
+        is_held = ~np.isnan(rows[:, 0])
+        held = rows[is_held]
+        for sheet, row in zip(sheets[is_held], held, strict=True):
+            by_sheet[int(sheet)].append(row[:3].tolist())
         force, size, stiffness = held[:, :3].mean(axis=0)
         error = np.median(held[:, 3:], axis=0)
         print(
@@ -100,6 +120,15 @@ def main() -> None:
             f"{stiffness:.2f}; {error[1]:+.2f}; {np.exp(error[0]):.2f}, {np.exp(error[2]):.2f}",
             flush=True,
         )
+    covered = np.array([np.mean(rows, axis=0) for rows in by_sheet.values()])
+    ranges = ", ".join(
+        f"{quantity} {low:.2f} to {high:.2f}"
+        for quantity, low, high in zip(
+            ("force", "size", "stiffness"), covered.min(axis=0), covered.max(axis=0), strict=True
+        )
+    )
+    grasps = max(map(len, by_sheet.values()))
+    print(f"covered by sheet ({len(covered)} sheets of up to {grasps} grasps): {ranges}")
 
 
 if __name__ == "__main__":

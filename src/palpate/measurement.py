@@ -66,6 +66,8 @@ _ENDS = {
     Status.AT_MOST: (False, True),
     Status.NOT_MEASURED: (False, False),
 }
+#: Statuses without a value.
+BOUNDS = frozenset(_ENDS)
 
 #: Status of a falling function of a bound.
 _FALLING = {Status.AT_LEAST: Status.AT_MOST, Status.AT_MOST: Status.AT_LEAST}

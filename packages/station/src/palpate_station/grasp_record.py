@@ -50,8 +50,7 @@ def make_grasp_record(
     `station`: name of the station.
     `closing`: measurements during closing (`ClosingWatch.list_measurements`).
     """
-    # The store holds values only, no bounds.
-    measured = {name: one for name, one in list_answers(result).items() if one.has_value}
+    measured = list_answers(result)
     measured |= {**hold_measurements(observations, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,

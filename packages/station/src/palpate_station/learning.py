@@ -17,7 +17,8 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -238,10 +239,16 @@ class LabelledTable:
     #: Label and item of each row.
     labels: tuple[str, ...]
     items: tuple[str, ...]
+    #: Labelled items without a row -> the missing feature.
+    left_out: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     @classmethod
     def from_rows(
-        cls, features: Sequence[str], rows: Sequence[tuple[ArrayLike, str, str]]
+        cls,
+        features: Sequence[str],
+        rows: Sequence[tuple[ArrayLike, str, str]],
+        *,
+        left_out: Mapping[str, str] = MappingProxyType({}),
     ) -> LabelledTable:
         """Return a table from rows of (numbers, label, item)."""
         return cls(
@@ -249,6 +256,7 @@ class LabelledTable:
             rows=np.array([numbers for numbers, _, _ in rows], dtype=float),
             labels=tuple(label for _, label, _ in rows),
             items=tuple(item for _, _, item in rows),
+            left_out=left_out,
         )
 
     def learn(self, *, allow_unknown: bool = False, methods: Sequence[str] = ()) -> LabelLearner:

@@ -133,7 +133,7 @@ class Grasp:
     origin: Origin
     #: Outcome of the grasp.
     outcome: Outcome
-    #: Measurements by name, see `MEASURED`. Missing measurements are omitted.
+    #: Measurements by name, see `MEASURED`, some of them only bounds. Missing ones are omitted.
     measurements: Mapping[str, Measurement] = field(default_factory=lambda: MappingProxyType({}))
     #: Relative change of each pixel at the answer, shape (rows, cols).
     pixel_settled_percent: PixelPercent | None = None
@@ -180,6 +180,11 @@ class Grasp:
         if self.pixel_settled_percent is not None:
             pixels = check_rows(self.pixel_settled_percent, what="pixel_settled_percent")
             object.__setattr__(self, "pixel_settled_percent", pixels)
+
+    def find_value(self, name: str) -> Measurement | None:
+        """Return a measurement; None if it is missing or only a bound."""
+        found = self.measurements.get(name)
+        return found if found is not None and found.has_value else None
 
     @property
     def is_simulated(self) -> bool:
@@ -282,13 +287,18 @@ def check_finite(value: float, *, what: str) -> None:
 
 
 def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
-    """Refuse a measurement with an unknown name, a wrong unit or a non-finite value."""
+    """Refuse a measurement with an unknown name, a wrong unit or a non-finite number."""
     if name not in units:
         raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")
     if measurement.unit != units[name]:
         raise InputError(f"{name} in {measurement.unit!r}: its unit is {units[name]!r}")
-    for end in ("middle", "low", "high"):
-        check_finite(getattr(measurement, end), what=f"{name}.{end}")
+    low, high = measurement.known_ends
+    # The unknown limit of a bound may be infinite.
+    for end, value in (("value", measurement.value), ("low", low), ("high", high)):
+        if value is not None:
+            check_finite(value, what=f"{name}.{end}")
+    if math.isnan(measurement.low) or math.isnan(measurement.high):
+        raise InputError(f"{name} has a limit that is not a number; omit the measurement")
 
 
 def check_rows(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -78,7 +79,7 @@ def read_labels_about(store: Store, about: About, *, kind: str | None) -> Labell
         table = _ripeness_table(store, kind=str(kind))
     else:
         table = _item_table(store, about, kind=kind)
-    if table is None or not table.labels:
+    if table is None or not (table.labels or table.left_out):
         raise InputError(
             f"{store.name}: no grasp to learn {about} from; label items: palpate items NAME "
             f"--say {about}=LABEL"
@@ -88,25 +89,39 @@ def read_labels_about(store: Store, about: About, *, kind: str | None) -> Labell
 
 def _item_table(store: Store, about: About, *, kind: str | None) -> LabelledTable:
     labels = {one.item_id: one.text for one in store.verdicts(about, source=Source.PERSON)}
-    rows = []
+    rows, left_out = [], {}
     for item in store.items(kind=kind):
         fallback = item.kind or "" if about is About.IDENTITY else ""
-        if means := _means(store.grasps_of(item.item_id)):
-            rows.append((means, labels.get(item.item_id, fallback), item.item_id))
-    return LabelledTable.from_rows(_GRADE_FEATURES, rows)
+        label = labels.get(item.item_id, fallback)
+        means = _means(store.grasps_of(item.item_id))
+        missing = [
+            name for name, mean in zip(_GRADE_FEATURES, means, strict=True) if np.isnan(mean)
+        ]
+        if not missing:
+            rows.append((means, label, item.item_id))
+        elif label:
+            left_out[item.item_id] = missing[0]
+    return LabelledTable.from_rows(_GRADE_FEATURES, rows, left_out=left_out)
 
 
 def _means(grasps: Sequence[Grasp]) -> list[float]:
-    """Return the mean measurements of held grasps; empty if a quantity is missing."""
+    """Return the mean measurements of held grasps; NaN for a missing one.
+
+    Of a bound the middle of its interval counts, as in `identify`.
+    """
     found = []
     for name in _GRADE_FEATURES:
         values = [
             one.measurements[name].middle
             for one in grasps
-            if one.outcome is Outcome.HELD and name in one.measurements
+            if one.outcome is Outcome.HELD
+            and name in one.measurements
+            # The limits of a bound may be infinite.
+            and np.isfinite(one.measurements[name].middle)
         ]
         if not values:
-            return []
+            found.append(math.nan)
+            continue
         mean = float(np.mean(values))
         found.append(float(np.log(mean)) if name.endswith("mm") and mean > 0 else mean)
     return found

@@ -68,10 +68,8 @@ def test_grasp_of_an_item_is_stored_with_its_calibration(palpate: Command) -> No
     assert stored.origin == "twin"
     assert stored.angle_deg == 90.0
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        # The store contains only measurements with a value, no bounds.
-        measured = stored.measurements.get(name)
-        number = document[name] if document[name]["value"] is not None else None
-        assert (None if measured is None else measured.to_dict()) == number
+        # The reason of a bound is only in the result.
+        assert stored.measurements[name].to_dict() == document[name] | {"reason": None}
 
 
 @pytest.mark.slow
@@ -205,3 +203,20 @@ def test_export_to_csv_and_excel_has_the_same_rows_and_no_formulas(
     assert len(list(book["verdicts"].iter_rows())) == 2
     book.close()
     assert ".xlsx" in palpate.refused("items", "--export", "all.ods")
+
+
+@pytest.mark.usefixtures("filled")
+@pytest.mark.parametrize(
+    ("selected", "near"),
+    [
+        (("--batch", "Mondey"), "did you mean: Monday?"),
+        (("--kind", "avocadoo"), "did you mean: avocado?"),
+        (("--kind", "kiwi", "--batch", "Monday"), "no items of kind kiwi in batch Monday"),
+    ],
+)
+def test_a_selection_without_items_is_refused_and_writes_no_file(
+    palpate: Command, selected: tuple[str, ...], near: str
+) -> None:
+    for wanted in (("--export", "none.csv"), ()):
+        assert near in palpate.refused("items", *selected, *wanted)
+    assert not Path("none.csv").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from packages.station.tests.cli.stored import stored_grasp
 from packages.station.tests.factories import NOON
 from tests.commands import Command
 
+from palpate.measurement import Measurement, Status
 from palpate_station.records import About, Item, Source, Verdict
 from palpate_station.store import Store
 
@@ -87,6 +89,23 @@ def test_teach_learns_each_question_from_the_store(
     assert document["items"] == 20
     assert document["right"] > 0.9
     assert document["named"] == []
+
+
+def test_teach_uses_bounds_and_names_the_items_that_it_leaves_out(
+    store: Path, palpate: Command
+) -> None:
+    bound = Measurement(value=None, low=1.6, high=9.0, unit="n_per_mm", status=Status.AT_LEAST)
+    with Store.open(store) as opened:
+        for name, known in (("B1", {"stiffness_n_per_mm": bound}), ("B2", {})):
+            grasp = stored_grasp(name, VALUES | {"firmness": 30.0})
+            opened.add_grasp(replace(grasp, measurements={**grasp.measurements, **known}))
+    labels = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(6)]
+    labels += ["--say=B1=II", "--say=B2=II"]
+    shown = palpate("teach", "grade", *labels, "--store", store, "--json")
+    assert shown.document["items"] == 7
+    assert shown.document["left_out"] == {"B2": "stiffness_n_per_mm"}
+    assert "left out: 1 " in shown.err
+    assert "B2 (stiffness_n_per_mm)" in shown.err
 
 
 def write_readings(path: Path, *, items: int = 40) -> Path:

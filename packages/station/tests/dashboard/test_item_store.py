@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import logging
+import math
 import socket
+import sqlite3
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -23,7 +25,7 @@ from palpate.errors import InputError
 from palpate.grasp.document import GraspDocument, ItemFacts
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.measurement import Measurement
+from palpate.measurement import Measurement, Status
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 from palpate_station.dashboard.audit import LOG
@@ -101,6 +103,41 @@ def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     assert grasp.recording == str(recorded.resolve())
     assert grasp.pixel_settled_percent is not None
     assert len(grasp.pixel_settled_percent) == 4
+
+
+def test_bounds_are_stored_and_exported_but_are_no_values(tmp_path: Path) -> None:
+    where = tmp_path / "items.sqlite"
+    at_least = Measurement(value=None, low=1.59, high=40.0, unit="n_per_mm", status=Status.AT_LEAST)
+    saturated = Measurement(value=None, low=12.0, high=math.inf, unit="n", status=Status.AT_LEAST)
+    result = replace(RESULT, stiffness_n_per_mm=at_least, force_n=saturated)
+    item_store = ItemStore(str(where))
+    for stiffer in (RESULT, result):
+        place_and_add(item_store, GraspDocument(result=stiffer, item_id="berry-7"))
+    with sqlite3.connect(where) as connection:
+        query = "SELECT value, low, high, status FROM measurements WHERE name = ? ORDER BY low"
+        bound, measured = connection.execute(query, ("stiffness_n_per_mm",)).fetchall()
+        (force,) = connection.execute(query, ("force_n",)).fetchall()
+        (mean,) = connection.execute(
+            "SELECT avg(value) FROM measurements WHERE name = 'stiffness_n_per_mm'"
+        ).fetchone()
+    connection.close()
+    assert bound == (None, 1.59, 40.0, "at_least")
+    assert force == (None, 12.0, None, "at_least")
+    assert mean == measured[0] == 2.1
+    page = item_store.page("berry-7")
+    _, last = page.grasps
+    shown = {name: last.measurements[name].to_dict() for name in ("stiffness_n_per_mm", "force_n")}
+    assert [(one["value"], one["low"], one["high"]) for one in shown.values()] == [
+        (None, 1.59, None),
+        (None, 12.0, None),
+    ]
+    assert last.find_value("stiffness_n_per_mm") is None
+    with Store.open(where) as store:
+        export(tmp_path / "all.csv", store.grasps(), (), items=store.items(), bins={})
+    with (tmp_path / "all.csv").open(newline="", encoding="utf-8") as file:
+        row = list(csv.DictReader(file))[1]
+    names = ("", "_low", "_high", "_status")
+    assert [row[f"stiffness_n_per_mm{end}"] for end in names] == ["", "1.59", "", "at_least"]
 
 
 def test_shared_store_that_does_not_answer_is_logged(
@@ -290,6 +327,33 @@ def test_label_with_an_unknown_word_is_refused_with_the_known_ones_and_stores_no
     # Without rules every bin is possible.
     unsorted = ItemStore(str(tmp_path / "items.sqlite"))
     assert unsorted.change(Item(item_id="A1"), labels={"bin": "smal"}, by="maria").verdicts
+
+
+@pytest.mark.parametrize("is_labelled", [False, True])
+def test_rule_on_a_class_without_labels_gives_the_default_bin_and_the_reason(
+    tmp_path: Path, is_labelled: bool
+) -> None:
+    avocado = Rule(bin="export", conditions=(OneOf("class", frozenset({"avocado"})),), line=3)
+    book = RuleBook(rules=(avocado, *RULES.rules), default_bin="by hand", most_grasps=3)
+    where = str(tmp_path / "items.sqlite")
+    if is_labelled:
+        with Store.open(where) as store:
+            store.add_item(Item(item_id="A0", kind="avocado"))
+    item_store = ItemStore(where, rules=book)
+    placed = place_and_add(item_store, sized(60.0, item_id="A1"))
+    assert placed.bin is not None
+    assert (placed.bin.name, placed.bin.again, placed.no_bin) == ("by hand", False, "")
+    assert "class unknown: " in placed.bin.why
+    # The store works, so the station is healthy.
+    assert item_store.trouble == ""
+    # The other rules, and kinds that a person has stated, still decide.
+    small = place_and_add(item_store, sized(40.0, item_id="A2")).bin
+    assert small is not None
+    assert small.name == "small"
+    if is_labelled:
+        stated = place_and_add(item_store, sized(60.0, item_id="A0")).bin
+        assert stated is not None
+        assert stated.name == "export"
 
 
 def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(

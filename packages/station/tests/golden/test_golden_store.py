@@ -98,6 +98,22 @@ def test_force_of_the_firmness_of_an_old_store_becomes_a_number(
     assert ("firmness_force_n",) not in names
 
 
+def test_bound_of_an_old_store_loses_its_value_but_keeps_its_limits(tmp_path: Path) -> None:
+    path = restored(4, tmp_path)
+    with sqlite3.connect(path) as connection:
+        connection.execute(
+            "INSERT INTO measurements VALUES (1, 'force_n', 8.0, 4.0, 16.0, 0.9, 'at_least')"
+        )
+    connection.close()
+    with Store.open(path) as store:
+        (grasp,) = store.grasps_of("A17")
+    assert grasp.measurements["force_n"].known_ends == (4.0, None)
+    with sqlite3.connect(path) as connection:
+        query = "SELECT value, low, high FROM measurements WHERE name = 'force_n'"
+        assert connection.execute(query).fetchall() == [(None, 4.0, 16.0)]
+    connection.close()
+
+
 @pytest.mark.parametrize("schema", SCHEMAS)
 def test_old_store_migrates_to_current_schema(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"

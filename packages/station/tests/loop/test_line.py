@@ -109,13 +109,17 @@ class OpcUa:
         parent = await self._node()
         return await parent.call_method(await self._node(method), *arguments)
 
-    async def grasp(self, target_n: float = 0.0, item: str = "", stops: int = -1) -> Any:
+    async def grasp(
+        self, target_n: float = 0.0, item: str = "", stops: int = -1, batch: str | None = None
+    ) -> Any:
         return await self.call(
             "Grasp",
             ua.Variant(target_n, ua.VariantType.Double),
             item,
             "",
             ua.Variant(stops, ua.VariantType.Int64),
+            # Clients of the first version do not know the batch.
+            *([] if batch is None else [batch]),
         )
 
     async def reach(self, state: str) -> None:
@@ -164,7 +168,7 @@ def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
         async with opcua_driver(station) as hand:
             before = await hand.value("Result", "Number")
-            recording = await hand.grasp(2.0, "]C1010401234500001621B7")
+            recording = await hand.grasp(2.0, "]C1010401234500001621B7", batch="Monday ")
             await hand.reach("holding")
             await hand.call("Release")
             await wait_until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
@@ -185,6 +189,9 @@ def test_opcua_grasp_result_equals_the_http_result(station: Station) -> None:
     assert event["epcList"] == ["https://id.gs1.org/01/04012345000016/21/B7"]
     reports = event["sensorElementList"][0]["sensorReport"]
     assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
+    assert machine.ask("GET", f"/items/{item}")[1]["item"]["batch"] == "Monday"
+    refused = machine.ask("POST", "/grasp", {"batch": "Monday"})
+    assert refused == (422, {"detail": "batch 'Monday': a batch requires an item"})
 
 
 def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station: Station) -> None:
@@ -312,14 +319,63 @@ def test_driver_that_has_gone_loses_control_after_its_lease(station: Station) ->
 def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
     station: Station,
 ) -> None:
-    async def work() -> tuple[int, int, str]:
+    async def work() -> tuple[int, list[int], str]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             wrong = await client.write_register(modbus.COMMAND, 9)
             why = await read_registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
-            read_only = await client.write_register(modbus.STATE, 1)
-            return wrong.exception_code, read_only.exception_code, modbus.decode_text(why)
+            not_writable = [
+                await client.write_register(modbus.STATE, 1),
+                await client.write_register(modbus.KNOWN_STOPS + 3, 0),
+                await client.write_registers(modbus.TARGET, [200, 0xFFFF, 0xFFFF, 1]),
+            ]
+            # A block of all parameters spans the registers between them.
+            block = [200, 0xFFFF, 0xFFFF, *[0] * 6, *modbus.encode_text("A1")]
+            assert not (await client.write_registers(modbus.TARGET, block)).isError()
+            await client.write_registers(modbus.NEW_ITEM, [0])
+            codes = [one.exception_code for one in not_writable]
+            return wrong.exception_code, codes, modbus.decode_text(why)
 
-    assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
+    assert asyncio.run(work()) == (3, [2, 2, 2], "command 9: use a number from 1 to 5")
+
+
+def test_modbus_item_is_the_text_that_was_written_or_is_refused(station: Station) -> None:
+    async def work() -> tuple[list[int], str, list[str]]:
+        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+
+            async def item() -> list[int]:
+                return await read_registers(client, modbus.NEW_ITEM, modbus.TEXT_REGISTERS)
+
+            await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+            await reach(client, LineState.IDLE)
+            # The bytes of each register in the wrong order.
+            swapped = struct.unpack("<3H", b"ABCD1\0")
+            await client.write_registers(modbus.NEW_ITEM, list(swapped))
+            refused = await client.write_register(modbus.COMMAND, modbus.GRASP)
+            why = await read_registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
+            written = []
+            for text in (b"A-LONG-NAME-123", b"AB12"):
+                padded = text + b"\0" * (len(text) % 2)
+                registers = list(struct.unpack(f">{len(padded) // 2}H", padded))
+                await client.write_registers(modbus.NEW_ITEM, registers)
+                written.append(modbus.decode_text(await item()))
+            # A text in two requests, and spaces after it.
+            await client.write_registers(modbus.NEW_ITEM, [0x4142])
+            await client.write_registers(modbus.NEW_ITEM + 1, [0x3132, 0x2020])
+            assert not (await client.write_register(modbus.COMMAND, modbus.GRASP)).isError()
+            await reach(client, LineState.HOLDING)
+            before = await read_registers(client, modbus.RESULTS, 2)
+            await client.write_register(modbus.COMMAND, modbus.RELEASE)
+            await wait_until(
+                lambda: read_registers(client, modbus.RESULTS, 2), lambda now: now != before
+            )
+            stored = await read_registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+            written.append(modbus.decode_text(stored))
+            return [refused.exception_code], modbus.decode_text(why), written
+
+    codes, why, written = asyncio.run(work())
+    assert codes == [3]
+    assert "a zero byte is followed by more text" in why
+    assert written == ["A-LONG-NAME-123", "AB12", "AB12"]
 
 
 def test_opcua_invalid_force_is_refused_with_a_status_and_a_reason(station: Station) -> None:

@@ -18,6 +18,7 @@ from tests.fixtures import skip
 from tests.whole.test_json_schemas import faults
 
 from palpate.errors import StoreAwayError, StoreError
+from palpate.measurement import Measurement, Status
 from palpate_station.dashboard.panel_history import item_html
 from palpate_station.records import About, Grasp, Item, Verdict
 from palpate_station.store import Store
@@ -183,22 +184,29 @@ def test_server_restart_loses_no_record_and_preserves_order(
 
 @pytest.mark.slow
 @pytest.mark.system
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 def test_older_server_is_migrated_with_its_grasps(version: int, postgresql_url: str) -> None:
     with Store.open(postgresql_url) as store:
         store.add_grasps([make_grasp("A17")])
         store.send()
     engine = sa.create_engine(postgresql_url.replace("postgresql:", "postgresql+psycopg:"))
     with engine.begin() as connection:
-        for column in ("firmness_force_n", *(["station"] if version == 1 else [])):
-            connection.execute(sa.text(f"ALTER TABLE grasps DROP COLUMN {column}"))
-        row = "(1, 'firmness_force_n', 2.0, 2.0, 2.0, 0.9, 'ok')"
-        connection.execute(sa.text(f"INSERT INTO measurements VALUES {row}"))
+        connection.execute(sa.text("ALTER TABLE measurements ALTER COLUMN value SET NOT NULL"))
+        if version == 3:
+            connection.execute(sa.text("UPDATE grasps SET firmness_force_n = 2.0"))
+        else:
+            for column in ("firmness_force_n", *(["station"] if version == 1 else [])):
+                connection.execute(sa.text(f"ALTER TABLE grasps DROP COLUMN {column}"))
+            row = "(1, 'firmness_force_n', 2.0, 2.0, 2.0, 0.9, 'ok')"
+            connection.execute(sa.text(f"INSERT INTO measurements VALUES {row}"))
         connection.execute(sa.text(f"UPDATE palpate_schema SET version = {version}"))
     engine.dispose()
     with Store.open(postgresql_url) as store:
-        store.add_grasps([replace(make_grasp("A18"), station="line 1")])
+        bound = Measurement(value=None, low=1.5, high=9.0, unit="n_per_mm", status=Status.AT_LEAST)
+        measured = {"stiffness_n_per_mm": bound}
+        store.add_grasps([replace(make_grasp("A18"), station="line 1", measurements=measured)])
         assert store.send() == 1
+        assert dict(store.grasps_of("A18")[0].measurements) == measured
         found = {one.item_id: (one.station, one.firmness_force_n) for one in store.grasps()}
         assert found == {"A17": (None, 2.0), "A18": ("line 1", None)}
         assert store.away is None

@@ -6,6 +6,7 @@ import getpass
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date, datetime, timedelta
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
@@ -44,6 +45,8 @@ from palpate_station.store.labels import add_label
 _SETTABLE = ("kind", "batch", "label")
 #: Maximum number of latest grasps and verdicts shown for an item.
 _SHOWN = 20
+#: Maximum number of names in an error when none is similar.
+_NAMED = 5
 _MARK = "[yellow]~[/]"
 VERDICT_COLUMNS = ("about", "verdict", ">probability", "why")
 
@@ -95,6 +98,8 @@ def items(
         return
     period = None if day is None else parse_day(day)[1:]
     with open_store(store, create=bool(changes or labels)) as opened:
+        if item is None:
+            _check_selected(opened, kind=kind, batch=batch)
         if item is not None and (changes or labels):
             _label(opened, item, changes=changes or [], labels=labels or [])
         if export is not None:
@@ -143,10 +148,23 @@ def find_batch(store: Store, batch: str) -> tuple[Item, ...]:
 
     Raises `InputError` if the batch has no items.
     """
-    found = store.items_of_batch(batch)
-    if not found:
-        raise InputError(f"--batch {batch}: {store.name} has no items of this batch")
-    return found
+    _check_selected(store, kind=None, batch=batch)
+    return store.items_of_batch(batch)
+
+
+def _check_selected(store: Store, *, kind: str | None, batch: str | None) -> None:
+    """Refuse a kind or batch without items, naming similar ones."""
+    chosen = {"kind": kind, "batch": batch}
+    if kind is batch is None or store.items(kind=kind, batch=batch, limit=1):
+        return
+    items = store.items()
+    for option, name in chosen.items():
+        known = sorted({text for one in items if (text := getattr(one, option)) is not None})
+        if name is not None and name not in known:
+            near = get_close_matches(name, known) or known[:_NAMED]
+            hint = f"; did you mean: {', '.join(near)}?" if near else ""
+            raise InputError(f"--{option} {name}: {store.name} has no items of this {option}{hint}")
+    raise InputError(f"{store.name} has no items of kind {kind} in batch {batch}")
 
 
 def parse_day(text: str) -> tuple[date, datetime, datetime]:
@@ -353,5 +371,7 @@ def _value(measured: Measurement | None, digits: int) -> str:
 def _interval_cell(measured: Measurement | None, digits: int) -> str:
     if measured is None:
         return "-"
+    if not measured.has_value:
+        return measured.text(digits=digits)
     low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
     return f"[bold]{measured.text(digits=digits)}[/]\n[dim]{low}…{high}[/]"

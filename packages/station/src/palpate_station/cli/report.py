@@ -130,7 +130,7 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     figures = {
         caption: history_figure(page, name, label=f"{caption.lower()} ({unit})")
         for name, caption, unit, _ in _QUANTITIES[:4]
-        if page.latest(name) is not None
+        if page.latest_value(name) is not None
     }
     if (pixels := pixels_figure(page.grasps)) is not None:
         figures["Change of each pixel at the answer, %, by side"] = pixels
@@ -158,9 +158,10 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
     for name, caption, unit, digits in _QUANTITIES[:4]:
         measured = page.latest(name)
         if measured is not None:
-            ends = (
-                f"{_format_digits(measured.low, digits)} to {_format_digits(measured.high, digits)}"
-            )
+            low, high = measured.low, measured.high
+            ends = f"{_format_digits(low, digits)} to {_format_digits(high, digits)}"
+            if not measured.has_value:
+                ends = ""
             tiles[caption] = (_number(measured, digits), unit, ends)
     for about in About:
         verdict = page.latest_verdict(about)
@@ -187,9 +188,9 @@ def _number(measured: Measurement | None, digits: int) -> str:
     """Format a measurement, with * if its status is not `ok`."""
     if measured is None:
         return "-"
-    return (
-        f"{_format_digits(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
-    )
+    if measured.value is None:
+        return measured.text(digits=digits)
+    return f"{_format_digits(measured.value, digits)}{'' if measured.status is Status.OK else ' *'}"
 
 
 def _format_digits(value: float, digits: int) -> str:
@@ -235,7 +236,7 @@ def _group_tiles(
     below = f"{format_percent(held / len(grasps))} held" if grasps else ""
     tiles = {"Items": (f"{len(pages)}", "", ""), "Grasps": (f"{len(grasps)}", "", below)}
     for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
-        values = [measured.middle for page in pages if (measured := page.latest(name))]
+        values = [measured.middle for page in pages if (measured := page.latest_value(name))]
         if values:
             low, middle, high = (f"{q:.{digits}f}" for q in np.quantile(values, [0.1, 0.5, 0.9]))
             below = f"8 in 10: {low} to {high}" if len(values) >= _MIN_SPREAD else ""

@@ -225,9 +225,9 @@ def _day_rows(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
     width = history.drive == "width"
     for number, day in enumerate(history.days):
         settled = [
-            grasp.measurements["settled_percent"].middle
+            found.middle
             for grasp in history.grasps
-            if "settled_percent" in grasp.measurements
+            if (found := grasp.find_value("settled_percent")) is not None
             and history.nearest_day(grasp.taken_at) == number
         ]
         rows.append(

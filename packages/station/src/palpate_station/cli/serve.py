@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import ssl
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -180,7 +180,10 @@ def serve(
         reference=None if reference is None else Conversion.load(reference),
         keep_days=keep_days,
     )
-    ItemStore(store).check_usable()
+    items = ItemStore(store)
+    items.check_usable()
+    if rules is not None and settings.rules is not None and settings.rules.has_condition("class"):
+        _warn_of_classes(settings.rules, known_kinds=items.learnt_kinds(), path=rules)
     existing = settings.existing_folder
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"--folder {folder}: {existing} is not a writable folder; choose another")
@@ -233,6 +236,17 @@ def _read_rules(path: Path) -> RuleBook:
     from palpate_station.sorting.rules_file import read_rules
 
     return read_rules(path)
+
+
+def _warn_of_classes(book: RuleBook, *, known_kinds: Collection[str], path: Path) -> None:
+    """Warn of classes that can't be identified yet; the items to learn them from may follow."""
+    from palpate_station.sorting.rules_file import unlearned_classes
+
+    for fault in unlearned_classes(book, known_kinds=known_kinds, path=path):
+        print_message(
+            f"palpate: {fault}, so only an item whose kind was stated can meet it; check the name, "
+            "or grasp and label items of it: palpate items NAME --set kind=KIND"
+        )
 
 
 def open_lines(

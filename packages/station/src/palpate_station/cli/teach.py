@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 
 from palpate.cli.options import JsonOption, StoreOption, opt, refuse_options
-from palpate.cli.output import format_percent, print_json
+from palpate.cli.output import format_percent, print_json, print_message
 from palpate.errors import InputError
 from palpate.terminal_table import make_console, print_table
 from palpate_station.cli.items import open_store
@@ -31,6 +31,8 @@ class Question(StrEnum):
     GRADE = "grade"
 
 
+#: Maximum number of left out items that are named.
+_NAMED = 10
 #: Question -> subject of the verdicts that label it.
 _ABOUT = {
     Question.KIND: About.IDENTITY,
@@ -74,6 +76,9 @@ def teach(
         with open_store(store, create=bool(labels)) as opened:
             _label_items(opened, labels or [], about=about)
             known = read_labels_about(opened, about, kind=kind)
+    # Before an error that too few items remain.
+    if known.left_out:
+        print_message(f"palpate: {_describe_left_out(known.left_out)}")
     learner = known.learn(allow_unknown=question is Question.KIND)
     score, named = learner.score(), _name_unlabelled(known, learner)
     if as_json:
@@ -89,6 +94,7 @@ def teach(
                 "overconfidence": score.overconfidence,
                 "confusion": score.confusion,
                 "named": named,
+                "left_out": dict(known.left_out),
             }
         )
     else:
@@ -102,6 +108,16 @@ def _label_items(store: Store, texts: Sequence[str], *, about: About) -> None:
             raise InputError(f"--say {text}: must be ITEM=LABEL")
         store.item(item)
         add_label(store, item, about=about, text=label.strip())
+
+
+def _describe_left_out(left_out: Mapping[str, str]) -> str:
+    """Return how many labelled items have no row, which and why."""
+    names = [f"{item} ({name})" for item, name in left_out.items()]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (
+        f"left out: {len(names)} labelled items without a grasp that measured the quantity in "
+        f"brackets: {', '.join(names[:_NAMED])}{more}; grasp them again, more firmly"
+    )
 
 
 def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[str, Any]]:

@@ -47,6 +47,9 @@ class GraspRequest(BaseModel):
         "", max_length=80, description="Name of the item; the grasp is not stored if omitted."
     )
     kind: str = Field("", max_length=80, description="Kind of produce, for its damage limit.")
+    batch: str = Field(
+        "", max_length=80, description="Batch of the item; that of the page if omitted."
+    )
     stops: int | None = Field(
         None,
         ge=0,

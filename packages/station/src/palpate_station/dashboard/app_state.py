@@ -29,7 +29,7 @@ from palpate_station.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
-from palpate_station.dashboard.grasp_form import check_item
+from palpate_station.dashboard.grasp_form import check_batch, check_item
 from palpate_station.dashboard.headline import (
     REPEATED_OUTCOMES,
     interruption_text,
@@ -185,6 +185,7 @@ class AppState:
         item_id: str,
         kind: str,
         stops: int | None,
+        batch: str = "",
     ) -> str:
         """Start a grasp; return the name of its recording.
 
@@ -193,7 +194,9 @@ class AppState:
 
         def order_grasp() -> str:
             """Order the grasp, unless a stop unknown to the client has occurred."""
-            order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
+            order = self.grasp_order(
+                target_force_n=target_force_n, item_id=item_id, kind=kind, batch=batch
+            )
             with self.session.stop_lock:
                 if stops is not None and stops < self.session.stops:
                     raise CommandRefusedError(
@@ -277,14 +280,19 @@ class AppState:
         return is_confirmed
 
     def grasp_order(
-        self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
+        self,
+        *,
+        target_force_n: float | None,
+        item_id: str = "",
+        kind: str = "",
+        batch: str = "",
     ) -> GraspOrder:
         """Return a grasp order with a new recording name.
 
         Raises
         ------
         InputError
-            If the force is out of range, the item name is invalid, or the kind is unknown.
+            If the force is out of range, the item name or batch is invalid, or the kind is unknown.
         """
         if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
             raise InputError(
@@ -292,6 +300,10 @@ class AppState:
             )
         if item_id:
             item_id = check_item(item_id)
+        if batch:
+            if not item_id:
+                raise InputError(f"batch {batch!r}: a batch requires an item")
+            batch = check_batch(batch)
         settings = self.settings
         limit = choose_limit(
             settings.damage,
@@ -303,6 +315,7 @@ class AppState:
             target_force_n=target_force_n,
             recording=make_recording_path(self.settings.folder, "grasp"),
             item_id=item_id,
+            batch=batch,
             limit=limit,
         )
 
@@ -446,7 +459,7 @@ class AppState:
                     document,
                     placement=placement,
                     calibration=source.calibration,
-                    batch=self.history.lot.name,
+                    batch=order.batch or self.history.lot.name,
                 )
                 document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:

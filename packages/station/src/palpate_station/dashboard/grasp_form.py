@@ -9,15 +9,25 @@ from palpate_station.dashboard.messages import (
     GraspOrder,
 )
 from palpate_station.line.gs1 import read_label
-from palpate_station.records import Item
+from palpate_station.records import Item, check_printable
 
 
 def check_item(text: str) -> str:
-    """Return the item identifier of a typed or scanned text.
+    """Return the item identifier of a typed or scanned text; spaces after it are padding.
 
     Raises `InputError` if the label is damaged, or the text can't be a name.
     """
-    return Item(item_id=read_label(text)).item_id
+    return Item(item_id=read_label(text.rstrip(" "))).item_id
+
+
+def check_batch(text: str) -> str:
+    """Return the name of a batch; spaces after it are padding.
+
+    Raises `InputError` if the text can't be a name.
+    """
+    batch = text.rstrip(" ")
+    check_printable(batch, what="batch")
+    return batch
 
 
 @dataclass(slots=True)

@@ -22,7 +22,7 @@ from palpate_station.dashboard.messages import FrameSource, Grasped
 from palpate_station.dashboard.panel_html import draw_panel_svg
 from palpate_station.grasp_record import make_grasp_record
 from palpate_station.identify.identifier import Identifier
-from palpate_station.identify.kinds import learn_kinds
+from palpate_station.identify.kinds import NO_KINDS, learn_kinds
 from palpate_station.line.results import NO_ITEM
 from palpate_station.records import About, Grasp, Item, Verdict, check_printable
 from palpate_station.ripeness.history import (
@@ -107,10 +107,9 @@ class ItemStore:
         found = Placement(grasp=grasp, is_sorted=self._rules is not None)
         rules = self._rules
         try:
-            stored = (
-                self._read(lambda store: _StoredItem.read(store, item_id, rules=rules))
-                or _StoredItem()
-            )
+            stored = self._read(
+                lambda store: _StoredItem.read(store, item_id, rules=rules)
+            ) or _StoredItem(class_fault=NO_KINDS)
             if item_id:
                 facts = item_facts(item_id, kind=stored.kind, verdicts=stored.verdicts)
                 found = replace(found, item=facts, away=stored.away)
@@ -118,7 +117,11 @@ class ItemStore:
                 return found
             grasps = (*stored.grasps, grasp)
             evidence = combine_evidence(
-                grasps, identifier=stored.identifier, kind=stored.kind, verdicts=stored.verdicts
+                grasps,
+                identifier=stored.identifier,
+                kind=stored.kind,
+                verdicts=stored.verdicts,
+                class_fault=stored.class_fault,
             )
         except PalpateError as error:
             unread = ItemFacts(id=item_id) if item_id else None
@@ -299,6 +302,20 @@ class ItemStore:
         """Raise `PalpateError` if the store can't be used; it may be missing."""
         self._read(lambda store: None)
 
+    def learnt_kinds(self) -> tuple[str, ...]:
+        """Return the kinds that can be identified; empty without labelled items.
+
+        Raises
+        ------
+        PalpateError
+            If the store can't be used.
+        """
+        try:
+            found = self._read(learn_kinds)
+        except InputError:
+            return ()
+        return () if found is None else found.kinds
+
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
         try:
@@ -324,6 +341,8 @@ class _StoredItem:
     verdicts: tuple[Verdict, ...] = ()
     #: Classifier of kinds, if the rules require an unknown kind.
     identifier: Identifier | None = None
+    #: Why there is no classifier, although the rules require one.
+    class_fault: str = ""
     #: Reason why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
 
@@ -332,12 +351,19 @@ class _StoredItem:
         """Read an item from the store."""
         items = store.find_items([item_id]) if item_id else ()
         kind = items[0].kind if items else None
-        is_guessed = kind is None and rules is not None and rules.has_condition("class")
+        identifier, class_fault = None, ""
+        if kind is None and rules is not None and rules.has_condition("class"):
+            try:
+                identifier = learn_kinds(store, without=item_id)
+            except InputError:
+                # An item of a line always gets a bin, also before the first labels.
+                class_fault = NO_KINDS
         return cls(
             kind=kind,
             grasps=store.grasps_of(item_id) if items else (),
             verdicts=store.verdicts_of(item_id) if items else (),
-            identifier=learn_kinds(store, without=item_id) if is_guessed else None,
+            identifier=identifier,
+            class_fault=class_fault,
             away="" if store.away is None else AWAY_NOTE,
         )
 

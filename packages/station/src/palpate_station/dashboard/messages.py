@@ -52,13 +52,14 @@ class OpenRig:
 class GraspOrder:
     """Grasp and hold the object, and record every frame.
 
-    `item_id` identifies an object whose grasps are stored; empty otherwise. `limit` is the
-    damage limit that the grasp obeys, if any.
+    `item_id` identifies an object whose grasps are stored; empty otherwise. `batch` is its batch,
+    or empty for that of the page. `limit` is the damage limit that the grasp obeys, if any.
     """
 
     target_force_n: float | None
     recording: Path
     item_id: str = ""
+    batch: str = ""
     limit: DamageLimit | None = None
 
 

@@ -35,7 +35,10 @@ def grasp_features(measured: Mapping[str, Measurement]) -> FloatArray | None:
     """
     found = [measured.get(name) for name in FEATURES]
     values = [
-        one.middle for one in found if one is not None and 0 < one.low <= one.middle <= one.high
+        one.middle
+        for one in found
+        # The limits of a bound may be infinite.
+        if one is not None and 0 < one.low <= one.middle <= one.high < math.inf
     ]
     return np.log(values) if len(values) == len(FEATURES) else None
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 #: Maximum number of items read (newest first), and of training items per kind. The limits keep
 #: old labels from dominating the training set.
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
+#: Why a store can't identify any kind.
+NO_KINDS = f"no kind has {FEWEST_ITEMS} labelled items"
 
 
 def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:

@@ -47,8 +47,12 @@ class Machine(Protocol):
         item_id: str,
         kind: str,
         stops: int | None,
+        batch: str = "",
     ) -> str:
-        """Start a grasp; return the name of its recording."""
+        """Start a grasp; return the name of its recording.
+
+        `batch`: batch of the item; empty for that of the page.
+        """
         ...
 
     async def release(self, driver: str) -> None:

@@ -32,6 +32,10 @@ ITEM, BIN, REFUSAL, HELD_BIN, DRIVER = 100, 140, 180, 220, 260
 COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM, INTERRUPTED_ITEM = 300, 301, 302, 310, 350
 #: Number of registers of a text (two bytes of UTF-8 each, zero-padded) and of the whole map.
 TEXT_REGISTERS, REGISTER_COUNT = 40, 390
+#: Registers that a client may write; the others read 0 there.
+_WRITABLE = frozenset(
+    (COMMAND, TARGET, KNOWN_STOPS, KNOWN_STOPS + 1, *range(NEW_ITEM, NEW_ITEM + TEXT_REGISTERS))
+)
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
 #: Values of the register `STORAGE`; 0 means no grasp yet.
@@ -98,9 +102,17 @@ class ModbusStation:
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
-        if not (address >= COMMAND and address + count <= INTERRUPTED_ITEM):
+        written = range(address, address + count)
+        # A block of all parameters contains the registers without a meaning, as zeros.
+        stray = (v for at, v in zip(written, set_values, strict=True) if at not in _WRITABLE)
+        is_outside = address < COMMAND or written.stop > INTERRUPTED_ITEM
+        if is_outside or _WRITABLE.isdisjoint(written) or any(stray):
             return ExcCodes.ILLEGAL_ADDRESS
-        self._written[address - COMMAND : address - COMMAND + count] = list(set_values)
+        self._written[address - COMMAND : written.stop - COMMAND] = list(set_values)
+        if NEW_ITEM in written:
+            # The rest of a longer text would become part of the new one.
+            end = written.stop - COMMAND
+            self._written[end:] = [0] * (len(self._written) - end)
         if address > COMMAND:
             return None
         try:
@@ -108,7 +120,7 @@ class ModbusStation:
         except CommandRefusedError as error:
             self._refusal = str(error)
             return ExcCodes.DEVICE_BUSY
-        except (InputError, UnicodeDecodeError) as error:
+        except InputError as error:
             self._refusal = str(error)
             return ExcCodes.ILLEGAL_VALUE
         self._refusal = ""
@@ -193,15 +205,24 @@ def encode_text(text: str) -> list[int]:
 
 
 def decode_text(registers: Sequence[int]) -> str:
-    """Decode the text in registers up to the first zero byte.
+    """Decode the text in registers, without the zero bytes after it.
 
-    Raises `UnicodeDecodeError` if the text is not UTF-8.
+    Raises `InputError` if the text is not UTF-8, or a zero byte is within it.
 
     >>> decode_text(encode_text("Früchte-1"))
     'Früchte-1'
     """
-    raw = struct.pack(f">{len(registers)}H", *registers)
-    return raw.split(b"\0", 1)[0].decode()
+    raw = struct.pack(f">{len(registers)}H", *registers).rstrip(b"\0")
+    if b"\0" in raw:
+        raise InputError(
+            f"item {raw.split(bytes(1), 1)[0].decode(errors='replace')!r}: a zero byte is followed "
+            "by more text; write the first character into the high byte of a register, and pad "
+            "with zeros"
+        )
+    try:
+        return raw.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"item: the bytes are not UTF-8 ({error})") from error
 
 
 def _storage(not_stored: str) -> int:

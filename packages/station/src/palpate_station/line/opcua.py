@@ -36,8 +36,14 @@ with require_extra("--opcua", extra="line", package="palpate-station"):
 
 #: Output arguments of a method, or the status code of a refusal.
 _Answer: TypeAlias = "list[ua.Variant] | ua.StatusCode"
-#: Types of the arguments of `Grasp`, in order; strings may be null.
-_GRASP_TYPES: tuple[Any, ...] = (float, (str, type(None)), (str, type(None)), int)
+#: Types of the arguments of `Grasp`, in order; strings may be null. Clients may omit the last one.
+_GRASP_TYPES: tuple[Any, ...] = (
+    float,
+    (str, type(None)),
+    (str, type(None)),
+    int,
+    (str, type(None)),
+)
 
 #: Driver name of this protocol's clients, before the address.
 DRIVER = "OPC UA"
@@ -264,6 +270,7 @@ class OpcUaStation:
                     _argument(
                         "Stops", ua.VariantType.Int64, "last known number of stops; -1 to ignore"
                     ),
+                    _argument("Batch", text, "of the item; may be omitted"),
                 ],
                 [_argument("Recording", text, "name of the recording")],
             ),
@@ -287,11 +294,13 @@ class OpcUaStation:
 
     async def _grasp(self, parent: Any, *arguments: ua.Variant) -> _Answer:
         values = [variant.Value for variant in arguments]
+        if len(values) == len(_GRASP_TYPES) - 1:
+            values.append(None)
         if len(values) != len(_GRASP_TYPES):
             return _status(StatusCodes.BadArgumentsMissing)
         if not all(isinstance(*pair) for pair in zip(values, _GRASP_TYPES, strict=True)):
             return _status(StatusCodes.BadTypeMismatch)
-        target, item, kind, stops = values
+        target, item, kind, stops, batch = values
         return await self._run_command(
             self._machine.grasp(
                 self._client(),
@@ -299,6 +308,7 @@ class OpcUaStation:
                 item_id=item or "",
                 kind=kind or "",
                 stops=None if stops < 0 else stops,
+                batch=batch or "",
             )
         )
 

@@ -32,7 +32,8 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
     points = [
         (kind_of(page), size.middle, stiffness.middle)
         for page in pages
-        if (size := page.latest("size_mm")) and (stiffness := page.latest("stiffness_n_per_mm"))
+        if (size := page.latest_value("size_mm"))
+        and (stiffness := page.latest_value("stiffness_n_per_mm"))
     ]
     if not points:
         return None

@@ -131,7 +131,7 @@ def read_pairs_with_store(
     taken: dict[str, list[float]] = {}
     simulated = False
     for item, (grasps, _) in zip(items, store.histories(items), strict=True):
-        found = [one for one in grasps if measurement in one.measurements]
+        found = [one for one in grasps if one.find_value(measurement) is not None]
         taken[item] = [one.measurements[measurement].middle for one in found]
         simulated = simulated or any(one.is_simulated for one in found)
     rows = {item: iter(values) for item, values in taken.items()}

@@ -78,11 +78,11 @@ def firmness_of(grasp: Grasp) -> float | None:
     if grasp.outcome is not Outcome.HELD:
         return None
     if grasp.drive == "pressure":
-        shared, pixels = grasp.measurements.get("shared_pixels"), grasp.pixel_settled_percent
+        shared, pixels = grasp.find_value("shared_pixels"), grasp.pixel_settled_percent
         if shared is not None:
             return -math.log(shared.middle)
         return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
-    index, force = grasp.measurements.get("firmness"), grasp.measurements.get("force_n")
+    index, force = grasp.find_value("firmness"), grasp.find_value("force_n")
     at_n = grasp.firmness_force_n
     if at_n is None and force is not None:
         at_n = force.middle

@@ -60,7 +60,9 @@ def measure_shared_pixels(
     """
     until_s = answer_time_s(result)
     width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")
-    if until_s is None or width is None or force is None or min(width.middle, force.middle) <= 0:
+    if until_s is None or width is None or force is None or not force.has_value:
+        return {}
+    if min(width.middle, force.middle) <= 0:
         return {}
     held = mean_percent_before(until_s, observations=observations, layout=layout)
     sharing = minus_log_sharing(held)

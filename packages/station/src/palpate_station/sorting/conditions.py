@@ -23,6 +23,8 @@ class Evidence:
 
     #: Kind of the item; None before the first measurement.
     identity: Identity | None = None
+    #: Why no kind can be identified, so that no condition on the class can be met; else empty.
+    class_fault: str = ""
     #: Size, and firmness from 0 to 100.
     size_mm: Measurement | None = None
     firmness: Measurement | None = None
@@ -49,7 +51,9 @@ class Evidence:
     def describe(self, key: str) -> str:
         """Return the evidence for a condition key as text; empty without a verdict."""
         if key == "class":
-            return "not measured" if self.identity is None else _describe_kind(self.identity)
+            if self.identity is not None:
+                return _describe_kind(self.identity)
+            return f"class unknown: {self.class_fault}" if self.class_fault else "not measured"
         if key == "bruised":
             return "" if self.bruised is None else f"bruised {percent(self.bruised)}"
         if key == "ripeness":
@@ -71,6 +75,8 @@ class OneOf:
 
     def probability(self, evidence: Evidence) -> float | None:
         """Return the probability that an item has one of the names; None if unknown."""
+        if self.key == "class" and evidence.class_fault:
+            return 0.0
         known = evidence.probabilities(self.key)
         return sum(known.get(name, 0.0) for name in self.names) if known else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -73,13 +73,21 @@ def check_kinds(book: RuleBook, *, known_kinds: Collection[str], path: str | Pat
 
     Raises `InputError` with the rule's line and the known kinds.
     """
+    for fault in unlearned_classes(book, known_kinds=known_kinds, path=path):
+        names = ", ".join([*sorted(known_kinds), UNKNOWN])
+        raise InputError(f"{fault}; choose one of: {names}")
+
+
+def unlearned_classes(
+    book: RuleBook, *, known_kinds: Collection[str], path: str | Path
+) -> Iterator[str]:
+    """Yield the place and name of each class with too few labelled items to be identified."""
     for rule in book.rules:
         kinds = (one for one in rule.conditions if isinstance(one, OneOf) and one.key == "class")
         for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *known_kinds}):
-            raise InputError(
+            yield (
                 f"rules file {path} line {rule.line}: class {kind!r} has fewer than "
-                f"{FEWEST_ITEMS} labelled items; choose one of: "
-                f"{', '.join([*sorted(known_kinds), UNKNOWN])}"
+                f"{FEWEST_ITEMS} labelled items"
             )
 
 

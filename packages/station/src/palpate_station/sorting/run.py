@@ -74,8 +74,12 @@ def combine_evidence(
     identifier: Identifier | None,
     kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
+    class_fault: str = "",
 ) -> Evidence:
-    """Combine the evidence of grasps and verdicts on an item."""
+    """Combine the evidence of grasps and verdicts on an item.
+
+    `class_fault`: why there is no identifier, although the rules need one.
+    """
     held = [one for one in grasps if one.outcome is Outcome.HELD]
     points = item_features(held)
     identity = None if kind is None else label_identity(kind)
@@ -84,6 +88,7 @@ def combine_evidence(
     last = {one.about: one for one in sorted(verdicts, key=lambda one: one.given_at)}
     return Evidence(
         identity=identity,
+        class_fault=class_fault if identity is None else "",
         size_mm=_average(held, "size_mm"),
         firmness=_average(held, "firmness"),
         ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
@@ -93,7 +98,7 @@ def combine_evidence(
 
 
 def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
-    found = [one.measurements[name] for one in grasps if name in one.measurements]
+    found = [one for grasp in grasps if (one := grasp.find_value(name)) is not None]
     return combine(found) if found else None
 
 

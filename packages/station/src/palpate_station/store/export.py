@@ -190,7 +190,8 @@ def grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
     row |= {name: getattr(grasp, name) for name in _GRASP_COLUMNS}
     row |= {"item_id": grasp.item_id, "outcome": str(grasp.outcome)}
     for name, measured in grasp.measurements.items():
-        row |= {name: measured.value, f"{name}_low": measured.low, f"{name}_high": measured.high}
+        low, high = measured.known_ends
+        row |= {name: measured.value, f"{name}_low": low, f"{name}_high": high}
         row[f"{name}_status"] = str(measured.status)
     return row
 

@@ -56,8 +56,13 @@ class ItemHistory:
         return any(grasp.is_simulated for grasp in self.grasps)
 
     def latest(self, name: str) -> Measurement | None:
-        """Return the latest measurement with this name, or None if there is none."""
+        """Return the latest measurement or bound with this name, or None if there is none."""
         found = (grasp.measurements.get(name) for grasp in reversed(self.grasps))
+        return next((measured for measured in found if measured is not None), None)
+
+    def latest_value(self, name: str) -> Measurement | None:
+        """Return the latest measurement with this name and a value, or None if there is none."""
+        found = (grasp.find_value(name) for grasp in reversed(self.grasps))
         return next((measured for measured in found if measured is not None), None)
 
     def latest_verdict(self, about: About) -> Verdict | None:
@@ -97,7 +102,7 @@ def read_item_history(store: Store, item_id: str) -> ItemHistory:
 def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
     """Return the latest firmness measured with this drive, or None if there is none."""
     same_drive = (grasp for grasp in reversed(grasps) if grasp.drive == drive)
-    found = (grasp.measurements.get("firmness") for grasp in same_drive)
+    found = (grasp.find_value("firmness") for grasp in same_drive)
     return next((measured.middle for measured in found if measured is not None), None)
 
 

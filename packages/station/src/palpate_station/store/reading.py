@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
@@ -88,8 +89,8 @@ def _measurements(
         for row in connection.execute(query).mappings():
             found.setdefault(row["grasp_number"], {})[row["name"]] = Measurement(
                 value=row["value"],
-                low=row["low"],
-                high=row["high"],
+                low=-math.inf if row["low"] is None else row["low"],
+                high=math.inf if row["high"] is None else row["high"],
                 unit=MEASURED[row["name"]],
                 level=row["level"],
                 status=Status(row["status"]),

@@ -2,7 +2,8 @@
 
 Schema 2 added the outbox to the local SQLite file, which a PostgreSQL server does not have.
 Schema 3 (on a server, 2) added the station of a grasp. Schema 4 (on a server, 3) gave the force of
-the firmness a column; before, it was a measurement without width.
+the firmness a column; before, it was a measurement without width. Schema 5 (on a server, 4) allows
+a bound: a measurement without value, or without a limit.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
 from palpate.errors import StoreError
+from palpate.measurement import BOUNDS
 
 #: Newest schema version of each kind of database.
-NEWEST: Mapping[str, int] = {"sqlite": 4, "postgresql": 3}
+NEWEST: Mapping[str, int] = {"sqlite": 5, "postgresql": 4}
 #: Key of the PostgreSQL advisory lock for migrations.
 _LOCK = 0x70616C70
 
@@ -109,9 +111,10 @@ MEASUREMENTS = sa.Table(
     METADATA,
     sa.Column("grasp_number", sa.BigInteger, sa.ForeignKey(GRASPS.c.number), primary_key=True),
     sa.Column("name", sa.Text, primary_key=True),
-    sa.Column("value", _REAL, nullable=False),
-    sa.Column("low", _REAL, nullable=False),
-    sa.Column("high", _REAL, nullable=False),
+    # Null if only a bound is known; a limit is null if it is infinite.
+    sa.Column("value", _REAL),
+    sa.Column("low", _REAL),
+    sa.Column("high", _REAL),
     sa.Column("level", _REAL, nullable=False),
     sa.Column("status", sa.Text, nullable=False),
     sqlite_with_rowid=False,
@@ -182,16 +185,37 @@ def migrate(connection: sa.Connection, *, where: str) -> None:
         present = {c["name"] for c in sa.inspect(connection).get_columns(GRASPS.name)}
         if "station" not in present:
             connection.execute(sa.text("ALTER TABLE grasps ADD COLUMN station TEXT"))
-        connection.execute(
-            sa.text("ALTER TABLE grasps ADD COLUMN firmness_force_n DOUBLE PRECISION")
-        )
-        connection.execute(GRASPS.update().values(firmness_force_n=OLD_FIRMNESS_FORCE_N))
-        connection.execute(
-            MEASUREMENTS.delete().where(MEASUREMENTS.c.name == GRASPS.c.firmness_force_n.name)
-        )
+        if "firmness_force_n" not in present:
+            connection.execute(
+                sa.text("ALTER TABLE grasps ADD COLUMN firmness_force_n DOUBLE PRECISION")
+            )
+            connection.execute(GRASPS.update().values(firmness_force_n=OLD_FIRMNESS_FORCE_N))
+            connection.execute(
+                MEASUREMENTS.delete().where(MEASUREMENTS.c.name == GRASPS.c.firmness_force_n.name)
+            )
+        _allow_bounds(connection)
     connection.execute(
         VERSIONS.insert().values(version=NEWEST[database], applied_at=datetime.now(UTC))
     )
+
+
+def _allow_bounds(connection: sa.Connection) -> None:
+    """Allow measurements without a value, and remove the value of stored bounds."""
+    if connection.dialect.name == "sqlite":
+        # SQLite can't remove a constraint of a column.
+        connection.execute(sa.text("ALTER TABLE measurements RENAME TO old_measurements"))
+        MEASUREMENTS.create(connection)
+        names = ", ".join(MEASUREMENTS.c.keys())
+        copy = f"INSERT INTO measurements ({names}) SELECT {names} FROM old_measurements"
+        connection.execute(sa.text(copy))
+        connection.execute(sa.text("DROP TABLE old_measurements"))
+    else:
+        for name in ("value", "low", "high"):
+            connection.execute(
+                sa.text(f"ALTER TABLE measurements ALTER COLUMN {name} DROP NOT NULL")
+            )
+    is_bound = MEASUREMENTS.c.status.in_([str(status) for status in BOUNDS])
+    connection.execute(MEASUREMENTS.update().where(is_bound).values(value=None))
 
 
 def read_version(connection: sa.Connection, *, where: str) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from itertools import islice
+from math import isfinite
 
 import sqlalchemy as sa
 
@@ -87,9 +88,9 @@ def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> list[str
             {
                 "grasp_number": number,
                 "name": name,
-                "value": float(one.middle),
-                "low": float(one.low),
-                "high": float(one.high),
+                "value": None if one.value is None else float(one.value),
+                "low": float(one.low) if isfinite(one.low) else None,
+                "high": float(one.high) if isfinite(one.high) else None,
                 "level": float(one.level),
                 "status": str(one.status),
             }
