@@ -114,6 +114,10 @@ def print_report(found: Sequence[ForceReport], *, written: Sequence[Path]) -> No
         elif one.fitted.kind != "calibration":
             console.print("  too few loads to hold one out: the error is not known")
         _print_forces(one, console=console)
+        if one.fitted.kind != "calibration":
+            console.print(
+                "The law is fitted to these loads: beside them, its newtons are not held out."
+            )
     for path in written:
         console.print(f"Written: {path}", markup=False, soft_wrap=True)
 

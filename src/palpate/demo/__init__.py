@@ -49,7 +49,7 @@ DEMOS = {
         folder="demo-recordings",
         place="palpate.demo.recordings:write_recordings",
         commands=(
-            "palpate settle demo-recordings/ohm.csv --plot settled.png",
+            "palpate settle demo-recordings/ohm.csv",
             "palpate settle demo-recordings/counts.csv --unit counts --adc-bits 10 "
             "--reference-ohm 4700 --sensor-leg upper",
             "palpate settle demo-recordings --method relaxation --method recorded "
@@ -62,7 +62,7 @@ DEMOS = {
         commands=(
             "palpate force demo-force/weights.csv --adc-bits 10",
             "palpate force demo-force/presses.csv --adc-bits 10 --reference-ohm 10k "
-            "--sensor-leg upper --save demo-force/calibration.json --plot force.png",
+            "--sensor-leg upper --save demo-force/calibration.json",
             "palpate force demo-force/new.csv --calibration demo-force/calibration.json",
         ),
     ),
