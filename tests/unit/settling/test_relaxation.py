@@ -48,6 +48,14 @@ def test_relaxation_ignores_a_large_contact_transient() -> None:
     assert predict(time_s, values).hold(0).value == pytest.approx(settled, rel=0.25)
 
 
+def test_relaxation_of_a_single_reading_is_as_unsure_as_real_materials_are() -> None:
+    found = predict_settled([0.1], [412.0])
+    assert found.status is Status.TOO_SHORT
+    # Food falls by an eighth of its first reading, tape by a third.
+    assert found.low < 412.0 * 0.6
+    assert found.high > 412.0 * 1.6
+
+
 @pytest.mark.parametrize(
     ("reading", "half"), [(620.0, 0.5), (3.03, 0.005), (0.25, 0.005), (0.0, 0.5)]
 )
