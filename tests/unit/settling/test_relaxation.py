@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.holds import measure_settled_value, read_holds
 from palpate.measurement import Status
 from palpate.settling.mixture import Mixture, compute_quantiles
+from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate
 
