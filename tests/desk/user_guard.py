@@ -25,7 +25,7 @@ def close_with_a_guard(rig):
                 sys.exit(f"the hand is at {width:.1f} mm and the guard reads {guard.reading!r}")
             rig.gripper.command(GripperCommand(target=width, rate=5.0))
             guard.wait(0.2)
-        if "above the limit" not in guard.reason:
+        if "below the limit" not in guard.reason:
             sys.exit(guard.reason)
         return guard.tripped_s, guard.reading
 

@@ -89,7 +89,7 @@ def test_jaw_is_held_until_it_opens_and_may_then_close_again(touch: Touch, rack:
     time.sleep(0.5)
     for _ in range(2):
         squeeze(touch, rack)
-        assert "above the limit of 3 N" in touch.reason
+        assert "the limit of 3 N" in touch.reason
         # The leader stays closed.
         for wanted in (20.0, 5.0):
             with touch.lock:
@@ -202,6 +202,6 @@ def test_arm_of_the_demo_goes_on_while_its_jaw_is_held(tmp_path: Path) -> None:
         jaw.close()
         pan.close()
     assert held == 40
-    assert "above the limit of 2.5 N" in reason
+    assert "the limit of 2.5 N" in reason
     assert 0.8 < max(forces_n) < 3.3
     assert at - sts.TICKS // 2 > turned - 10
