@@ -448,6 +448,16 @@ CELLS = (
         refused="can't be converted to one",
     ),
     Form(
+        "a checksum that ends like a unit",
+        lines(lambda r: f"{TIME_S[r]},{ONE[r]},{37 * r % 256:02X}", head="time_s,A0,crc\n"),
+        columns={"A0": ONE},
+    ),
+    Form(
+        "above the range with a unit",
+        lines(lambda r: f"{TIME_S[r]},{f'{OHM[r]} Ω' if _HELD[r] else '9.9E37 Ω'}", head="t,R\n"),
+        columns={"R": _OPEN_OHM},
+    ),
+    Form(
         "a counter next to texts",
         lines(lambda r: f"{TIME_S[r]},{r + 1},0x{ONE[r]:X}", head="time_s,number,fsr\n"),
         refused="fsr has texts such as '0x26C'",
@@ -461,6 +471,21 @@ HEADERS = (
             head="# NumPy\n# columns: time [min], R [kOhm]\n",
         ),
         columns={"R[kOhm]": OHM},
+    ),
+    Form(
+        "units in a comment above the names",
+        lines(lambda r: f"{TIME_S[r] / 60:.6f},{FORCE_N[r] / 10}", head="# min, daN\ntime,F\n"),
+        columns={"F [daN]": FORCE_N},
+    ),
+    Form(
+        "behind another mark",
+        lines(lambda r: f"{TIME_S[r] / 60:.6f} {OHM[r] / 1e3}", head="! t_min R_kohm\n"),
+        columns={"R_kohm": OHM},
+    ),
+    Form(
+        "with separators for empty columns",
+        lines(lambda r: f"{TIME_S[r] / 60:.6f};{OHM[r] / 1e3};;;;;", head="t_min;R_kohm;;;;;\n"),
+        columns={"R_kohm": OHM},
     ),
     Form(
         "separated by other marks than the rows",
@@ -517,6 +542,14 @@ MORE = (
         "a first line that has lost its beginning",
         lines(lambda r: f"{954321 + round(1e3 * TIME_S[r])} {ONE[r]}", head="21 620\n"),
         columns={"2": ONE},
+    ),
+    Form(
+        "ticks of 100 ns",
+        lines(
+            lambda r: f"{639_126_000_000_000_000 + round(1e7 * TIME_S[r])},{ONE[r]}",
+            head="timestamp,adc\n",
+        ),
+        refused="may be ticks of 100 ns",
     ),
     Form(
         "a clock in another language",

@@ -50,18 +50,24 @@ class CellUnits:
     def split(
         self, fields: Mapping[int, str], *, parse: Callable[[Sequence[str]], FloatArray]
     ) -> dict[int, float]:
-        """Return the numbers of the fields that have one with a unit, by row.
+        """Return the numbers of the fields that have one with a unit, by row; none if few have.
 
         `fields`: texts by row. `parse`: the file's format of numbers.
         """
         found: dict[int, str] = {}
+        rows: dict[str, list[int]] = {}
         for row, text in fields.items():
             cell = split_cell(text)
             # A label such as "10 mm" may name a sensor.
             if cell is None or (names_sensor(self.column) and not _is_reading(cell[1])):
                 continue
-            self.rows.setdefault(cell[1], []).append(row)
+            rows.setdefault(cell[1], []).append(row)
             found[row] = cell[0]
+        # Some hexadecimal numbers end with the letter of a unit.
+        if 2 * len(found) < len(fields):
+            return {}
+        for unit, each in rows.items():
+            self.rows.setdefault(unit, []).extend(each)
         return dict(zip(found, parse([*found.values()]).tolist(), strict=True))
 
     def convert(self, numbers: FloatArray, *, place: Callable[[int], str], name: str) -> str:

@@ -89,6 +89,8 @@ _RUN_COLUMNS = ("recording_id", "recording", "run_id", "run", "trial_id", "sessi
 
 #: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
 _EARLIEST_UNIX_S = 1e8
+#: The year 2000 in ns since 1970; ticks of 100 ns of Windows and .NET are below.
+_EARLIEST_NS = 9.467e17
 #: A board's 32-bit clock wraps to 0 after 71 min in microseconds, 49 days in milliseconds.
 _WRAP = 2.0**32
 #: A count kept in an `unsigned int` of an 8-bit board wraps after 65.5 s in milliseconds.
@@ -323,6 +325,11 @@ def convert_to_seconds(
         found = next(
             u for u in ("ns", "us", "ms", "s") if known[0] >= _EARLIEST_UNIX_S * PER_SECOND[u]
         )
+        if found == "ns" and known[0] < _EARLIEST_NS:
+            raise InputError(
+                f"{file}: column {name}: {known[0]:.0f} may be ticks of 100 ns; write the times in "
+                "seconds, or say --time-unit ns"
+            )
     per_second = PER_SECOND[found]
     counts = column - known[0] if known[0] / per_second >= _EARLIEST_UNIX_S else column
     if found in ("ms", "us"):

@@ -22,7 +22,12 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.cells import CellUnits, join_parts
-from palpate.holds.columns import find_recording_column, time_unit_of, unit_of
+from palpate.holds.columns import (
+    find_named_unit,
+    find_recording_column,
+    time_unit_of,
+    unit_of,
+)
 from palpate.holds.decimals import MarkEvidence, NumberFormat, is_missing, is_number, split_cell
 from palpate.holds.log_lines import PLAIN, STAMP, LineForm, find_line_form, is_repeated
 from palpate.holds.moments import is_moment, join_spaced
@@ -51,6 +56,8 @@ _TWO_PARTS = re.compile(r"[-+]?\d+,\d+")
 _COLUMN_NAME = re.compile(r"\D*|\s*[^\W\d_]+[ _]?\d{1,3}[^,\d]*")
 #: Beginning of a comment.
 _COMMENT = re.compile(r"#+|%+|//+")
+#: The same, and beginnings of comments that are not skipped.
+_MARKED = re.compile(r"^\s*(?:#+|%+|//+|!+|;+|\*+|'|>+|REM\s)", re.IGNORECASE)
 #: Codes of colors for a terminal.
 _COLORS = re.compile(r"\x1b\[[\d;]*[A-Za-z]")
 #: Fields of a row below the units that states how a logger reduced its samples.
@@ -224,7 +231,7 @@ def read_text(
         lines = ("\n" if _COMMENT.match(line) else line for line in chain(raw, plain))
         sample = list(islice(lines, SAMPLE_ROWS))
         layout = find_layout(sample, name=name, decimal=decimal, without_clock=without_clock)
-        if not (layout.header or layout.form.names or layout.form.stamped):
+        if not (layout.form.names or layout.form.stamped):
             names = _find_names(raw[: layout.first], layout, name=name)
             layout = replace(layout, names=names)
         rest = chain(sample[layout.first :], lines)
@@ -247,11 +254,14 @@ def read_text(
 def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]:
     """Return the column names in the last lines above the data, or those of the layout.
 
-    The lines may be comments, as of `numpy.savetxt`, or have another separator than the data.
+    The lines may be comments, as of `numpy.savetxt`, or have another separator than the data. A
+    comment may have the units of a header.
 
     Raises `InputError` if there are more names than columns.
     """
-    above = [_COMMENT.sub("", line).strip("\r\n") for line in lines if line.strip()]
+    marked = [line for line in lines if _COMMENT.match(line)]
+    above = marked[-1:] if layout.header else [line for line in lines if line.strip()]
+    above = [_MARKED.sub("", line).strip("\r\n") for line in above]
     width, found = len(layout.names), list[list[str]]()
     for line in above[-2:]:
         # "# columns: time [ms], R [kOhm]"
@@ -259,7 +269,8 @@ def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]
         for separator in (layout.separator, *SEPARATORS):
             row = [field.strip() for field in split_line(body, separator)]
             is_names = all(_COLUMN_NAME.fullmatch(f) and not re.search("[:=]", f) for f in row)
-            if not (is_names and _states_meaning(row)):
+            is_units = all(map(is_unit_field, row)) and not any(map(find_named_unit, layout.names))
+            if not (is_units if layout.header else is_names and _states_meaning(row)):
                 continue
             if len(row) == width:
                 found.append(row)
@@ -269,6 +280,8 @@ def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]
                     f"{name}: the header has {len(row)} names ({', '.join(row)[:60]}), but the "
                     f"rows have {width} fields; write one name for each field"
                 )
+    if layout.header and found:
+        found.insert(0, layout.names)
     return _parse_header(found, width, stamped=False)[0] if found else layout.names
 
 
@@ -476,16 +489,19 @@ def _parse_header(
     if fitting and not {*fitting[-1]} - _REDUCTIONS:
         fitting = fitting[:-1]
     lines = [[field.strip(' \t"') for field in row][:width] for row in fitting[-2:]]
+    # Spreadsheets write separators for empty columns at the end.
+    written = "".join("x" if field else "." for field in lines[-1]) if lines else ""
+    spare = len(written) - len(written.rstrip(".")) if len(written) == width else 0
     # The terminal's time in front of a header is no name.
     lines = [(["", *line[1:]] if stamped else line) for line in lines]
     lines = [line + [""] * (width - len(line)) for line in lines]
     units = [""] * width
     of_units = [any(line) and all(map(is_unit_field, line)) for line in lines]
-    if len(lines) == 2 and of_units[1] and _is_header(lines[0], stamped=stamped):
+    if len(lines) == 2 and of_units[1] and _is_header(lines[0], stamped=stamped, spare=spare):
         units = [field.strip("[](){}<>-") for field in lines.pop()]
     elif len(lines) == 2 and of_units[0] and 2 * sum(map(bool, lines[0])) >= width - stamped:
         units = [field.strip("[](){}<>-") for field in lines[0]]
-    if not lines or not _is_header(lines[-1], stamped=stamped):
+    if not lines or not _is_header(lines[-1], stamped=stamped, spare=spare):
         plain = [STAMP] * stamped + [str(number) for number in range(1 + stamped, width + 1)]
         return plain, []
     names: list[str] = []
@@ -513,14 +529,16 @@ def _has_row_names(rows: Sequence[Sequence[str]]) -> bool:
     return len(rows) > 1 and (numbered or named) and any(row[-1].strip() for row in rows)
 
 
-def _is_header(line: Sequence[str], *, stamped: bool) -> bool:
+def _is_header(line: Sequence[str], *, stamped: bool, spare: int) -> bool:
     """Return whether a line above the data names at least half of the columns.
 
     A note has one field. The first column of a table may have no name, if it is an index.
+    `spare`: number of empty columns at the end.
     """
     named = sum(map(bool, line[stamped:]))
     is_index = not line[0] and not stamped
-    return 2 * named >= len(line) - stamped and named >= min(2, len(line) - stamped - is_index)
+    wide = len(line) - stamped
+    return 2 * named >= wide - spare and named >= min(2, wide - is_index)
 
 
 def gather_rows(
@@ -633,7 +651,6 @@ def _parse_column(
         fields = part.split(_JOIN)
         if not is_text:
             parsed = format_.parse(fields)
-            parsed[parsed >= OPEN_NUMBER] = np.inf
             others = {
                 start + i: fields[i]
                 for i in np.flatnonzero(np.isnan(parsed)).tolist()
@@ -642,6 +659,7 @@ def _parse_column(
             with_unit = units.split(others, parse=format_.parse)
             for row, number in with_unit.items():
                 parsed[row - start] = number
+            parsed[parsed >= OPEN_NUMBER] = np.inf
             others = {row: text for row, text in others.items() if row not in with_unit}
             is_text = not found and 2 * len(others) >= len(fields)
             if not is_text:
