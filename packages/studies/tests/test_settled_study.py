@@ -37,9 +37,9 @@ def test_settled_study_scores_every_method_on_every_material(
     found = document("settled", "--holds", a, "--holds", b, "--held-out", c)
     rows = found["rows"]
     without = [row for row in rows if row["own_holds"] == 0]
-    rules = {settled.PALPATE, *settled.PLAIN, "log_law_fitted", "multiple", "ridge"}
+    methods = {settled.PALPATE, *settled.PLAIN, "log_law_fitted", "multiple", "ridge"}
     for material in "abc":
-        assert {row["method"] for row in without if row["material"] == material} == rules
+        assert {row["method"] for row in without if row["material"] == material} == methods
         own = [row for row in rows if (row["material"], row["own_holds"]) == (material, 3)]
         assert {row["method"] for row in own} == {settled.PALPATE, "log_law"}
     drawn = {row["material"] for row in without} - {*"abc"}
@@ -50,7 +50,9 @@ def test_settled_study_scores_every_method_on_every_material(
     )
     assert found["far"] == []
     assert sum(one["predictions"] for one in found["statuses"]) == 45
-    assert min(row["regret"] for row in found["regret"]) == pytest.approx(1.0, abs=0.5)
+    # The law with a fitted offset is exact here, and not among the simple rules.
+    rules = [row["regret"] for row in found["regret"] if row["method"] != "log_law_fitted"]
+    assert min(rules) == pytest.approx(1.0, abs=0.5)
 
 
 def test_settled_study_of_one_material_or_negative_values_is_refused(
