@@ -304,6 +304,24 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
 
 
+def test_item_that_is_measured_again_is_known_with_its_bin_and_batch(tmp_path: Path) -> None:
+    where = str(tmp_path / "items.sqlite")
+    item_store = ItemStore(where, rules=replace(RULES, most_grasps=2))
+    with Store.open(where) as store:
+        # A batch is no news before the first grasp.
+        store.add_item(Item(item_id="A1", batch="delivery"))
+    found = []
+    for size_mm in (45.1, 40.0, 44.0):
+        document = sized(size_mm, item_id="A1")
+        placement = item_store.place(Grasped(document=document), item_id="A1", source=SOURCE)
+        found.append((placement.batch, placement.sorted_as))
+        item_store.add(document, placement=placement, calibration="{}", batch="Monday")
+    assert found == [("", ""), ("Monday", ""), ("Monday", placement.sorted_as)]
+    # A provisional bin is none.
+    assert placement.sorted_as in RULES.bins
+    assert f"already sorted: {placement.sorted_as}" in placement.bin.why
+
+
 @pytest.mark.parametrize(
     ("label", "words"),
     [

@@ -17,6 +17,7 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.device_state import DeviceState
 from palpate_station.dashboard.folder import Interruption
+from palpate_station.dashboard.grasp_form import Unfinished
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
@@ -442,6 +443,11 @@ def _next_step(session: Session, headline: Headline) -> str:
         return words("next.release")
     if session.form.label_fault:
         return words("next.label")
+    if doubt := session.form.find_doubt(words):
+        return doubt
+    form = session.form
+    if form.why is Unfinished.NOT_STORED and form.item_id and devices.item_id == form.pending:
+        return words("next.not_stored", item=form.pending)
     if session.requires_item and not session.form.item_id:
         return words("next.name")
     if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):
