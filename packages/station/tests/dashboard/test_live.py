@@ -298,7 +298,7 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
     session.devices.is_answered = True
     for again, step, word in (
         (False, "Take the item", "By hand"),
-        (True, "Press Release, turn the item", "Turn the item"),
+        (True, "Take hold of the item", "Turn the item"),
     ):
         given = Bin(name="by hand", again=again)
         session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)

@@ -35,6 +35,7 @@ from palpate_station.dashboard.headline import (
     interruption_text,
     outcome_kind,
     store_note,
+    why_default,
 )
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
 from palpate_station.dashboard.messages import (
@@ -404,6 +405,7 @@ class AppState:
         if devices.order == order:
             devices.placed = placement.complete(grasped.document)
             devices.evidence, devices.is_answered = placement.evidence, True
+            devices.why_default = why_default(placement, self.session.words)
             again = devices.placed.needs_regrasp
             why = Unfinished.PROVISIONAL if again else None
             self.session.form.return_item(order, again=again, why=why)

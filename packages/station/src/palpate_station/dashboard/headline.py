@@ -23,6 +23,8 @@ from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
+from palpate_station.sorting.conditions import percent
+from palpate_station.sorting.placement import Placement
 
 #: Activities that hide the verdict of the previous grasp.
 _HEADLINE_ACTIVITIES = (
@@ -364,7 +366,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         else ""
         if headline.result is None
         else store_note(devices, words),
-        "opens": _countdown(devices, headline, words),
+        "opens": "" if session.silence_s is not None else _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
         if target_force_n is None
@@ -394,9 +396,25 @@ def _operator_word(session: Session, headline: Headline) -> str:
     return headline.firmness_word or words("phase.hold" if is_measured else "outcome.held")
 
 
+def why_default(placement: Placement, words: Words) -> str:
+    """Return why an item gets the default bin; empty for another bin, or without one."""
+    decision = None if placement.done is None else placement.done.decision
+    if decision is None or decision.rule is not None:
+        return ""
+    closest = decision.closest
+    if closest is None:
+        return decision.applied
+    found, required = percent(decision.closest_probability), percent(closest.confidence)
+    return words("why.closest", bin=closest.bin, percent=found, required=required)
+
+
 def _operator_detail(headline: Headline, devices: DeviceState, words: Words) -> str:
     """Return what the word above does not say."""
     texts = []
+    if headline.bin is not None and headline.bin.rule is None and not headline.bin.again:
+        texts.append(devices.why_default)
+    if headline.result is not None and devices.placed is not None and devices.placed.stored:
+        texts.append(words("detail.stored"))
     if devices.interrupted is not None and headline.report in _INTERRUPTED:
         texts.append(interruption_text(devices.interrupted, words))
     if headline.report is Report.OUTCOME and headline.outcome is Outcome.HELD:
@@ -440,7 +458,8 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.is_sensor_only:
         return words("next.pads")
     if devices.live.is_hand_open is False:
-        return words("next.release")
+        is_holding = headline.outcome is Outcome.STOPPED and headline.result is not None
+        return words("next.release_item" if is_holding else "next.release")
     if session.form.label_fault:
         return words("next.label")
     if doubt := session.form.find_doubt(words):
