@@ -246,11 +246,6 @@ class Verdict:
                 raise InputError(f"probability {self.probability:g}: must be within 0 and 1")
             object.__setattr__(self, "probability", float(self.probability))
 
-    @property
-    def is_provisional(self) -> bool:
-        """Whether it is a bin that another grasp of the item may change."""
-        return self.details.get("provisional") is True
-
 
 def check_printable(text: str, *, what: str) -> None:
     """Refuse text that is empty, too long or not printable."""

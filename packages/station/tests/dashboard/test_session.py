@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from packages.station.tests.dashboard.test_live import HOLDING, frames
 from packages.station.tests.dashboard.test_live import SOURCE as UNCALIBRATED
-from packages.station.tests.dashboard.test_live import frames
 
 from palpate.errors import InputError
 from palpate.force.force_law import ForceLaw
@@ -221,6 +221,17 @@ def test_session_refuses_every_order_of_silent_or_ended_devices(rehearsal: Rehea
     card = rehearsal.page()["verdict"]
     assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
     assert session.devices.live.link.stale
+
+
+def test_countdown_and_readiness_are_not_shown_of_silent_devices(rehearsal: Rehearsal) -> None:
+    assert rehearsal.page()["ready"]
+    devices = rehearsal.session.devices
+    devices.live.set_progress(HOLDING)
+    devices.activity, devices.is_answered = DeviceActivity.GRASPING, True
+    assert rehearsal.page()["operator"]["opens"]
+    rehearsal.silent_s = 1.5
+    page = rehearsal.page()
+    assert (page["operator"]["opens"], page["ready"]) == ("", False)
 
 
 def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(

@@ -32,6 +32,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness
 from palpate.measurement import Measurement
+from palpate_station.dashboard.grasp_form import short_name
 from palpate_station.dashboard.words import Words
 
 #: A phone, a tablet, a large screen, panel PCs, a landscape phone, and 1280 x 720 at 200 % zoom.
@@ -168,7 +169,8 @@ def test_operator_page_fits_every_possible_text_at_every_size(
     name = "(01)04012345000016(21)A17"
     nexts = [text for key, text in texts.items() if key.startswith("next.")]
     doubts = ("item.unfinished", "item.not_stored", "item.sorted")
-    nexts += [texts[key].format(item=name, other=name, bin="large", at="13:30") for key in doubts]
+    short = {"item": short_name(name), "other": short_name(name), "bin": "large", "at": "13:30"}
+    nexts += [texts[key].format(**short) for key in doubts]
     nexts += [texts["watch"].format(name="operator's page at 192.168.100.200")]
     details = [text for key, text in texts.items() if key.startswith("detail.")]
     details.append(texts["interrupted"].format(item=name, at="14:05"))

@@ -41,7 +41,12 @@ from palpate_station.plots.report_page import PageTable, Part, render_page
 from palpate_station.records import About, Grasp, Source
 from palpate_station.ripeness.rule import Days
 from palpate_station.ripeness.stages import STAGES
-from palpate_station.store.item_history import ItemHistory, read_item_histories, read_item_history
+from palpate_station.store.item_history import (
+    ItemHistory,
+    is_provisional,
+    read_item_histories,
+    read_item_history,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -235,7 +240,7 @@ def _group_tiles(
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
     below = f"{format_percent(held / len(grasps))} held" if grasps else ""
     bins = [page.latest_verdict(About.BIN) for page in pages]
-    unfinished = sum(one is not None and one.is_provisional for one in bins)
+    unfinished = sum(one is not None and is_provisional(one) for one in bins)
     note = f"{unfinished} not finished" if unfinished else ""
     tiles = {"Items": (f"{len(pages)}", "", note), "Grasps": (f"{len(grasps)}", "", below)}
     for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
@@ -258,7 +263,7 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
 def _count_bins(pages: Sequence[ItemHistory]) -> Counter[str]:
     """Count the items by bin, as the lot on the operator's page: without provisional bins."""
     last = (page.latest_verdict(About.BIN) for page in pages)
-    return Counter(one.text for one in last if one is not None and not one.is_provisional)
+    return Counter(one.text for one in last if one is not None and not is_provisional(one))
 
 
 def _latest_text(page: ItemHistory, about: About) -> str:
@@ -266,7 +271,7 @@ def _latest_text(page: ItemHistory, about: About) -> str:
     verdict = page.latest_verdict(about)
     if verdict is None:
         return "-"
-    return f"{verdict.text}, provisional" if verdict.is_provisional else verdict.text
+    return f"{verdict.text}, provisional" if is_provisional(verdict) else verdict.text
 
 
 def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:

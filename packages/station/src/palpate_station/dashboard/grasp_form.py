@@ -12,6 +12,18 @@ from palpate_station.dashboard.words import Words
 from palpate_station.line.gs1 import read_label
 from palpate_station.records import Item, check_printable
 
+#: Letters of a long name that a small screen shows: its end is the serial number.
+_TAIL_LETTERS = 12
+
+
+def short_name(item_id: str, *, letters: int = _TAIL_LETTERS) -> str:
+    """Return the end of a long name.
+
+    >>> short_name("A17"), short_name("(01)04012345000016(21)A17")
+    ('A17', '…00016(21)A17')
+    """
+    return f"…{item_id[-letters:]}" if len(item_id) > letters + 1 else item_id
+
 
 def check_item(text: str) -> str:
     """Return the item identifier of a typed or scanned text; spaces after it are padding.
@@ -103,9 +115,11 @@ class GraspForm:
         if not name or self.is_returned:
             return ""
         if self.why is not None and not self._is_taken and name != self.pending:
-            return words(self.why, item=self.pending, other=name)
+            return words(self.why, item=short_name(self.pending), other=short_name(name))
         found = None if name == self._confirmed else self.find_sorted(name)
-        return "" if found is None else words("item.sorted", item=name, bin=found[0], at=found[1])
+        if found is None:
+            return ""
+        return words("item.sorted", item=short_name(name), bin=found[0], at=found[1])
 
     def end_scan(self, words: Words) -> str:
         """Take the entered name; return why it is not taken, or empty.

@@ -17,7 +17,7 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.device_state import DeviceState
 from palpate_station.dashboard.folder import Interruption
-from palpate_station.dashboard.grasp_form import Unfinished
+from palpate_station.dashboard.grasp_form import Unfinished, short_name
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
@@ -44,6 +44,10 @@ REPEATED_OUTCOMES = frozenset(
         Outcome.STOPPED,
     }
 )
+
+
+#: Outcomes after which a closed hand may still hold the item.
+_HOLDING_OUTCOMES = (Outcome.STOPPED, Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
 
 
 class Report(StrEnum):
@@ -231,7 +235,8 @@ def _end_headline(devices: DeviceState, document: GraspDocument) -> Headline:
         has_passed_limit=not damaged and _has_passed_limit(document),
         **({} if damaged or result.outcome is not Outcome.HELD else _bin_fields(devices)),
     )
-    return _with_kind(found, found.kind)
+    is_lost = devices.item_id != "" and devices.not_stored != ""
+    return _with_kind(found, "warn" if is_lost and found.kind == "good" else found.kind)
 
 
 def _bin_fields(devices: DeviceState) -> dict[str, Any]:
@@ -458,7 +463,7 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.is_sensor_only:
         return words("next.pads")
     if devices.live.is_hand_open is False:
-        is_holding = headline.outcome is Outcome.STOPPED and headline.result is not None
+        is_holding = headline.result is not None and headline.outcome in _HOLDING_OUTCOMES
         return words("next.release_item" if is_holding else "next.release")
     if session.form.label_fault:
         return words("next.label")
@@ -466,7 +471,7 @@ def _next_step(session: Session, headline: Headline) -> str:
         return doubt
     form = session.form
     if form.why is Unfinished.NOT_STORED and form.item_id and devices.item_id == form.pending:
-        return words("next.not_stored", item=form.pending)
+        return words("next.not_stored", item=short_name(form.pending))
     if session.requires_item and not session.form.item_id:
         return words("next.name")
     if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):

@@ -41,6 +41,7 @@ from palpate_station.store.engine import store_url
 from palpate_station.store.item_history import (
     AWAY_NOTE,
     ItemHistory,
+    is_provisional,
     item_facts,
     read_item_histories,
     read_item_history,
@@ -361,7 +362,7 @@ class _StoredItem:
             one for one in self.verdicts if one.about is About.BIN and one.source is Source.PALPATE
         ]
         last = max(bins, key=lambda one: one.given_at, default=None)
-        return "" if last is None or last.is_provisional else last.text
+        return "" if last is None or is_provisional(last) else last.text
 
     @classmethod
     def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:

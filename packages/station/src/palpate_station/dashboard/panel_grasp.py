@@ -9,24 +9,13 @@ from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
-from palpate_station.dashboard.grasp_form import GraspForm
+from palpate_station.dashboard.grasp_form import GraspForm, short_name
 from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: Value of the object choice "random"; no object has this name.
 _DRAWN_BY_SEED = ""
-#: Letters of a long name that a small screen shows: its end is the serial number.
-_TAIL_LETTERS = 12
-
-
-def _short_name(item_id: str, *, letters: int = _TAIL_LETTERS) -> str:
-    """Return the end of a long name.
-
-    >>> _short_name("A17"), _short_name("(01)04012345000016(21)A17")
-    ('A17', '…00016(21)A17')
-    """
-    return f"…{item_id[-letters:]}" if len(item_id) > letters + 1 else item_id
 
 
 def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -117,9 +106,9 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
     def show() -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
-        is_long = _short_name(form.item_id) != form.item_id
+        is_long = short_name(form.item_id) != form.item_id
         shown = label_again if form.is_returned and form.item_id else label
-        shown = f"{shown} {_short_name(form.item_id)}" if is_long else shown
+        shown = f"{shown} {short_name(form.item_id)}" if is_long else shown
         is_refused = form.label_fault or form.find_doubt(words)
         state = "" if not form.item_id else "refused" if is_refused else "taken"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
@@ -128,7 +117,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         none = "item.needed" if app_state.session.requires_item else "item.unnamed"
         hint = {"": None if is_grasping else none, "refused": "item.refused"}.get(state)
         item.props["label"] = shown if hint is None else words(hint, label=label)
-        same_item.set_text(words("item.same", name=_short_name(form.last_item_id, letters=8)))
+        same_item.set_text(words("item.same", name=short_name(form.last_item_id, letters=8)))
         can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
         same_item.set_visibility(can_repeat and viewer.may_act)
 
