@@ -129,6 +129,17 @@ def test_report_of_a_batch_shows_its_items_stages_and_days_and_of_a_day_its_gras
     Checker(page)
 
 
+def test_report_of_a_batch_names_provisional_bins(report: Callable[..., str]) -> None:
+    with Store.open() as store:
+        for name, bin_name, again in (("i0", "large", False), ("i1", "misshapen", True)):
+            details = {"provisional": again}
+            store.add_verdict(verdict(name, bin_name, about=About.BIN, details=details))
+    page = report("--batch", "Monday")
+    # In the table, and not among the counts.
+    assert page.count("misshapen, provisional") == page.count("misshapen") == 1
+    assert "1 not finished" in page
+
+
 def test_report_file_is_named_after_its_item_and_not_overwritten(palpate: Command) -> None:
     names = ("A17", "A/17 (left)", "A 17 (left)")
     with Store.open() as store:

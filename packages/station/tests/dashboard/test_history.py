@@ -70,6 +70,29 @@ def test_lot_continues_after_a_restart_and_ends_with_the_next_lot(tmp_path: Path
     assert (restart().lot.name, restart().lot.items) == ("Tuesday", 0)
 
 
+def test_lot_has_the_items_that_the_store_has_in_its_batch(tmp_path: Path) -> None:
+    history = History(tmp_path, default_bin="by hand")
+    history.start_lot("Monday")
+    large = replace(ENTRY, bin="large", again=False, stored=True, batch="Monday")
+    for entry in (
+        replace(large, item_id="A1"),
+        replace(large, item_id="lost", stored=False),
+        # Measured again: moved by an order to another batch, and not certain any more.
+        replace(large, item_id="A2"),
+        replace(large, item_id="A2", batch="Sunday"),
+        replace(large, item_id="A3"),
+        replace(large, item_id="A3", again=True),
+        replace(large, item_id="A4", batch="Sunday"),
+    ):
+        history.add(entry)
+    assert (history.lot.bins, History(tmp_path).lot.bins) == ({"large": 1}, {"large": 1})
+    assert [history.find_sorted(name) is not None for name in ("A1", "A3", "lost")] == [
+        True,
+        False,
+        False,
+    ]
+
+
 def test_history_with_truncated_lines_reads_and_adds_all_others(
     history: History, tmp_path: Path
 ) -> None:

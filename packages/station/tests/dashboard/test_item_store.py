@@ -29,10 +29,12 @@ from palpate.measurement import Measurement, Status
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 from palpate_station.dashboard.audit import LOG
+from palpate_station.dashboard.headline import why_default
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
 from palpate_station.dashboard.messages import Grasped
 from palpate_station.dashboard.panel_history import item_html, item_label
 from palpate_station.dashboard.panel_html import day_text
+from palpate_station.dashboard.words import Words
 from palpate_station.line.epcis import epcis_document
 from palpate_station.records import BIN_COLUMNS, About, Item, Source, Verdict
 from palpate_station.sorting.conditions import OneOf, Within
@@ -302,6 +304,35 @@ def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
     (event,) = epcis_document(page, created_at=verdict.given_at)["epcisBody"]["eventList"]
     reports = event["sensorElementList"][0]["sensorReport"]
     assert {"type": "palpate:bin", "stringValue": "ripe"} in reports
+
+
+def test_item_that_is_measured_again_is_known_with_its_bin_and_batch(tmp_path: Path) -> None:
+    where = str(tmp_path / "items.sqlite")
+    item_store = ItemStore(where, rules=replace(RULES, most_grasps=2))
+    with Store.open(where) as store:
+        # A batch is no news before the first grasp.
+        store.add_item(Item(item_id="A1", batch="delivery"))
+    found = []
+    for size_mm in (45.1, 40.0, 44.0):
+        document = sized(size_mm, item_id="A1")
+        placement = item_store.place(Grasped(document=document), item_id="A1", source=SOURCE)
+        found.append((placement.batch, placement.sorted_as))
+        item_store.add(document, placement=placement, calibration="{}", batch="Monday")
+    assert found == [("", ""), ("Monday", ""), ("Monday", placement.sorted_as)]
+    # A provisional bin is none.
+    assert placement.sorted_as in RULES.bins
+    assert f"already sorted: {placement.sorted_as}" in placement.bin.why
+
+
+def test_default_bin_has_the_closest_rule_as_its_reason(tmp_path: Path) -> None:
+    rules = replace(RULES, rules=RULES.rules[1:])
+    item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=rules)
+    reasons = []
+    for size_mm in (45.0, 60.0, 40.0):
+        placed = Grasped(document=sized(size_mm))
+        placement = item_store.place(placed, item_id="A1", source=SOURCE)
+        reasons.append(why_default(placement, Words()))
+    assert reasons == ["not certain: small 50 %, 80 % required", "no rule matches", ""]
 
 
 @pytest.mark.parametrize(

@@ -261,6 +261,8 @@ def test_headline_of_a_stop_is_idle_once_the_hand_is_open(
     live.add_frames(replace(frames(1), reported=np.array([40.0])))
     closed = page_of(session)
     assert (closed["operator"]["word"], closed["verdict"]["kind"]) == ("Stopped", "bad")
+    # The item would fall.
+    assert closed["operator"]["next"].startswith("Take the item") == is_begun
     live.add_frames(frames(1, from_s=1.0))
     opened = page_of(session)
     assert opened["verdict"]["kind"] == "idle"
@@ -298,7 +300,7 @@ def test_operator_view_of_a_provisional_bin_asks_to_turn_the_item_while_it_is_he
     session.devices.is_answered = True
     for again, step, word in (
         (False, "Take the item", "By hand"),
-        (True, "Press Release, turn the item", "Turn the item"),
+        (True, "Take hold of the item", "Turn the item"),
     ):
         given = Bin(name="by hand", again=again)
         session.devices.placed = GraspDocument(result=HELD, bin=given, is_sorted=True)

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from packages.station.tests.dashboard.test_live import HOLDING, frames
 from packages.station.tests.dashboard.test_live import SOURCE as UNCALIBRATED
-from packages.station.tests.dashboard.test_live import frames
 
 from palpate.errors import InputError
 from palpate.force.force_law import ForceLaw
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
-from palpate_station.dashboard.grasp_form import GraspForm
+from palpate_station.dashboard.grasp_form import GraspForm, Unfinished
 from palpate_station.dashboard.messages import (
     Action,
     Confirm,
@@ -42,6 +42,7 @@ from palpate_station.dashboard.messages import (
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.users import Role
+from palpate_station.dashboard.words import Words
 
 SOURCE = replace(UNCALIBRATED, law=ForceLaw())
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
@@ -222,6 +223,17 @@ def test_session_refuses_every_order_of_silent_or_ended_devices(rehearsal: Rehea
     assert session.devices.live.link.stale
 
 
+def test_countdown_and_readiness_are_not_shown_of_silent_devices(rehearsal: Rehearsal) -> None:
+    assert rehearsal.page()["ready"]
+    devices = rehearsal.session.devices
+    devices.live.set_progress(HOLDING)
+    devices.activity, devices.is_answered = DeviceActivity.GRASPING, True
+    assert rehearsal.page()["operator"]["opens"]
+    rehearsal.silent_s = 1.5
+    page = rehearsal.page()
+    assert (page["operator"]["opens"], page["ready"]) == ("", False)
+
+
 def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
     rehearsal: Rehearsal,
 ) -> None:
@@ -313,6 +325,67 @@ def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
     for again, name in steps:
         form.return_item(make_order(ordered), again=again)
         assert form.item_id == name
+
+
+WORDS = Words()
+
+
+def scan(form: GraspForm, text: str) -> str:
+    """Scan a text letter by letter; return why it is not taken."""
+    for end in range(1, len(text) + 1):
+        form.set_item(text[:end])
+    return form.end_scan(WORDS)
+
+
+@pytest.mark.parametrize("why", list(Unfinished))
+@pytest.mark.parametrize("ahead", [False, True])
+def test_unfinished_item_stays_the_next_one_until_another_name_is_scanned_twice(
+    why: Unfinished, *, ahead: bool
+) -> None:
+    form = GraspForm(item_id="W1")
+    form.take_item(make_order("W1"))
+    if ahead:
+        # Before the answer nothing forbids the next name.
+        assert not scan(form, "W2")
+    for _ in range(2):
+        form.return_item(make_order("W1"), again=False, why=why)
+        assert (form.item_id, form.is_returned) == ("W1", True)
+        assert "W1 is not" in scan(form, "W2")
+        assert form.item_id == "W1"
+        # A doubled Enter is no second scan.
+        assert not form.end_scan(WORDS)
+        assert not scan(form, "W1")
+    assert "W1 is not" in scan(form, "W2")
+    assert not scan(form, "W2")
+    assert form.item_id == "W2"
+    # The release repeats what the user has overruled.
+    form.return_item(make_order("W1"), again=True, why=why)
+    assert form.item_id == "W2"
+
+
+def test_clear_ends_an_unfinished_item() -> None:
+    form = GraspForm(item_id="W1")
+    form.take_item(make_order("W1"))
+    form.return_item(make_order("W1"), again=True, why=Unfinished.PROVISIONAL)
+    form.set_item("")
+    assert not scan(form, "W2")
+
+
+def test_sorted_item_is_measured_again_only_after_a_second_scan() -> None:
+    bins = {"W1": ("large, firm", "13:30"), "W2": ("small", "13:31")}
+    form = GraspForm(find_sorted=bins.get)
+    asked = scan(form, "W1")
+    assert "W1 was already sorted: large, firm (13:30)" in asked
+    assert form.end_scan(WORDS) == asked
+    # Another name in between is a question of its own.
+    assert scan(form, "W2")
+    assert scan(form, "W1") == asked
+    assert not scan(form, "W1")
+    form.take_item(make_order("W1"))
+    assert scan(form, "W1") == asked
+    form.set_item("")
+    form.repeat_item()
+    assert not form.end_scan(WORDS)
 
 
 def test_order_beyond_a_role_is_reported_with_its_viewer() -> None:

@@ -26,8 +26,7 @@ ITEM = "(01)04012345000016(21)A17"
         ("(01) 04012345000016 (21) A17", ITEM),
         ("HTTPS://ID.GS1.ORG/01/04012345000016/21/A17", ITEM),
         ("00106141412345678908", "(00)106141412345678908"),
-        ("]E04012345000016", "4012345000016"),
-        ("96385074", "96385074"),
+        ("106141412345678908", "106141412345678908"),
         # The number on a fruit sticker, and own numbers, have no check digit.
         ("4011", "4011"),
         ("20261130-0017", "20261130-0017"),
@@ -43,6 +42,10 @@ def test_read_label_returns_the_item_identifier(scanned: str, item: str) -> None
         ("]C1010401234500001721A17", "check digit"),
         ("]C1010401234500001610B7", "not an item"),
         ("96385075", "wrong check digit 5, must be 4"),
+        # A product's number, of EAN-13 and EAN-8, is on every item.
+        ("]E04012345000016", "not an item"),
+        ("4006381333931", "not an item.* such as N4006381333931$"),
+        ("96385074", "not an item"),
         ("]E04012345000017", "check digit"),
         ("106141412345678909", "check digit"),
         ("010401234500001721A17", "check digit"),

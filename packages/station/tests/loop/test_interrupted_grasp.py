@@ -67,5 +67,5 @@ def test_page_names_the_item_in_the_hand_of_devices_that_have_ended(
         machine = start_grasp(address, "A17")
         kill_devices(process)
         machine.until(lambda at: at["activity"] == "gone")
-        expect_interrupted(page, "Devices ended")
+        expect_interrupted(page, "Out of order")
         assert machine.ask("GET", "/state")[1]["interrupted"]["item_id"] == "A17"

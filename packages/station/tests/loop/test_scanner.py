@@ -63,7 +63,7 @@ def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, add
             machine.until(lambda at: at["activity"] == "watching")
             assert machine.ask("GET", "/result")[1]["item_id"] == f"A-{number}"
             # A page that has not seen the stop yet would have its release refused.
-            expect(page.locator("#next-text")).to_contain_text("Press Release")
+            expect(page.locator("#next-text")).to_contain_text("ress Release")
             page.keyboard.press("F9")
             machine.ready()
         names = [item["item_id"] for item in machine.ask("GET", "/items")[1]["items"]]
@@ -112,6 +112,54 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
             )
 
 
+def test_scans_of_a_held_and_of_a_sorted_item_are_not_taken_at_once(
+    browser: Browser, tmp_path: Path
+) -> None:
+    (tmp_path / "rules.toml").write_text(RULES)
+    with (
+        serve_dashboard(tmp_path, *AVOCADO, "--rules", str(tmp_path / "rules.toml")) as address,
+        visit_as_driver(browser, f"{address}operate", **PANEL) as page,
+    ):
+        machine, field = Machine(address), page.locator("input.scanned")
+
+        def scan(name: str) -> None:
+            page.keyboard.type(name)
+            page.keyboard.press("Enter")
+
+        def grasp() -> None:
+            expect_enabled(page, "#grasp")
+            page.keyboard.press("F8")
+            machine.until(lambda at: at["answered"])
+
+        expect(field).to_be_enabled()
+        scan("K1")
+        expect(page.locator(".taken")).to_be_visible()
+        grasp()
+        expect(field).to_have_value("K1")
+        # The next item, although this one has to be turned.
+        scan("K2")
+        expect(page.locator(".q-notification")).to_contain_text("K1 is not finished")
+        expect(field).to_have_value("K1")
+        page.keyboard.press("F9")
+        machine.ready()
+        expect(page.locator("#verdict-why")).to_contain_text("stored")
+        grasp()
+        expect(field).to_have_value("")
+        page.keyboard.press("F9")
+        machine.ready()
+        assert machine.ask("GET", "/result")[1]["item_id"] == "K1"
+        expect(page.locator("#lot")).to_contain_text("items 1")
+        expect(page.locator("#verdict-why")).to_contain_text("stored")
+        scan("K1")
+        expect(page.locator(".refused")).to_be_visible()
+        expect(page.locator("#next-text")).to_contain_text("K1 was already sorted")
+        page.keyboard.press("F8")
+        expect(page.locator(".q-notification")).to_contain_text("K1 was already sorted")
+        assert machine.ask("GET", "/state")[1]["activity"] == "watching"
+        scan("K1")
+        expect(page.locator(".taken")).to_be_visible()
+
+
 def test_operator_sees_whose_verdict_it_is_who_controls_and_what_happens_by_itself(
     browser: Browser, address: str
 ) -> None:
@@ -157,7 +205,8 @@ def test_operator_sees_a_fault_of_the_store_in_few_words_and_in_the_alarms(
                     file.unlink()
                 (tmp_path / "items.sqlite").write_text("this is not a database" * 100)
             expect_enabled(page, "#grasp")
-            page.keyboard.type("B1")
+            name = "B2" if broken else "B1"
+            page.keyboard.type(name)
             page.keyboard.press("Enter")
             expect(page.locator(".taken")).to_be_visible()
             page.keyboard.press("F8")
@@ -176,6 +225,9 @@ def test_operator_sees_a_fault_of_the_store_in_few_words_and_in_the_alarms(
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
         expect(page.locator("#trouble")).to_be_hidden()
         expect(page.locator("#lot")).to_contain_text("items 1")
+        # The next item is still this one.
+        expect(page.locator("#next-text")).to_have_text("NOT STORED: grasp B2 again")
+        expect(page.locator("input.scanned")).to_have_value("B2")
         page.locator("#alarms-title").click()
-        expect(page.locator("#alarms-list")).to_contain_text("B1: NOT STORED: the store can't be")
+        expect(page.locator("#alarms-list")).to_contain_text("B2: NOT STORED: the store can't be")
         assert "sqlite" not in page.locator("body").inner_text()

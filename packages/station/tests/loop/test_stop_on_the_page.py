@@ -297,6 +297,16 @@ def test_stop_with_frozen_devices_or_server_raises_the_alarm_at_the_deadline(
         finally:
             send_signal(devices, signal.SIGCONT)
         expect_stop_delivered(viewer)
+        # A stop that was given up is an alarm until the devices are ready again, and is listed.
+        page.evaluate("sessionStorage.setItem('palpate-stop', Date.now() - 60000)")
+        page.reload()
+        expect(page.locator("#stop")).to_have_attribute("data-state", "idle")
+        expect(page.locator("#stop-failed")).to_be_hidden()
+        assert page.evaluate("sessionStorage.getItem('palpate-stop')") is None
+        page.wait_for_function(
+            "async () => (await (await fetch('/live')).json()).alarms"
+            ".some(([, text]) => text === 'STOP NOT DELIVERED')"
+        )
         # A page that reloaded itself repeats its stop, whose deadline would raise the alarm early.
         page.wait_for_timeout(1000)
         expect(page.locator("#stop-failed")).to_be_hidden()

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from palpate.arrays import FloatArray
 from palpate.measurement import Measurement
 from palpate_station.bruise.shape import contrast, fit_load_shape, pixel_contrast
-from palpate_station.identify.identifier import Identifier, Identity
+from palpate_station.identify.identifier import Identifier, Identity, combine
 from palpate_station.learning import FALSE_REJECT, UNKNOWN
 from palpate_station.sorting.conditions import Evidence, OneOf, Within
 from palpate_station.sorting.rules import Rule, RuleBook, decide
@@ -135,6 +135,16 @@ def test_decide_returns_known_bin_within_grasp_limit(
         low, high = found.rule.probability(seen)
         assert found.rule.confidence <= low <= high <= 1.0 + 1e-9
         assert found.probability == low
+
+
+@given(st.lists(sizes, min_size=2, max_size=4))
+def test_combined_size_is_narrow_only_if_the_grasps_agree(grasped: list[Measurement]) -> None:
+    both = combine(grasped)
+    below, above = (max(grasped, key=lambda one: sign * one.middle) for sign in (-1, 1))
+    widths = below.high - below.low + above.high - above.low
+    if above.middle - below.middle > 2.0 * widths:
+        assert all(both.low <= one.low <= one.high <= both.high for one in grasped)
+    assert both.low < both.value < both.high
 
 
 @given(sizes, st.floats(5, 75))

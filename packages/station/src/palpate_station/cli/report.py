@@ -41,7 +41,12 @@ from palpate_station.plots.report_page import PageTable, Part, render_page
 from palpate_station.records import About, Grasp, Source
 from palpate_station.ripeness.rule import Days
 from palpate_station.ripeness.stages import STAGES
-from palpate_station.store.item_history import ItemHistory, read_item_histories, read_item_history
+from palpate_station.store.item_history import (
+    ItemHistory,
+    is_provisional,
+    read_item_histories,
+    read_item_history,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -234,7 +239,10 @@ def _group_tiles(
 ) -> dict[str, tuple[str, str, str]]:
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
     below = f"{format_percent(held / len(grasps))} held" if grasps else ""
-    tiles = {"Items": (f"{len(pages)}", "", ""), "Grasps": (f"{len(grasps)}", "", below)}
+    bins = [page.latest_verdict(About.BIN) for page in pages]
+    unfinished = sum(one is not None and is_provisional(one) for one in bins)
+    note = f"{unfinished} not finished" if unfinished else ""
+    tiles = {"Items": (f"{len(pages)}", "", note), "Grasps": (f"{len(grasps)}", "", below)}
     for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
         values = [measured.middle for page in pages if (measured := page.latest_value(name))]
         if values:
@@ -250,6 +258,20 @@ def _group_tiles(
 
 def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
     return Counter(one.text for page in pages if (one := page.latest_verdict(about)))
+
+
+def _count_bins(pages: Sequence[ItemHistory]) -> Counter[str]:
+    """Count the items by bin, as the lot on the operator's page: without provisional bins."""
+    last = (page.latest_verdict(About.BIN) for page in pages)
+    return Counter(one.text for one in last if one is not None and not is_provisional(one))
+
+
+def _latest_text(page: ItemHistory, about: About) -> str:
+    """Return an item's latest verdict; a dash without one."""
+    verdict = page.latest_verdict(about)
+    if verdict is None:
+        return "-"
+    return f"{verdict.text}, provisional" if is_provisional(verdict) else verdict.text
 
 
 def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:
@@ -292,7 +314,7 @@ def _group_figures(
         order = _stage_ranks(pages)
         firmest_first = sorted(stages.items(), key=lambda one: order.get(one[0], len(order)))
         figures["Ripeness"] = counts_figure(firmest_first[:8])
-    if bins := _count_verdicts(pages, About.BIN):
+    if bins := _count_bins(pages):
         figures["Bins"] = counts_figure(bins.most_common(8))
     return _inline_figures(figures)
 
@@ -314,7 +336,7 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
             _number(page.latest("size_mm"), 1),
             _number(page.latest("firmness"), 0),
             _number(page.latest("stiffness_n_per_mm"), 2),
-            *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
+            *(_latest_text(page, about) for about in abouts),
             *([_days_to_ripe(page)] if is_ripening else []),
         ]
         for page in pages[:_MAX_ITEMS]

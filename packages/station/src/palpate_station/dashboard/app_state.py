@@ -29,12 +29,13 @@ from palpate_station.dashboard.folder import (
     make_recording_path,
     rename_recording,
 )
-from palpate_station.dashboard.grasp_form import check_batch, check_item
+from palpate_station.dashboard.grasp_form import Unfinished, check_batch, check_item
 from palpate_station.dashboard.headline import (
     REPEATED_OUTCOMES,
     interruption_text,
     outcome_kind,
     store_note,
+    why_default,
 )
 from palpate_station.dashboard.item_store import ItemStore, StoreFault
 from palpate_station.dashboard.messages import (
@@ -98,6 +99,7 @@ class AppState:
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item or (rules is not None and rules.requires_item),
         )
+        self.session.form.find_sorted = self.history.find_sorted
         #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
@@ -403,7 +405,10 @@ class AppState:
         if devices.order == order:
             devices.placed = placement.complete(grasped.document)
             devices.evidence, devices.is_answered = placement.evidence, True
-            self.session.form.return_item(order, again=devices.placed.needs_regrasp)
+            devices.why_default = why_default(placement, self.session.words)
+            again = devices.placed.needs_regrasp
+            why = Unfinished.PROVISIONAL if again else None
+            self.session.form.return_item(order, again=again, why=why)
         return placement
 
     def _finish_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
@@ -428,6 +433,7 @@ class AppState:
             document = replace(document, reference=conversion.convert(value))
         if not self._is_placed(order):
             why = "the devices have no source" if order.item_id else NO_ITEM
+            entry = replace(entry, stored=False if order.item_id else None)
             self._publish(entry, replace(document, stored=False, not_stored=why), order=order)
             return
         # The activity stays "grasping" until the result is published, because clients read the
@@ -451,15 +457,18 @@ class AppState:
         devices, source = self.session.devices, self.session.devices.live.source
         assert source is not None
         placement: Placement | None = None
+        batch = order.batch or self.history.lot.name
         try:
             async with asyncio.timeout(_STORE_TIMEOUT_S):
                 placement = await placing
+                # Only an order that names a batch moves an item there from another one.
+                batch = order.batch or placement.batch or batch
                 add = partial(
                     self.item_store.add,
                     document,
                     placement=placement,
                     calibration=source.calibration,
-                    batch=order.batch or self.history.lot.name,
+                    batch=batch,
                 )
                 document = await asyncio.get_running_loop().run_in_executor(None, add)
         except TimeoutError:
@@ -470,6 +479,8 @@ class AppState:
             why = StoreFault.AWAY if document.item_id else NO_ITEM
             document = replace(document, stored=False, not_stored=why)
         devices.placed = document
+        is_stored = document.stored if document.item_id else None
+        entry = replace(entry, batch=batch, stored=is_stored)
         self._publish(entry, document, order=order)
         if devices.activity is DeviceActivity.GRASPING:
             devices.mark_idle()
@@ -479,7 +490,9 @@ class AppState:
         devices, chosen, item = self.session.devices, document.bin, document.item
         again = document.needs_regrasp
         is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
-        self.session.form.return_item(order, again=is_repeated)
+        is_lost = document.item_id != "" and document.not_stored != ""
+        why = Unfinished.NOT_STORED if is_lost else Unfinished.PROVISIONAL if again else None
+        self.session.form.return_item(order, again=is_repeated, why=why)
         devices.not_stored = document.not_stored
         entry = replace(
             entry,

@@ -86,8 +86,8 @@ class DeviceState:
         self.grasped: Grasped | None = None
         #: The document of the shown grasp with its item and bin; None before the answer.
         self.placed: GraspDocument | None = None
-        #: What the bin is based on, as text.
-        self.evidence = ""
+        #: What the bin is based on, and why it is the default bin, as text.
+        self.evidence = self.why_default = ""
         #: Whether the hand holds an object with its answer, and its bin if there are rules.
         self.is_answered = False
         #: Whether the last grasp ended because the hold time was over.
@@ -201,7 +201,7 @@ class DeviceState:
             self.interrupted = None
         if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped, self.placed, self.is_answered = None, None, False
-            self.evidence, self.is_released_alone = "", False
+            self.evidence, self.why_default, self.is_released_alone = "", "", False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             is_unnamed = isinstance(order, GraspOrder) and not order.item_id
             self.not_stored = NO_ITEM if is_unnamed else ""

@@ -76,6 +76,9 @@ class Entry:
     #: Ripeness stage and bruise according to the item's last verdicts; None without verdicts.
     stage: str | None = None
     bruised: bool | None = None
+    #: Whether a named item is in the store, and its batch there; None if unknown.
+    stored: bool | None = None
+    batch: str | None = None
     #: Values and interval limits by name with unit; None if unknown.
     measured: dict[str, float | None]
     #: Force over time (newtons), or relative change (percent) without a force calibration.
@@ -127,6 +130,8 @@ class History:
         self._current_names = dict[str, str]()
         self._of_recording = dict[str, GraspSummary]()
         self._recent = deque[Entry](maxlen=LISTED_GRASPS)
+        #: Final bin and end time of each item that this station has sorted.
+        self._sorted_items = dict[str, tuple[str, str]]()
         #: The last day with grasps, and the number of its grasps by outcome.
         self._day, self._of_day = date.min, Counter[str]()
         #: The grasp that has begun and not ended; at the start, one that was interrupted.
@@ -160,6 +165,15 @@ class History:
     def find_grasp(self, recording: str) -> GraspSummary | None:
         """Return the grasp of a recording, or None."""
         return self._of_recording.get(recording)
+
+    def find_sorted(self, item_id: str) -> tuple[str, str] | None:
+        """Return final bin and local time of a stored item; None if it has no final bin."""
+        found = self._sorted_items.get(item_id)
+        if found is None:
+            return None
+        ended = datetime.fromisoformat(found[1]).astimezone()
+        is_today = ended.date() == datetime.now().date()
+        return found[0], f"{ended:%H:%M}" if is_today else f"{ended:%d %b %H:%M}"
 
     def idle_texts(self) -> list[str]:
         """Return texts on the last grasp and today's counts; empty without grasps."""
@@ -276,14 +290,20 @@ class History:
             summary = GraspSummary(entry.outcome, entry.item_id, entry.simulated)
             self._of_recording[entry.recording] = summary
         is_sorted = entry.bin is not None or self._default_bin is None
-        if (
-            self._lot is not None
-            and entry.outcome == Outcome.HELD
-            and not entry.again
-            and is_sorted
-        ):
-            # An unnamed item is known by its recording.
-            self._lot.add(entry.item_id or entry.recording, bin_name=entry.bin or "")
+        if entry.outcome != Outcome.HELD or entry.stored is False or not is_sorted:
+            return
+        # An unnamed item is known by its recording.
+        item = entry.item_id or entry.recording
+        self._sorted_items.pop(item, None)
+        if entry.item_id and entry.bin is not None and not entry.again:
+            self._sorted_items[item] = (entry.bin, entry.ended_at)
+        if self._lot is not None:
+            # A named lot has the items that the store has in this batch, as its report.
+            is_other = entry.item_id != "" and self._lot.name not in ("", entry.batch)
+            if entry.again or (is_other and entry.batch is not None):
+                self._lot.discard(item)
+            else:
+                self._lot.add(item, bin_name=entry.bin or "")
 
     def _apply_rename(self, before: str, after: str) -> None:
         """Replace the name of a recording."""

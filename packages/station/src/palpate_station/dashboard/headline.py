@@ -17,11 +17,14 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, verdict
 from palpate.object.firmness import firmness_text
 from palpate_station.dashboard.device_state import DeviceState
 from palpate_station.dashboard.folder import Interruption
+from palpate_station.dashboard.grasp_form import Unfinished, short_name
 from palpate_station.dashboard.item_store import StoreFault
 from palpate_station.dashboard.jobs import HOLD_S
 from palpate_station.dashboard.messages import DeviceActivity
 from palpate_station.dashboard.session import Session
 from palpate_station.dashboard.words import Words
+from palpate_station.sorting.conditions import percent
+from palpate_station.sorting.placement import Placement
 
 #: Activities that hide the verdict of the previous grasp.
 _HEADLINE_ACTIVITIES = (
@@ -41,6 +44,10 @@ REPEATED_OUTCOMES = frozenset(
         Outcome.STOPPED,
     }
 )
+
+
+#: Outcomes after which a closed hand may still hold the item.
+_HOLDING_OUTCOMES = (Outcome.STOPPED, Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
 
 
 class Report(StrEnum):
@@ -228,7 +235,8 @@ def _end_headline(devices: DeviceState, document: GraspDocument) -> Headline:
         has_passed_limit=not damaged and _has_passed_limit(document),
         **({} if damaged or result.outcome is not Outcome.HELD else _bin_fields(devices)),
     )
-    return _with_kind(found, found.kind)
+    is_lost = devices.item_id != "" and devices.not_stored != ""
+    return _with_kind(found, "warn" if is_lost and found.kind == "good" else found.kind)
 
 
 def _bin_fields(devices: DeviceState) -> dict[str, Any]:
@@ -363,7 +371,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         else ""
         if headline.result is None
         else store_note(devices, words),
-        "opens": _countdown(devices, headline, words),
+        "opens": "" if session.silence_s is not None else _countdown(devices, headline, words),
         "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
         if target_force_n is None
@@ -393,9 +401,25 @@ def _operator_word(session: Session, headline: Headline) -> str:
     return headline.firmness_word or words("phase.hold" if is_measured else "outcome.held")
 
 
+def why_default(placement: Placement, words: Words) -> str:
+    """Return why an item gets the default bin; empty for another bin, or without one."""
+    decision = None if placement.done is None else placement.done.decision
+    if decision is None or decision.rule is not None:
+        return ""
+    closest = decision.closest
+    if closest is None:
+        return decision.applied
+    found, required = percent(decision.closest_probability), percent(closest.confidence)
+    return words("why.closest", bin=closest.bin, percent=found, required=required)
+
+
 def _operator_detail(headline: Headline, devices: DeviceState, words: Words) -> str:
     """Return what the word above does not say."""
     texts = []
+    if headline.bin is not None and headline.bin.rule is None and not headline.bin.again:
+        texts.append(devices.why_default)
+    if headline.result is not None and devices.placed is not None and devices.placed.stored:
+        texts.append(words("detail.stored"))
     if devices.interrupted is not None and headline.report in _INTERRUPTED:
         texts.append(interruption_text(devices.interrupted, words))
     if headline.report is Report.OUTCOME and headline.outcome is Outcome.HELD:
@@ -439,9 +463,15 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.is_sensor_only:
         return words("next.pads")
     if devices.live.is_hand_open is False:
-        return words("next.release")
+        is_holding = headline.result is not None and headline.outcome in _HOLDING_OUTCOMES
+        return words("next.release_item" if is_holding else "next.release")
     if session.form.label_fault:
         return words("next.label")
+    if doubt := session.form.find_doubt(words):
+        return doubt
+    form = session.form
+    if form.why is Unfinished.NOT_STORED and form.item_id and devices.item_id == form.pending:
+        return words("next.not_stored", item=short_name(form.pending))
     if session.requires_item and not session.form.item_id:
         return words("next.name")
     if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):

@@ -24,7 +24,7 @@ from palpate_station.grasp_record import make_grasp_record
 from palpate_station.identify.identifier import Identifier
 from palpate_station.identify.kinds import NO_KINDS, learn_kinds
 from palpate_station.line.results import NO_ITEM
-from palpate_station.records import About, Grasp, Item, Verdict, check_printable
+from palpate_station.records import About, Grasp, Item, Source, Verdict, check_printable
 from palpate_station.ripeness.history import (
     firmness_history,
     judge_ripeness,
@@ -41,6 +41,7 @@ from palpate_station.store.engine import store_url
 from palpate_station.store.item_history import (
     AWAY_NOTE,
     ItemHistory,
+    is_provisional,
     item_facts,
     read_item_histories,
     read_item_history,
@@ -112,7 +113,13 @@ class ItemStore:
             ) or _StoredItem(class_fault=NO_KINDS)
             if item_id:
                 facts = item_facts(item_id, kind=stored.kind, verdicts=stored.verdicts)
-                found = replace(found, item=facts, away=stored.away)
+                found = replace(
+                    found,
+                    item=facts,
+                    away=stored.away,
+                    batch=stored.batch,
+                    sorted_as=stored.final_bin,
+                )
             if rules is None:
                 return found
             grasps = (*stored.grasps, grasp)
@@ -343,8 +350,19 @@ class _StoredItem:
     identifier: Identifier | None = None
     #: Why there is no classifier, although the rules require one.
     class_fault: str = ""
+    #: The item's batch, if it has grasps.
+    batch: str = ""
     #: Reason why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
+
+    @property
+    def final_bin(self) -> str:
+        """The bin from the item's grasps, unless it is provisional; empty without one."""
+        bins = [
+            one for one in self.verdicts if one.about is About.BIN and one.source is Source.PALPATE
+        ]
+        last = max(bins, key=lambda one: one.given_at, default=None)
+        return "" if last is None or is_provisional(last) else last.text
 
     @classmethod
     def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:
@@ -358,9 +376,11 @@ class _StoredItem:
             except InputError:
                 # An item of a line always gets a bin, also before the first labels.
                 class_fault = NO_KINDS
+        grasps = store.grasps_of(item_id) if items else ()
         return cls(
             kind=kind,
-            grasps=store.grasps_of(item_id) if items else (),
+            grasps=grasps,
+            batch=(items[0].batch or "") if grasps else "",
             verdicts=store.verdicts_of(item_id) if items else (),
             identifier=identifier,
             class_fault=class_fault,

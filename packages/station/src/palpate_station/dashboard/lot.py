@@ -35,6 +35,10 @@ class Lot:
         """Count an item with its bin; the bin is empty without rules."""
         self._bin_of[item] = bin_name
 
+    def discard(self, item: str) -> None:
+        """Do not count an item, such as one whose bin is provisional."""
+        self._bin_of.pop(item, None)
+
     @property
     def items(self) -> int:
         """Number of items."""

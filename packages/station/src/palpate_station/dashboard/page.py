@@ -114,6 +114,7 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     ui.query("body").props(f"data-viewer={client.id} data-may-drive={may_drive}")
     viewer = Viewer(session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.record_press(event.args))
+    ui.on("stop_failed", lambda: session.devices.add_alarm(session.words("stop.alarm")))
     return viewer
 
 

@@ -130,6 +130,8 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         "alarm_count": session.devices.alarm_count,
         "driver_id": session.driver,
         "guard": guard_text(session),
+        "ready": session.devices.activity is DeviceActivity.WATCHING
+        and (session.not_ready == "" or session.devices.is_sensor_only),
         "activity_text": activity_text(session.devices.activity, session.words),
         "verdict": verdict_document(session, headline),
         "operator": operator_document(session, headline),

@@ -9,24 +9,13 @@ from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
-from palpate_station.dashboard.grasp_form import GraspForm
+from palpate_station.dashboard.grasp_form import GraspForm, short_name
 from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: Value of the object choice "random"; no object has this name.
 _DRAWN_BY_SEED = ""
-#: Letters of a long name that a small screen shows: its end is the serial number.
-_TAIL_LETTERS = 12
-
-
-def _short_name(item_id: str, *, letters: int = _TAIL_LETTERS) -> str:
-    """Return the end of a long name.
-
-    >>> _short_name("A17"), _short_name("(01)04012345000016(21)A17")
-    ('A17', '…00016(21)A17')
-    """
-    return f"…{item_id[-letters:]}" if len(item_id) > letters + 1 else item_id
 
 
 def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -91,38 +80,44 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         if text != form.item_id and viewer.claim():
             form.set_item(text)
 
-    def refuse_label() -> None:
-        """Report a damaged label at the end of a scan."""
-        fault = form.label_fault
-        if fault and viewer.may_act:
-            viewer.refuse(fault, holds=lambda: form.label_fault == fault)
+    def end_scan() -> None:
+        """Take the name at the end of a scan, or report why not."""
+        if viewer.may_act:
+            if fault := form.label_fault:
+                viewer.refuse(fault, holds=lambda: form.label_fault == fault)
+            elif doubt := form.end_scan(words):
+                viewer.refuse(doubt)
         viewer.refresh()
+
+    def repeat_item() -> None:
+        """Set the last item as the next one."""
+        if viewer.claim():
+            form.repeat_item()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: set_item(event.value))
     # Enter selects the text, so that the next scan replaces it.
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
-    item.on("keydown.enter", refuse_label, args=[])
+    item.on("keydown.enter", end_scan, args=[])
     with item.add_slot("append"):
-        same_item = viewer.button(
-            "", lambda: set_item(form.last_item_id), props="id=same-item", small=True
-        )
+        same_item = viewer.button("", repeat_item, props="id=same-item", small=True)
     viewer.enable_for_driver(item)
 
     def show() -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
-        is_long = _short_name(form.item_id) != form.item_id
+        is_long = short_name(form.item_id) != form.item_id
         shown = label_again if form.is_returned and form.item_id else label
-        shown = f"{shown} {_short_name(form.item_id)}" if is_long else shown
-        state = "" if not form.item_id else "refused" if form.label_fault else "taken"
+        shown = f"{shown} {short_name(form.item_id)}" if is_long else shown
+        is_refused = form.label_fault or form.find_doubt(words)
+        state = "" if not form.item_id else "refused" if is_refused else "taken"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
         # A grasp has taken its name, and the next item may be scanned meanwhile.
         is_grasping = app_state.session.devices.activity is DeviceActivity.GRASPING
         none = "item.needed" if app_state.session.requires_item else "item.unnamed"
         hint = {"": None if is_grasping else none, "refused": "item.refused"}.get(state)
         item.props["label"] = shown if hint is None else words(hint, label=label)
-        same_item.set_text(words("item.same", name=_short_name(form.last_item_id, letters=8)))
+        same_item.set_text(words("item.same", name=short_name(form.last_item_id, letters=8)))
         can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
         same_item.set_visibility(can_repeat and viewer.may_act)
 
@@ -153,6 +148,11 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
     def grasp() -> None:
         """Order a grasp with the settings of the form, or show a refusal."""
         asked = (form.target_force_n, form.item_id, form.kind)
+        # A scanner may end its text without Enter.
+        if viewer.may_act and not form.label_fault and (doubt := form.end_scan(viewer.words)):
+            viewer.refuse(doubt)
+            viewer.refresh()
+            return
         try:
             order = app_state.grasp_order(
                 target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind

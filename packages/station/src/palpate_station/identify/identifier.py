@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.measurement import Measurement
+from palpate.measurement import Measurement, half_width_sds
 from palpate_station.learning import FALSE_REJECT, UNKNOWN, LabelLearner
 
 #: Quantities that distinguish kinds; fingers driven by pressure measure neither.
@@ -23,6 +24,8 @@ FEATURES = ("size_mm", "stiffness_n_per_mm")
 METHODS = ("discriminant",)
 #: Fraction of a measurement's variance that is independent between grasps (assumed).
 _INDEPENDENT_FRACTION = 0.5
+#: Level of the interval beyond which two grasps do not measure the same quantity.
+_DIFFERENCE_LEVEL = 0.999
 
 
 def grasp_features(measured: Mapping[str, Measurement]) -> FloatArray | None:
@@ -46,18 +49,36 @@ def grasp_features(measured: Mapping[str, Measurement]) -> FloatArray | None:
 def combine(measured: Sequence[Measurement]) -> Measurement:
     """Average a quantity of an item over grasps; half of the variance averages out.
 
+    Grasps that differ beyond their combined 99.9 % interval are of a turned object that is not
+    round, or of two objects: the interval then includes those of all grasps.
+
     >>> sizes = [Measurement(value=v, low=v - 1, high=v + 1, unit="mm") for v in (39.0, 41.0)]
     >>> both = combine(sizes)
     >>> both.value, round(both.high - both.value, 3)
     (40.0, 0.866)
+    >>> other = Measurement(value=60.0, low=59.0, high=61.0, unit="mm")
+    >>> both = combine([sizes[0], other])
+    >>> both.low, both.high
+    (38.0, 61.0)
     """
     factor = math.sqrt(_INDEPENDENT_FRACTION / len(measured) + 1.0 - _INDEPENDENT_FRACTION)
     value = float(np.mean([one.middle for one in measured]))
     below = float(np.sqrt(np.mean([(one.middle - one.low) ** 2 for one in measured])))
     above = float(np.sqrt(np.mean([(one.high - one.middle) ** 2 for one in measured])))
-    return replace(
-        measured[0], value=value, low=value - factor * below, high=value + factor * above
+    low, high = value - factor * below, value + factor * above
+    if any(_differ(one, other) for one, other in combinations(measured, 2)):
+        low, high = min(one.low for one in measured), max(one.high for one in measured)
+    return replace(measured[0], value=value, low=low, high=high)
+
+
+def _differ(one: Measurement, other: Measurement) -> bool:
+    """Return whether two measurements of a quantity differ beyond their combined interval."""
+    smaller, larger = sorted((one, other), key=lambda each: each.middle)
+    uncertainty = math.hypot(
+        (smaller.high - smaller.middle) / half_width_sds(smaller.level),
+        (larger.middle - larger.low) / half_width_sds(larger.level),
     )
+    return larger.middle - smaller.middle > half_width_sds(_DIFFERENCE_LEVEL) * uncertainty
 
 
 class Identifier:

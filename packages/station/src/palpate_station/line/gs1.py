@@ -21,6 +21,8 @@ _BARE_LABEL = re.compile(r"01[0-9]{14}(10|11|13|15|17|21|310)|00[0-9]{18}$|\([0-
 #: Matches a number with a check digit, with or without the prefix of EAN, UPC or ITF-14: GTIN-8,
 #: 12, 13 and 14, and SSCC.
 _NUMBER = re.compile(r"(?:\][EI][0-9])?([0-9]{8}|[0-9]{12,14}|[0-9]{18})")
+#: Digits of an SSCC, which identifies an item; shorter numbers with a check digit are products.
+_SSCC_DIGITS = 18
 #: Other keys that end with a check digit, or begin with digits that do: identifier and length.
 _CHECKED_KEYS = {"253": 13, "255": 13, "402": 17, "8003": 14, "8006": 14, "8017": 18, "8018": 18}
 
@@ -44,7 +46,10 @@ def read_label(text: str) -> str:
     number = _NUMBER.fullmatch(text)
     if number is not None:
         is_bare = number[1] == text
-        _check_digit(number[1], label=text, own_number=f"N{text}" if is_bare else "")
+        own_number = f"N{text}" if is_bare else ""
+        _check_digit(number[1], label=text, own_number=own_number)
+        if len(number[1]) < _SSCC_DIGITS:
+            raise InputError(_describe_product(text, own_number=own_number))
         return number[1]
     if text.startswith("("):
         # Labels are often typed with the printed spaces.
@@ -72,9 +77,23 @@ def read_label(text: str) -> str:
         return "".join(f"({key}){elements[key].value}" for key in keys)
     if not is_label and "01" not in elements:
         return text
-    raise InputError(
-        f"label {text!r}: it identifies a product, not an item; a serial number (21) is missing"
-    )
+    raise InputError(_describe_product(text))
+
+
+def _describe_product(text: str, *, own_number: str = "") -> str:
+    """Return why the label of a product is refused.
+
+    `own_number`: form in which a number of the user's own is accepted; empty if none.
+    """
+    fault = f"label {text!r}: it identifies a product, not an item; a serial number (21) is missing"
+    return fault + _describe_own(own_number)
+
+
+def _describe_own(own_number: str) -> str:
+    if not own_number:
+        return ""
+    digits = len(own_number) - 1
+    return f". A number of your own with {digits} digits needs a letter, such as {own_number}"
 
 
 def _parse_elements(text: str) -> dict[str, GS1ElementString]:
@@ -98,12 +117,7 @@ def _check_digit(number: str, *, label: str, own_number: str = "") -> None:
     must = gs1_standard_check_digit(number[:-1])
     if int(number[-1]) != must:
         fault = f"label {label!r}: wrong check digit {number[-1]}, must be {must}; scan it again"
-        if own_number:
-            fault += (
-                f". A number of your own with {len(number)} digits needs a letter, such as "
-                f"{own_number}"
-            )
-        raise InputError(fault)
+        raise InputError(fault + _describe_own(own_number))
 
 
 def item_uri(item_id: str) -> str:

@@ -28,6 +28,10 @@ class Placement:
         Why there is no decision.
     away : str
         Why grasps of other stations may be missing.
+    batch : str
+        The batch that the stored grasps of the item belong to; empty if it has none.
+    sorted_as : str
+        The final bin that the item already had before this grasp; empty if it had none.
     """
 
     grasp: Grasp
@@ -36,6 +40,8 @@ class Placement:
     done: Sorted | None = None
     no_bin: str = ""
     away: str = ""
+    batch: str = ""
+    sorted_as: str = ""
 
     @property
     def bin(self) -> Bin | None:
@@ -43,13 +49,15 @@ class Placement:
         if self.done is None:
             return None
         decision = self.done.decision
+        before = self.sorted_as and f"measured again, already sorted: {self.sorted_as}"
+        notes = "; ".join(filter(None, (before, self.away)))
         return Bin(
             name=decision.bin,
             rule=None if decision.rule is None else decision.rule.line,
             probability=decision.probability,
             # Grasps without a name are not combined, so another one would not help.
             again=decision.needs_regrasp and self.item is not None,
-            why=f"{decision.why} ({self.away})" if self.away else decision.why,
+            why=f"{decision.why} ({notes})" if notes else decision.why,
         )
 
     @property

@@ -104,6 +104,9 @@ class BinDecision:
     applied: str
     #: Number of grasps that the decision uses.
     grasps: int
+    #: The rule that came closest and its probability, if that alone decided against it.
+    closest: Rule | None = None
+    closest_probability: float = 0.0
 
     @property
     def why(self) -> str:
@@ -135,6 +138,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     True
     """
     is_undecided, applied, probability = False, None, None
+    closest, closest_probability = None, 0.0
     for rule in book.rules:
         low, high = rule.probability(evidence)
         if low >= rule.confidence:
@@ -147,7 +151,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     rejected = evidence.identity is not None and evidence.identity.rejected
     is_undecided |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
     if applied is None:
-        known, met = _explain_no_rule(book, evidence)
+        known, met, closest, closest_probability = _explain_no_rule(book, evidence)
     else:
         known = ", ".join(condition.reason(evidence) for condition in applied.conditions)
         met = f"rule on line {applied.line} met with {percent(probability or 0.0)}"
@@ -159,11 +163,16 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
         evidence=known,
         applied=met,
         grasps=evidence.grasps,
+        closest=closest,
+        closest_probability=closest_probability,
     )
 
 
-def _explain_no_rule(book: RuleBook, evidence: Evidence) -> tuple[str, str]:
-    """Return the evidence, and why no rule applies, with the most probable rule."""
+def _explain_no_rule(book: RuleBook, evidence: Evidence) -> tuple[str, str, Rule | None, float]:
+    """Return the evidence, and why no rule applies, with the most probable rule.
+
+    Also return that rule and its probability, if nothing but the probability is missing.
+    """
     closest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = closest.probability(evidence)
     # The evidence for all conditions of the rules, and the kind if known.
@@ -171,10 +180,11 @@ def _explain_no_rule(book: RuleBook, evidence: Evidence) -> tuple[str, str]:
     names = [key for key in CONDITIONS if book.has_condition(key) or (key == "class" and has_kind)]
     known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
     if high <= 1.0 - closest.confidence:
-        return known, "no rule matches"
+        return known, "no rule matches", None, 0.0
     if missing := closest.describe_missing(evidence):
-        return known, f"the rule on line {closest.line} requires {missing}"
-    return known, (
+        return known, f"the rule on line {closest.line} requires {missing}", None, 0.0
+    met = (
         f"closest rule on line {closest.line} ({closest.bin}): "
         f"{percent(low)}, {percent(closest.confidence)} required"
     )
+    return known, met, closest, low

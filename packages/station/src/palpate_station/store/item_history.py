@@ -142,6 +142,11 @@ def item_facts(
     )
 
 
+def is_provisional(verdict: Verdict) -> bool:
+    """Return whether a verdict is a bin that another grasp of the item may change."""
+    return verdict.details.get("provisional") is True
+
+
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
     """Return the JSON document of a list of items."""
     return {"items": [_item_row(page) for page in pages], **_away_note(pages)}

@@ -173,6 +173,8 @@ async function poll(draw, onLost) {
         document.body.dataset.recording = doc.recording ?? "";
         document.body.dataset.drawn = received.drawn += 1;
         drawLoss(onLost);
+        // An alarm of an undelivered stop ends here.
+        if (doc.ready) window.dispatchEvent(new Event("palpate-ready"));
       }
     }
   } catch {

@@ -67,6 +67,14 @@
     send(press);
   }
 
+  // The alarm ends with the fault; the list of alarms keeps it.
+  window.addEventListener("palpate-ready", () => {
+    if (pressed || failed.hidden) return;
+    storage.removeItem(PENDING_KEY);
+    showState("idle", idle);
+    window.emitEvent?.("stop_failed");
+  });
+
   const since = storage.getItem(PENDING_KEY);
   if (since !== null && Date.now() - since < MAX_RETRY_MS) stop();
   else if (since !== null) giveUp();
