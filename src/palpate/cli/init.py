@@ -113,7 +113,8 @@ def init(
     if (is_text and rate_hz is not None) or (not is_text and adc_bits is not None):
         option_name = "--rate-hz" if is_text else "--adc-bits"
         raise InputError(f"{option_name} does not belong to --board {kind}")
-    check_rate(rate_hz or 250.0)
+    frames_per_s = 250.0 if rate_hz is None else rate_hz
+    check_rate(frames_per_s)
     boards = [found.device for found in list_serial_ports() if found.board is not None]
     likely = boards[0] if len(boards) == 1 else _ANY_PORT
     # A board that only prints can't be asked who it is.
@@ -128,7 +129,7 @@ def init(
     if is_text:
         array["adc_bits"] = _prompt("Bits of the converter", adc_bits, 10)
     else:
-        array["rate_hz"] = rate_hz or 250.0
+        array["rate_hz"] = frames_per_s
     array["baud"] = usual_baud if baud is None else baud
     find_layout(
         str(array["layout"]),

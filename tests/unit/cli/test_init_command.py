@@ -103,6 +103,7 @@ def test_init_describes_a_board_that_prints_numbers(tmp_path: Path, palpate: Com
         (["--board", "text", "--gripper", "servo"], "palpate's firmware"),
         (["--board", "text", "--rate-hz", "30"], "--rate-hz"),
         (["--adc-bits", "12"], "--adc-bits"),
+        (["--rate-hz", "0"], "0"),
     ],
 )
 def test_init_refuses_what_a_board_does_not_have(
