@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Status
-from palpate.settling.result import SettledEstimate, make_point_estimate
+from palpate.settling.result import SettledEstimate, make_estimate
 from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: Two samples for the line and one for its error.
@@ -38,7 +38,7 @@ class Recorded:
     ) -> SettledEstimate:
         """Return the last sample of each hold; see `SettlingMethod.predict`."""
         last, status = values[:, -1].copy(), np.array([Status.OK] * len(values), dtype=object)
-        return make_point_estimate(
+        return make_estimate(
             last, status, np.zeros(last.size), horizon_s=horizon_s, level=level, name=self.name
         )
 
@@ -92,7 +92,7 @@ class LogLaw:
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]
             status[rows] = Status.OK
-        return make_point_estimate(
+        return make_estimate(
             settled, status, window_s, horizon_s=horizon_s, level=level, name=self.name
         )
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Status
-from palpate.settling.result import SettledEstimate, make_point_estimate
-from palpate.signal.transient import WAIT_S, find_hold_window
+from palpate.settling.result import SettledEstimate, make_estimate
+from palpate.signal.transient import find_hold_window
 
 #: One sample more than the number of parameters.
 MIN_SAMPLES = 4
@@ -59,15 +59,12 @@ class ExponentialFit(NamedTuple):
     status: NDArray[np.object_]
 
 
-def fit_exponential(
-    time_s: FloatArray, values: FloatArray, *, wait_s: float = WAIT_S
-) -> ExponentialFit:
+def fit_exponential(time_s: FloatArray, values: FloatArray) -> ExponentialFit:
     """Fit equation 3 to holds with common sampling times.
 
     `time_s`, shape (n_times,): strictly increasing, up to the cut-off t_c, seconds.
     `values`, shape (n_holds, n_times): finite samples in any unit. The fit is equivariant to scale,
         sign and offset.
-    `wait_s`: t_a, measured from the peak.
 
     Source: Paper, equations 2 and 3.
 
@@ -76,7 +73,7 @@ def fit_exponential(
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]
     [40.0, 1.2, -60.0]
     """
-    window = find_hold_window(time_s, values, wait_s=wait_s)
+    window = find_hold_window(time_s, values)
     last, n_holds = values[:, -1], len(values)
     settled, window_s = last.copy(), np.zeros(n_holds)
     amplitude, rate_per_s = np.full((2, n_holds), np.nan)
@@ -138,12 +135,8 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     slope, curvature, third, fourth = _DERIVATIVE.dot(gains[rows, centre + _NODES])
     curvature = np.minimum(curvature, -_TINY)
     shift = -slope / curvature
-    shift -= (
-        shift
-        * shift
-        * (third + fourth * shift)
-        / np.minimum(curvature + shift * (2 * third + 3 * fourth * shift), -_TINY)
-    )
+    bend = np.minimum(curvature + shift * (2 * third + 3 * fourth * shift), -_TINY)
+    shift -= shift * shift * (third + fourth * shift) / bend
     shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~is_at_end
     log_rate = log_rates.take(centre) + _GRID_STEP * shift
     amplitude, shape_mean, explained = linear = np.empty((3, len(y)))
@@ -213,22 +206,15 @@ def _newton_step(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exponential:
-    """Equations 2 and 3 of the paper as a predictor of the settled value.
-
-    Attributes
-    ----------
-    wait_s : float
-        t_a, measured from the peak.
-    """
+    """Equations 2 and 3 of the paper as a predictor of the settled value."""
 
     name: ClassVar[str] = "exponential"
-    wait_s: float = WAIT_S
 
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Return C of each hold, or its recorded value; see `SettlingMethod.predict`."""
-        fit = fit_exponential(time_s, values, wait_s=self.wait_s)
-        return make_point_estimate(
+        fit = fit_exponential(time_s, values)
+        return make_estimate(
             fit.settled, fit.status, fit.window_s, horizon_s=horizon_s, level=level, name=self.name
         )

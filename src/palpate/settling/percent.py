@@ -46,7 +46,8 @@ class InPercent:
         ratio = self.method.predict(
             time_s, percent_to_ratio(values), horizon_s=horizon_s, level=level
         )
-        return ratio_to_percent(ratio)
+        low, value, high = (100.0 * (end - 1.0) for end in (ratio.low, ratio.value, ratio.high))
+        return replace(ratio, low=low, value=value, high=high)
 
 
 def adapt_method(method: SettlingMethod, *, unit: str | None) -> SettlingMethod:
@@ -57,12 +58,6 @@ def adapt_method(method: SettlingMethod, *, unit: str | None) -> SettlingMethod:
 def percent_to_ratio(percent: FloatArray) -> FloatArray:
     """Convert relative changes in percent to ratios to the rest resistance."""
     return 1.0 + percent / 100.0
-
-
-def ratio_to_percent(ratio: SettledEstimate) -> SettledEstimate:
-    """Convert an estimate of a ratio to the rest resistance to percent."""
-    value, low, high = (100.0 * (end - 1.0) for end in (ratio.value, ratio.low, ratio.high))
-    return replace(ratio, value=value, low=low, high=high)
 
 
 def without_percent(hold: Hold) -> Hold:

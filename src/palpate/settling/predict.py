@@ -33,14 +33,16 @@ METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
 )
 
 
-def find_method(name: str) -> SettlingMethod:
-    """Return an uncalibrated method by its name.
+def find_method(method: str | SettlingMethod) -> SettlingMethod:
+    """Return an uncalibrated method by its name; return another method unchanged.
 
     Raises `InputError` for an unknown name; the message lists all methods.
     """
-    if name not in METHODS:
-        raise InputError(f"no method {name!r}; available: {', '.join(METHODS)}")
-    return METHODS[name]()
+    if not isinstance(method, str):
+        return method
+    if method not in METHODS:
+        raise InputError(f"no method {method!r}; available: {', '.join(METHODS)}")
+    return METHODS[method]()
 
 
 def name_methods(methods: Iterable[str | SettlingMethod]) -> dict[str, SettlingMethod]:
@@ -52,8 +54,7 @@ def name_methods(methods: Iterable[str | SettlingMethod]) -> dict[str, SettlingM
     ['recorded', 'mine']
     """
     found: dict[str, SettlingMethod] = {}
-    for one in methods:
-        method = find_method(one) if isinstance(one, str) else one
+    for method in map(find_method, methods):
         if found.setdefault(method.name, method) != method:
             raise InputError(
                 f"two methods are named {method.name!r}; give one of them another name"
@@ -138,7 +139,7 @@ def predict_settled(
         )
     if not 0 < level < 1:
         raise InputError(f"level {level:g}: give a probability between 0 and 1, such as 0.9")
-    chosen = find_method(method) if isinstance(method, str) else method
+    predictor = adapt_method(find_method(method), unit=unit)
     stop = _count_samples(times, cutoff_s)
     used = samples.reshape(-1, times.size)[:, :stop]
     if np.count_nonzero(np.isfinite(used)) < used.size:
@@ -147,7 +148,6 @@ def predict_settled(
             f"values of hold {row} at {times[sample]:g} s: {used[row, sample]} is not a finite "
             "number; remove such samples or end the hold before them"
         )
-    predictor = adapt_method(chosen, unit=unit)
     estimate = predictor.predict(times[:stop], used, horizon_s=horizon_s, level=level)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 

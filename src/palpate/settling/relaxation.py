@@ -22,7 +22,7 @@ from palpate.settling.conditionals import (
 )
 from palpate.settling.mixture import STEEPNESS, compute_posterior, compute_quantiles
 from palpate.settling.origin import Rows, Window, find_updates, find_windows, group_rows
-from palpate.settling.result import SettledEstimate
+from palpate.settling.result import SettledEstimate, make_estimate
 
 #: Holds per batch, which limits the memory.
 _BATCH_SIZE = 1024
@@ -113,15 +113,8 @@ class Relaxation:
                 )
                 ends[:, batch][:, rows], status[batch][rows], window_s[batch][rows] = found
             _widen_to_resolution(ends[:, batch], samples, repeating)
-        return SettledEstimate(
-            value=ends[1],
-            low=ends[0],
-            high=ends[2],
-            level=level,
-            horizon_s=horizon_s,
-            window_s=window_s,
-            method=self.name,
-            status=status,
+        return make_estimate(
+            ends, status, window_s, horizon_s=horizon_s, level=level, name=self.name
         )
 
 

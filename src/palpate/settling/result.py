@@ -79,8 +79,8 @@ class SettledEstimate:
         )
 
 
-def make_point_estimate(
-    value: FloatArray,
+def make_estimate(
+    ends: FloatArray,
     status: NDArray[np.object_],
     window_s: FloatArray,
     *,
@@ -88,8 +88,13 @@ def make_point_estimate(
     level: float,
     name: str,
 ) -> SettledEstimate:
-    """Return an estimate without an interval, with arrays of shape (n_holds,)."""
-    low, high = np.full((2, value.size), np.nan)
+    """Return an estimate of a batch.
+
+    `ends`: lower limit, value and upper limit, shape (3, n_holds); or the value, shape (n_holds,),
+        of a method without an interval.
+    """
+    unknown = np.full(window_s.size, np.nan)
+    low, value, high = ends if ends.ndim == 2 else (unknown, ends, unknown.copy())
     return SettledEstimate(
         value=value,
         low=low,

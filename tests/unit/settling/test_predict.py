@@ -8,7 +8,7 @@ import pytest
 import palpate
 from palpate.errors import InputError
 from palpate.measurement import Status
-from palpate.settling.exponential import Exponential
+from palpate.settling.baselines import LogLaw
 from palpate.settling.predict import METHODS, predict_settled
 
 TIME_S = np.arange(0, 20, 0.1)
@@ -36,7 +36,7 @@ def test_predict_settled_ignores_samples_after_the_cutoff(method: str) -> None:
 
 def test_predict_settled_uses_relaxation_by_default_and_accepts_a_method_object() -> None:
     assert predict_settled(TIME_S, HOLD, cutoff_s=2.5).method == "relaxation"
-    patient = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=Exponential(wait_s=1.0))
+    patient = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=LogLaw(wait_s=1.0))
     assert patient.window_s == pytest.approx(1.5)
     assert palpate.predict_settled is predict_settled
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.measurement import Status
-from palpate.settling.result import SettledEstimate, make_point_estimate
+from palpate.settling.result import SettledEstimate, make_estimate
 
 #: Time offsets that are tried, s. For each one the line is a linear least-squares fit.
 _OFFSETS_S = np.geomspace(5e-3, 20.0, 80)
@@ -45,6 +45,6 @@ class FittedLogLaw:
             ahead = np.log(horizon_s + _OFFSETS_S) - log_time.mean(axis=1)
             settled = mean + slope[best, np.arange(count)] * ahead[best]
             status[:] = Status.OK
-        return make_point_estimate(
+        return make_estimate(
             settled, status, np.zeros(count), horizon_s=horizon_s, level=level, name=self.name
         )
